@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from blind.causes import ALL, FAMILIES, OUTSIDE
+from blind.field import FieldDay, field_day
+from blind.world import BEYOND, OWN
 
 SOILS = ("clay", "sandy")
 FRAMES_EVERY = 20
@@ -27,6 +29,8 @@ class Case:
     without : str
         Family that is taken out of the engine's library.
     frames : bool
+    beyond : bool
+        In a world whose noise is outside the engine's beliefs.
     """
 
     kind: str
@@ -35,17 +39,23 @@ class Case:
     hidden: tuple[tuple[str, float, float], ...] = ()
     without: str = ""
     frames: bool = False
+    beyond: bool = False
 
     @property
     def name(self) -> str:
         """Key of the case: a line of the results has it."""
         what = "+".join(f"{key}@{level:g}" for key, level, _ in self.hidden) or "none"
-        return f"{self.kind}/{what}/{self.soil}/{self.seed}"
+        return f"{self.kind}/{what}/{self.soil}/{self.seed}" + "/beyond" * self.beyond
 
     @property
     def entropy(self) -> tuple[int, ...]:
         """Seed of the campaign: no two cases drive the same one."""
         return (zlib.crc32(self.name.encode()), self.seed)
+
+    @property
+    def day(self) -> FieldDay:
+        """The campaign, with nothing hidden yet."""
+        return field_day(self.soil, self.entropy, world=BEYOND if self.beyond else OWN)
 
 
 @dataclass(frozen=True)
@@ -66,6 +76,8 @@ class Mix:
         Seeds for each family at L = 1, 2, 5.
     literal : int
         Load-consistent soil under a literal simulation.
+    beyond : bool
+        All in a world whose noise is outside the engine's beliefs.
     """
 
     nulls: int = 20
@@ -75,6 +87,7 @@ class Mix:
     outside: int = 1
     left_out: int = 0
     literal: int = 2
+    beyond: bool = False
 
 
 FULL = Mix(nulls=200, singles=6, pairs=60, outside=16, left_out=4, literal=10)
@@ -85,6 +98,7 @@ FRESH = {"outside": 8, "left_out": 2}
 def cases(mix: Mix) -> list[Case]:
     """Return every case of a mix; cases of a smaller mix are among those of a larger one."""
     found = [*_nulls(mix), *_singles(mix), *_pairs(mix), *_outside(mix), *_left_out(mix), *_literal(mix)]
+    found = [replace(case, beyond=mix.beyond) for case in found]
     return [replace(case, frames=zlib.crc32(case.name.encode()) % FRAMES_EVERY == 0) for case in found]
 
 

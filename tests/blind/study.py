@@ -26,10 +26,9 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 def truth_of(case: Case) -> dict[str, Any]:
     """Return what is hidden in a case, how large it is, and what the data can tell of it."""
     from blind.causes import ALL
-    from blind.field import field_day
     from blind.measures import Yardstick, forms_apart, left_by_three, oracle, told
 
-    day = field_day(case.soil, case.entropy)
+    day = case.day
     yardstick = Yardstick(day)
     sized = [(key, yardstick.size_for(key, level, sign)[0]) for key, level, sign in case.hidden]
     members = []
@@ -63,9 +62,8 @@ def truth_of(case: Case) -> dict[str, Any]:
 def answer_of(case: Case, truth: dict[str, Any]) -> dict[str, Any]:
     """Hand the recordings over and return what the engine says."""
     from blind.engine import asked, campaign_from_channels, campaign_from_frames
-    from blind.field import field_day
 
-    day = field_day(case.soil, case.entropy)
+    day = case.day
     sized = [(member["key"], member["size"]) for member in truth["members"]]
     begin = time.perf_counter()
     campaign = (campaign_from_frames if case.frames else campaign_from_channels)(day, sized)
@@ -133,6 +131,7 @@ def main() -> int:
     for name in ("nulls", "singles", "pairs", "outside", "left-out", "literal"):
         parser.add_argument(f"--{name}", type=int)
     parser.add_argument("--levels", type=float, nargs="+")
+    parser.add_argument("--beyond", action="store_true", help="noise outside the engine's beliefs")
     parser.add_argument("--only", help="regular expression for names of cases")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--truth", action="store_true", help="only what is hidden and the oracle, no engine")
@@ -143,7 +142,7 @@ def main() -> int:
         for name in ("nulls", "singles", "pairs", "outside", "left_out", "literal")
         if getattr(options, name) is not None
     }
-    mix = replace(FULL if options.full else Mix(), **given)
+    mix = replace(FULL if options.full else Mix(), **given, beyond=options.beyond)
     if options.levels:
         mix = replace(mix, levels=tuple(options.levels))
     wanted = [case for case in cases(mix) if not options.only or re.search(options.only, case.name)]
