@@ -109,6 +109,7 @@ def test_repeats_and_sigma_columns_say_the_error_of_form() -> None:
         assert "error of form" not in sentence_of(found)
 
 
+@pytest.mark.slow
 def test_a_verdict_that_turns_is_never_a_name() -> None:
     """The verdict with an error of form that decides is never a name."""
     for share in (0.005, 0.02, 0.08, 0.3):

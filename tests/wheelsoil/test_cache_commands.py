@@ -110,7 +110,7 @@ def test_a_report_takes_the_diagnosis_that_there_is(
 
 OTHERS = {
     "fit": [("--channels", "dp,t"), ("--soil-prior",), ("--slip-threshold", 0.3), ("--sinkage", "literal")],
-    "diagnose": [(*QUICK, "--seed", 1), (*QUICK, "--channels", "dp"), ("--effects", "lyasko", "--most-causes", 1)],
+    "diagnose": [(*QUICK, "--channels", "dp")],
     "process": [("--rate", 50), ("--cutoff", 2), ("--min-speed", 0.7)],
 }
 

@@ -115,6 +115,7 @@ def test_the_soil_is_that_of_the_plates() -> None:
     assert stated[3, 5] / k == pytest.approx(scatter[0, 1], rel=0.03)
 
 
+@pytest.mark.slow
 def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytest.CaptureFixture[str]) -> None:
     found = _diagnosed(study, capsys, "dp")
     assert found["verdict"] == "one_of"

@@ -73,6 +73,7 @@ def test_your_own_vehicle(execute):
     assert "monday.mcap" in tables[3]
 
 
+@pytest.mark.slow
 def test_your_own_effect(execute):
     shown = execute("03_your_effect.ipynb")
     tables = pages(shown)

@@ -44,6 +44,7 @@ def test_every_fault_is_reported_alike(campaign: Path) -> None:
     assert "and in 3 more places" in one[2]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_the_same_to_the_last_digit(campaign: Path) -> None:
     one, two = (output(DIAGNOSE[0], campaign, *DIAGNOSE[1:], jobs=jobs) for jobs in (1, 2))
     assert one[0] == two[0] == 0

@@ -65,6 +65,7 @@ def test_a_comparison_takes_two_wheels(tmp_path: Path, wheel: Path) -> None:
     assert "--paired compares two wheels" in alone.err
 
 
+@pytest.mark.slow
 def test_a_report_of_a_table(tmp_path: Path, wheel: Path) -> None:
     table = made(tmp_path, "rows.csv", {"vasilev": {"H_m": 0.02}})
     page = tmp_path / "rows.html"

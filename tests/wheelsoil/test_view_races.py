@@ -32,6 +32,7 @@ def fitting(view: View) -> Iterator[list[Answer]]:
     thread.join()
 
 
+@pytest.mark.slow
 def test_the_same_choice_sent_again_costs_no_fit_and_another_one_ends_it(folder: Path) -> None:
     choice = {"slip_threshold": 0.15, "effects": ["vasilev"]}
     with viewing(folder) as view:
