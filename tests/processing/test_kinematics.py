@@ -116,7 +116,7 @@ def test_noise_about_a_threshold_makes_no_short_pieces(seed: int) -> None:
 
 @given(st.integers(0, 2**32))
 @settings(max_examples=25, deadline=None)
-def test_unknown_exactly_where_a_speed_is_missing(seed: int) -> None:
+def test_unknown_where_a_speed_is_missing_but_for_frames_lost_at_rest(seed: int) -> None:
     rng = np.random.default_rng(seed)
     c = _cycle()
     rim, ground = c["speed"].copy(), c["speed"].copy()
@@ -124,7 +124,24 @@ def test_unknown_exactly_where_a_speed_is_missing(seed: int) -> None:
         start = int(rng.integers(0, 2900))
         speeds[start : start + int(rng.integers(1, 400))] = np.nan
     kind = segment(rim, ground, c["acceleration"], NOTHING, c["force"], np.full(3000, 8e3), RATE)
-    np.testing.assert_array_equal(kind == Segment.UNKNOWN, np.isnan(rim) | np.isnan(ground))
+    unknown = np.isnan(rim) | np.isnan(ground)
+    assert unknown[kind == Segment.UNKNOWN].all()
+    assert (kind[unknown & (kind != Segment.UNKNOWN)] == Segment.STANDSTILL).all()
+    for start, stop in runs_of(unknown):
+        if unknown[start] and stop - start >= 0.5 * RATE:
+            assert (kind[start:stop] == Segment.UNKNOWN).all()
+
+
+def test_frames_lost_at_random_do_not_end_a_standstill() -> None:
+    c = _cycle()
+    lost = c["speed"].copy()
+    lost[np.random.default_rng(0).random(3000) < 0.02] = np.nan
+    one, other = (
+        segment(x, c["speed"], c["acceleration"], NOTHING, c["force"], np.full(3000, 8e3), RATE)
+        for x in (c["speed"], lost)
+    )
+    at_rest = one == Segment.STANDSTILL
+    assert at_rest.any() and (other[at_rest] == Segment.STANDSTILL).all()
 
 
 def test_runs_of_labels() -> None:

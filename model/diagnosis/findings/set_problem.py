@@ -63,7 +63,8 @@ class Part:
 
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
-        samples, frozen = at_point(self.data.samples, point), self.frozen
+        frozen = self.frozen
+        samples = at_point(self.data.samples, frozen.point)  # nearby a delay acts by its series, as derivatives have it
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
         found = derivatives(self.simulation, samples, at_speed(samples, point.speed_mps), values, frozen.channels)
