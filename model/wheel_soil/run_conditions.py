@@ -151,5 +151,7 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         pass_number=everywhere(float(run.run.pass_number)),
         inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
+        ground_speed_shift_s=everywhere(0.0),
+        compensated_mass_kg=everywhere(run.outboard_mass_kg),
         outboard_mass_kg=everywhere(run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     )
