@@ -130,6 +130,8 @@ class FitCode(StrEnum):
     ONE_SAMPLE = "one_sample"
     MEASURED_CONSTANT = "measured_constant"
     PREDICTED_CONSTANT = "predicted_constant"
+    FOLLOWED_WORSE = "followed_worse"
+    """channel, R0, R0_wong"""
 
 
 class BevameterCode(StrEnum):

@@ -7,7 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, IndexArray, Note, nearest
+from daq import (
+    OUTPUTS,
+    REACTIONS,
+    BoolArray,
+    ConfigError,
+    DataError,
+    Fault,
+    FloatArray,
+    IndexArray,
+    Note,
+    Severity,
+    nearest,
+)
 from model.cores import in_parallel, one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
@@ -29,6 +41,8 @@ from processing import ProcessedRun
 MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""
 
+_WORSE = 1.2
+"""R0 over that of Wong's model, from which on a channel that was not fitted is said to be followed worse."""
 _RENEWALS = 2
 _BLOCK = 1 << 16
 """Samples that are predicted at once."""
@@ -384,4 +398,14 @@ def judge_alike(
             if c == "dp" or np.isfinite(measured.measured(c)).any()
         }
         judged.append(replace(fit, criteria=found))
-    return tuple(judged)
+    wong = next((fit for fit in judged if fit.name == "wong"), None)
+    return tuple(replace(fit, worse=_worse(fit, wong)) if wong else fit for fit in judged)
+
+
+def _worse(fit: ModelFit, wong: ModelFit) -> tuple[Note, ...]:
+    """Return the channels that are not in the fit, and that the model follows worse than Wong's."""
+    return tuple(
+        Note(FitCode.FOLLOWED_WORSE, Severity.DOUBT, {"channel": channel, "R0": one.R0_N, "R0_wong": before})
+        for channel, one in fit.criteria.items()
+        if channel not in fit.residual_floor and _WORSE * (before := wong.criteria[channel].R0_N) < one.R0_N
+    )

@@ -117,6 +117,7 @@ class ModelFit:
     residual_floor : mapping channel -> a of the effective variance, N or N m
     predictions : one for each run, on all its samples (NaN where not usable); empty for a bench table
     fixed : mapping name -> value of effects' parameters that nothing fitted shows
+    worse : channels that were measured, not fitted, and are followed worse than by Wong's model
     """
 
     name: str
@@ -133,6 +134,12 @@ class ModelFit:
     residual_floor: dict[str, float]
     predictions: tuple[Prediction, ...] = ()
     fixed: dict[str, float] = field(default_factory=dict)
+    worse: tuple[Note, ...] = ()
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be known of its numbers."""
+        return (*self.warnings, *self.worse)
 
     @property
     def values(self) -> dict[str, float]:

@@ -23,7 +23,8 @@ from processing.processed_run import QualityReport
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs" / "effects"
 CONDITIONS = full_conditions()
-OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ("slip", "vertical_load_n"))
+ALWAYS = ("slip", "vertical_load_n", "ground_speed_shift_s")
+OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ALWAYS)
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
 
 every_effect = pytest.mark.parametrize("key", list(EFFECTS))

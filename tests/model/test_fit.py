@@ -23,6 +23,7 @@ from wheelsoil.wording.notes import texts_of
 
 WHEEL = Wheel(0.47, 0.318)
 TRUTH = {"vasilev": {"H_m": 0.02}, "lyasko": {"m1": 0.1, "m2": 0.05}, "ding": {"n1": 0.35}, "wong": {}}
+TRUTH["stress_peak_shift"] = {"stress_peak_shift.c1": 0.18, "stress_peak_shift.c2": 0.32}
 
 
 def coloured(rng: np.random.Generator, n: int, sigma: float, tau_s: float, dt: float = 0.02) -> np.ndarray:
@@ -95,6 +96,21 @@ def test_every_slip_sinkage_law_beats_wong_where_there_is_slip_sinkage() -> None
     r0 = {m.name: m.criteria["dp"].R0_N for m in campaign.models}
     assert all(r0["wong"] > 1.3 * r0[law] for law in ("vasilev", "lyasko", "ding")), r0
     assert campaign.slip_threshold == 0.2
+
+
+def test_a_channel_that_was_not_fitted_and_gets_worse_is_reported() -> None:
+    """Slip sinkage can stand for a stress peak that lies elsewhere, at the cost of the torque."""
+    data, soil = measured(1, "stress_peak_shift", soil="sandy"), SOILS["sandy"]
+    blind, seeing = (
+        fit_observations(data, WHEEL, soil, FitOptions(channels=channels, models=("wong", "vasilev"))).model("vasilev")
+        for channels in (("dp",), ("dp", "t"))
+    )
+    [note] = blind.worse
+    assert note.code is FitCode.FOLLOWED_WORSE and note.values["channel"] == "t"
+    assert note.values["R0"] == blind.criteria["t"].R0_N > 2 * note.values["R0_wong"]
+    assert not seeing.worse
+    true = fit_observations(measured(1, "lyasko"), WHEEL, SOILS["clay"], FitOptions(models=("wong", "lyasko")))
+    assert not any(model.worse for model in true.models)
 
 
 def test_m1_and_m2_are_said_to_be_inseparable_with_the_number() -> None:

@@ -31,7 +31,7 @@ def remarks(fit: CampaignFit) -> list[str]:
     reading = "load-consistent" if fit.options.reading == "balanced" else "as published"
     first = f"soil {fit.soil.name}, slip sinkage {reading}, criteria at slips from {fit.slip_threshold:g} on"
     reasons = {reason_text(m.criteria["dp"]) for m in fit.models if "dp" in m.criteria} - {""}
-    warnings = [f"{m.name}: {note_text(w)}" for m in fit.models for w in m.warnings]
+    warnings = [f"{m.name}: {note_text(w)}" for m in fit.models for w in m.notes]
     return [first, *map(note_text, fit.notes), *sorted(reasons), *warnings]
 
 

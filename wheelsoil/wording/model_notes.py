@@ -7,6 +7,7 @@ from math import isfinite
 
 import numpy as np
 
+from daq import OUTPUTS, number
 from model import BevameterCode, FitCode, SinkageCode
 from wheelsoil.wording.run_notes import Sentence, Values
 
@@ -23,6 +24,14 @@ def _near_one(rho: float) -> str:
     gap = 1.0 - abs(rho)
     digits = 2 if gap <= 0 else int(np.clip(np.ceil(-np.log10(gap)), 2, 12))
     return f"{rho:.{digits}f}"
+
+
+def _worse(v: Values) -> str:
+    channel = OUTPUTS[v["channel"]]
+    return (
+        f"{channel.name}, which was not fitted, is followed worse than by Wong's model: R0 {number(v['R0'])} against "
+        f"{number(v['R0_wong'])} {channel.unit_text}; the coefficients may stand for another cause (--channels dp,t)"
+    )
 
 
 def _pair(v: Values) -> str:
@@ -170,6 +179,7 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.NO_SLIP: "no slip at or above the threshold {threshold:g}: the largest is {largest:.3g}",
     FitCode.ONE_SAMPLE: "R2 needs at least two samples",
     FitCode.MEASURED_CONSTANT: "R2 is not defined: the measured values are all the same",
+    FitCode.FOLLOWED_WORSE: _worse,
     FitCode.PREDICTED_CONSTANT: "R2 is not defined: the predicted values are all the same",
     BevameterCode.MISFIT: "misfit {share:.0%} of the largest value: the curve is not {law}; check zero and window",
     BevameterCode.CONTACT_TOO_EARLY: "too few samples before the contact: zero as given",

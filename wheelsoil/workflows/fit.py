@@ -265,7 +265,7 @@ def model_as_json(model: ModelFit) -> dict[str, Any]:
         "effects": model.effects,
         "held": model.fixed,
         "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
-        "warnings": model.warnings,
+        "warnings": model.notes,
         "stop_reason": model.stop_reason,
         "iterations": model.iterations,
         "samples": model.samples,

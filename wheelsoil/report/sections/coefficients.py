@@ -56,7 +56,7 @@ def coefficients(material: ReportInputs) -> Contents:
         *_correlations(fit),
         *(Text(_meaning(model)) for model in fit.models if model.effects),
     ]
-    blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.warnings]
+    blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.notes]
     return blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models}
 
 

@@ -169,7 +169,7 @@ def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
         _ended(ranking),
         *(
             Text(f"{style(ranking.best.name).label}: {note_text(warning)}.", "warning")
-            for warning in ranking.best.warnings
+            for warning in ranking.best.notes
         ),
         _load(material, ranking),
         _offset(ranking),
