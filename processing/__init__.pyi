@@ -8,6 +8,8 @@ from .pipeline.quality import Interval as Interval
 from .pipeline.quality import check_within as check_within
 from .pipeline.quality import keep_only as keep_only
 from .pipeline.quality import with_by_hand as with_by_hand
+from .pipeline.rut import REBOUND_M as REBOUND_M
+from .pipeline.rut import REBOUND_SIGMA_M as REBOUND_SIGMA_M
 from .processed_run import LEVEL_DEG as LEVEL_DEG
 from .processed_run import RUT_SHARE as RUT_SHARE
 from .processed_run import ProcessedRun as ProcessedRun

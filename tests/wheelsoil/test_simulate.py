@@ -7,6 +7,7 @@ import shlex
 import threading
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,14 @@ from daq.runs.open import open_runs
 from model.wheel_soil.soils import SOILS, soil_from_terrain
 from processing.pipeline.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
-from wheelsoil.simulation.campaign import frames_sha256, simulate_campaign, simulated_roles, simulated_run, true_soil
+from wheelsoil.simulation.campaign import (
+    frames_sha256,
+    simulate_campaign,
+    simulated_roles,
+    simulated_run,
+    simulated_ruts,
+    true_soil,
+)
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
 from wheelsoil.simulation.vehicle import virtual_frames
 
@@ -99,6 +107,24 @@ def test_a_run_that_fails_leaves_no_file(tmp_path: Path, capsys: pytest.CaptureF
     assert wheelsoil([*shlex.split(text), str(tmp_path / "a")]) != 0
     assert "cannot carry the wheel" in capsys.readouterr().err
     assert not [path.name for path in (tmp_path / "a").iterdir() if path.name.startswith("run-")]
+
+
+def test_rut_readings_are_of_the_true_sinkage_and_change_no_frame(tmp_path: Path) -> None:
+    plain = SimulationOptions(effects=LYASKO, runs=3, duration_s=20.0)
+    options = replace(plain, rut=10)
+    read = [simulated_ruts(options, index) for index in range(3)]
+    assert [len(of_run) for of_run in read] == [4, 3, 3]
+    off = []
+    for index, of_run in enumerate(read):
+        truth = simulated_run(options, index).truth
+        for reading in of_run:
+            at = np.argmin(np.abs(truth.time_s - reading.time_s))
+            assert 0.0 < truth.slip[at] < 0.9
+            off.append(truth.sinkage_m[at] - reading.depth_m)
+    assert abs(np.mean(off) - 0.005) < 0.008 and np.std(off) < 0.01
+    assert simulated_ruts(plain, 0) == ()
+    simulate_campaign(tmp_path / "a", options)
+    assert [len(run.rut) for run in load_toml(tmp_path / "a" / "runs.toml", RunsConfig).run] == [4, 3, 3]
 
 
 def test_a_run_does_not_depend_on_the_others() -> None:

@@ -202,6 +202,10 @@ def simulate_command(
     lifted: Annotated[
         bool, typer.Option("--lifted", help="Also record the lifted wheel before and after the runs, for `zero`.")
     ] = False,
+    rut: Annotated[
+        int,
+        typer.Option(metavar="N", help="Readings of the rut's depth in runs.toml, +-5 mm, over slips from .05 to .8."),
+    ] = 0,
     noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
@@ -243,6 +247,7 @@ def simulate_command(
         tilt_deg=tilt,
         brakes=brakes.value if brakes else None,
         lifted=lifted,
+        rut=rut,
         noise=noise,
         start=_start(start, live=live is not None),
     )

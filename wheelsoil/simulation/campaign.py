@@ -16,7 +16,17 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from daq import SOIL_KEYS, Channel, ConfigError, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
+from daq import (
+    SOIL_KEYS,
+    Channel,
+    ConfigError,
+    FloatArray,
+    RunInfo,
+    RutReading,
+    SoilSection,
+    TerrainConfig,
+    VehicleConfig,
+)
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
 from model.effects import EFFECTS, Effect
 from model.simulation import (
@@ -37,6 +47,7 @@ from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_
 from processing import LEVEL_DEG
 from wheelsoil import __version__
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.ruts import drawn_rebound_m, rut_readings, slips_read
 from wheelsoil.simulation.vehicle import DBC_FILES, frame_batches, vehicle_config, virtual_frames
 
 Format = Literal["mcap", "candump", "both"]
@@ -210,7 +221,7 @@ def simulated_stretches(options: SimulationOptions, index: int) -> Iterator[Virt
 def _stream(options: SimulationOptions, *number: int) -> np.random.Generator:
     """Return an independent stream: 0 the soil, (0, 0) the stance, (0, 1) and (0, 2) the lifted wheel before and after.
 
-    1 is the toothed ring, from 2 on the runs.
+    (0, 3) is the rebound of ruts, (0, 4, run) their readings, 1 the toothed ring, from 2 on the runs.
     """
     return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=number))
 
@@ -235,6 +246,15 @@ def lifted_runs(options: SimulationOptions) -> tuple[SensedRun, ...]:
             (("before", -_BETWEEN_RUNS_S), ("after", campaign_s + _BETWEEN_RUNS_S)) if options.lifted else (), 1
         )
     )
+
+
+def simulated_ruts(options: SimulationOptions, index: int) -> tuple[RutReading, ...]:
+    """Return the rut readings of one run, drawn from its true sinkage; none where none is asked for."""
+    slips = slips_read(options.rut, index, options.runs)
+    if not len(slips):
+        return ()
+    rebound_m = drawn_rebound_m(_stream(options, 0, 3))
+    return rut_readings(simulated_run(options, index).truth, slips, rebound_m, _stream(options, 0, 4, index))
 
 
 def _start_ns(options: SimulationOptions, elapsed_s: float) -> int:
@@ -317,12 +337,12 @@ def simulate_campaign(
     infos: list[RunInfo] = []
     files: list[Path] = []
     entries: list[dict[str, Any]] = []
-    for run, batches in campaign_frames(options):
+    for index, (run, batches) in enumerate(campaign_frames(options)):
         paths = [folder / f"{run.id}{suffix}" for suffix in suffixes]
         info = run.model_copy(update={"file": paths[0].name})
         counted = _Counted(batches)
         _write_run(paths, info, counted, carried, vehicle if decoded else None)
-        infos.append(info)
+        infos.append(info.model_copy(update={"rut": simulated_ruts(options, index)}))
         files += paths
         entries.append({"file": paths[0].name, "frames": counted.frames, "frames_sha256": counted.hash.hexdigest()})
     for lifted in lifted_runs(options):

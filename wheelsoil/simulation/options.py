@@ -54,6 +54,8 @@ class SimulationOptions:
         At every standstill; drawn if not given, held in `HELD_IN` of the campaigns.
     lifted : bool
         Record the lifted wheel before and after the runs.
+    rut : int
+        Readings of the rut's depth in runs.toml, of the whole campaign.
     noise : float
         Factor on every sensor's noise and ripple; 0 for ideal sensors.
     start : datetime
@@ -84,6 +86,7 @@ class SimulationOptions:
     tilt_deg: float | None = None
     brakes: Literal["held", "released"] | None = None
     lifted: bool = False
+    rut: int = 0
     noise: float = 1.0
     start: datetime = DEFAULT_START
     known_terrain: TerrainConfig | None = None
@@ -123,6 +126,7 @@ class SimulationOptions:
                 f"{SHORTEST_RUN_S:g} to {LONGEST_RUN_S:g} s",
             ),
             ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("number of rut readings", self.rut, 0 <= self.rut <= 1000, "0 to 1000"),
             ("tilt", self.tilt_deg or 0.0, abs(self.tilt_deg or 0.0) <= 20, "-20 to 20 deg"),
             ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
             ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
@@ -175,7 +179,7 @@ class SimulationOptions:
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
         words += [] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]
         words += [] if self.brakes is None else ["--brakes", self.brakes]
-        words += ["--lifted"] * self.lifted
+        words += ["--lifted"] * self.lifted + ["--rut", f"{self.rut}"] * bool(self.rut)
         if self.noise != default.noise:
             words += ["--noise", f"{self.noise!r}"]
         if self.start != default.start:
