@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from daq import BoolArray, OUTPUTS, FloatArray
+from daq import OUTPUTS, BoolArray, FloatArray
 from model.fit.observations import Observations
 from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel

@@ -1,9 +1,9 @@
 """How often ten rut readings separate slip sinkage from a shifted stress peak.
 
-``PYTHONPATH=tests:. python studies/ruts/study.py [campaigns]``. Campaigns on clay are those of the independent simulator
-(tests/blind), with slip sinkage of H = 0.03 m hidden. Each is diagnosed from forces alone, then with ten readings of the
-rut's depth, each to 5 mm, at slips from 0.05 to 0.8, dealt to the six runs in turn. Every finished campaign is in
-results.json; a second start continues there.
+``PYTHONPATH=tests:. python studies/ruts/study.py [campaigns] [cause]``. Campaigns on clay are those of the independent
+simulator (tests/blind). Hidden is slip sinkage of H = 0.03 m, or a shifted stress peak (cause stress_peak_shift). Each
+is diagnosed from forces alone, then with ten readings of the rut's depth, each to 5 mm, at slips from 0.05 to 0.8, dealt
+to the six runs in turn. Finished campaigns are in CAUSE.json; a second start continues there.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions, diagnose
 from model.wheel_soil import Wheel, prior_of, soil_from_terrain
 from processing.pipeline import process
 
-RESULTS = Path(__file__).with_name("results.json")
-HIDDEN = [("vasilev", 0.03)]
+HIDDEN = {"slip_sinkage": ("vasilev", 0.03), "stress_peak_shift": ("stress_peak_shift", 0.2)}
 SLIPS = np.linspace(0.05, 0.8, 10)
 SIGMA_M = 0.005
 REBOUND_M, REBOUND_SIGMA_M = 0.005, 0.003
@@ -36,7 +35,7 @@ _DRIVEN_MPS = 0.2
 _STREAM = 23
 
 
-def campaigns(seed: int) -> tuple[Campaign, Campaign]:
+def campaigns(hidden: tuple[str, float], seed: int) -> tuple[Campaign, Campaign]:
     """Return one campaign from forces alone, and with rut readings."""
     day = field_day("clay", (seed, _STREAM))
     rng = np.random.default_rng((seed, _STREAM, 1))
@@ -44,7 +43,7 @@ def campaigns(seed: int) -> tuple[Campaign, Campaign]:
     vehicle, terrain = vehicle_config(day.suite, day.vendor, day.stance), terrain_config(day.soil)
     without, with_ruts = [], []
     for index, plan in enumerate(day.plans):
-        channels, sinkage = _driven(day, index)
+        channels, sinkage = _driven(day, index, hidden)
         info = run_info(plan)
         read = _rut(day, index, sinkage - rebound, rng)
         without.append(process(channels, vehicle, info, OPTIONS))
@@ -60,14 +59,14 @@ def campaigns(seed: int) -> tuple[Campaign, Campaign]:
     )
 
 
-def _driven(day: FieldDay, index: int) -> tuple[dict[str, Any], FloatArray]:
+def _driven(day: FieldDay, index: int, hidden: tuple[str, float]) -> tuple[dict[str, Any], FloatArray]:
     """Return the channels of a run as `blind.field.driven` makes them, and its sinkage."""
     patches, sensing = (
         np.random.default_rng(np.random.SeedSequence(day.seed, spawn_key=(index, which))) for which in (0, 1)
     )
     moments, plan = day.moments[index], day.plans[index]
     standing = np.random.default_rng((*day.seed, index, 2))
-    physics = on_tilted_ground(physics_of(HIDDEN), day.stance, plan, day.rut_n[plan.load_n], standing)
+    physics = on_tilted_ground(physics_of([hidden]), day.stance, plan, day.rut_n[plan.load_n], standing)
     patchy = day.patchiness.along(moments.distance_m, patches)
     soil = day.ground.changed(day.scatter[index]).changed(patchy)
     reading, sinkage = readings(physics, soil, moments, Care(every=4))
@@ -102,13 +101,15 @@ def _lines(done: dict[str, Any]) -> str:
 def main() -> None:
     """Diagnose campaigns 0 to n - 1 that are not in the results yet."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    done = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
+    cause = sys.argv[2] if len(sys.argv) > 2 else "slip_sinkage"
+    results = Path(__file__).with_name(f"{cause}.json")
+    done = json.loads(results.read_text()) if results.is_file() else {}
     for seed in range(count):
         if str(seed) in done:
             continue
-        forces, ruts = (_said(diagnose([campaign], DiagnosisOptions())) for campaign in campaigns(seed))
+        forces, ruts = (_said(diagnose([campaign], DiagnosisOptions())) for campaign in campaigns(HIDDEN[cause], seed))
         done[str(seed)] = {"forces": forces, "ruts": ruts}
-        RESULTS.write_text(_lines(done))
+        results.write_text(_lines(done))
         print(seed, forces["verdict"], forces["causes"], ruts["verdict"], ruts["causes"], flush=True)
 
 

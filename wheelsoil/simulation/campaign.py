@@ -16,7 +16,17 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from daq import SOIL_KEYS, Channel, ConfigError, FloatArray, RunInfo, RutReading, SoilSection, TerrainConfig, VehicleConfig
+from daq import (
+    SOIL_KEYS,
+    Channel,
+    ConfigError,
+    FloatArray,
+    RunInfo,
+    RutReading,
+    SoilSection,
+    TerrainConfig,
+    VehicleConfig,
+)
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
 from model.effects import EFFECTS, Effect
 from model.simulation import (
