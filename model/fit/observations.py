@@ -65,8 +65,7 @@ class Observations(Measured):
             if name not in ("names", "independent", "readings", "more")
         }
         more = {name: values[rows] for name, values in self.more.items()}
-        kinds = {"independent": self.independent, "readings": self.readings}
-        return Observations(**arrays, names=self.names, **kinds, more=more)
+        return Observations(**arrays, names=self.names, independent=self.independent, readings=self.readings, more=more)
 
     @property
     def conditions(self) -> Conditions:
@@ -120,7 +119,7 @@ def measured_of(runs: Sequence[ProcessedRun], rows: Sequence[IndexArray]) -> Mea
 
 def _thinned(run: ProcessedRun) -> BoolArray:
     kept = np.arange(len(run)) % _step(run) == 0
-    return kept | np.isfinite(run.sinkage_m) if run.run.rut else kept
+    return np.asarray(kept | np.isfinite(run.sinkage_m)) if run.run.rut else kept
 
 
 def _step(run: ProcessedRun) -> int:

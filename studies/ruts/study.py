@@ -2,8 +2,8 @@
 
 ``PYTHONPATH=tests:. python studies/ruts/study.py [campaigns] [cause]``. Campaigns on clay are those of the independent
 simulator (tests/blind). Hidden is slip sinkage of H = 0.03 m, or a shifted stress peak (cause stress_peak_shift). Each
-is diagnosed from forces alone, then with ten readings of the rut's depth, each to 5 mm, at slips from 0.05 to 0.8, dealt
-to the six runs in turn. Finished campaigns are in CAUSE.json; a second start continues there.
+is diagnosed from forces alone, then with ten readings of the rut's depth, each to 5 mm, at slips from 0.05 to 0.8,
+dealt to the six runs in turn. Finished campaigns are in CAUSE.json; a second start continues there.
 """
 
 from __future__ import annotations
