@@ -71,8 +71,10 @@ def demo_command(
     width = terminal_width()
     before = f"From forces alone. {sentence_of(first)}"
     after = f"With {options.rut} readings of the rut's depth, by a ruler to 5 mm:"
-    for line in ["", *wrap(before, width), "", *wrap(after, width), *diagnosis_lines(found, width), "", *wrap(f"Hidden effect. {opened.sentence} {_CAVEAT}", width)]:
-        say(line)
+    hidden_said = f"Hidden effect. {opened.sentence} {_CAVEAT}"
+    paragraphs = [wrap(before, width), [*wrap(after, width), *diagnosis_lines(found, width)], wrap(hidden_said, width)]
+    for paragraph in paragraphs:
+        say("\n".join(["", *paragraph]))
     print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
 
