@@ -78,7 +78,10 @@ def check_options(options: FitOptions) -> None:
 
 
 def driven_samples(observations: Observations, options: FitOptions) -> Observations:
-    """Return the samples that can be fitted: 0 < s <= 1, W > 0, every fitted channel measured."""
+    """Return the samples that can be fitted: 0 < s <= 1, W > 0, every fitted channel measured.
+
+    Rut readings beside another channel may be missing: they are at single samples.
+    """
     missing = [c for c in options.channels if not np.isfinite(observations.measured(c)).any()]
     if missing and len(observations):
         raise DataError(
@@ -92,7 +95,8 @@ def driven_samples(observations: Observations, options: FitOptions) -> Observati
         )
     good = (observations.slip > 0) & (observations.slip <= 1) & (observations.vertical_load_n > 0)
     for channel in options.channels:
-        good &= np.isfinite(observations.measured(channel))
+        if channel != "z" or not observations.readings or len(options.channels) == 1:
+            good &= np.isfinite(observations.measured(channel))
     return observations[good]
 
 
@@ -343,7 +347,7 @@ def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
 
 
 def _blocks(problem: FitProblem, x: FloatArray) -> Blocks:
-    channel = problem.channels[0]
+    channel = next((c for c in problem.channels if not problem.at_single_samples(c)), "z")
     whitened = problem.miss(problem.predict(x), channel) / np.sqrt(problem.variance[channel])
     driven = problem.driven
     return blocks_of(whitened, driven.time_s, driven.run, driven.independent)

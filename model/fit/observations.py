@@ -42,6 +42,7 @@ class Observations(Measured):
     time_s : within the run.
     run : index of the run a sample is from.
     names : of the runs.
+    readings : whether sinkage is of rut readings: at single samples, independent of each other.
     independent : whether samples are independent of each other (rows of a bench table), or a time series.
     more : mapping name -> array
         Further fields of `Conditions`, for effects that ask for them.
@@ -54,16 +55,17 @@ class Observations(Measured):
     run: IndexArray
     names: tuple[str, ...]
     independent: bool = False
+    readings: bool = False
     more: dict[str, FloatArray] = field(default_factory=dict)
 
     def __getitem__(self, rows: BoolArray | slice) -> Observations:
         arrays = {
             name: getattr(self, name)[rows]
             for name in self.__dataclass_fields__
-            if name not in ("names", "independent", "more")
+            if name not in ("names", "independent", "readings", "more")
         }
         more = {name: values[rows] for name, values in self.more.items()}
-        return Observations(**arrays, names=self.names, independent=self.independent, more=more)
+        return Observations(**arrays, names=self.names, independent=self.independent, readings=self.readings, more=more)
 
     @property
     def conditions(self) -> Conditions:
@@ -75,7 +77,7 @@ def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Condit
     """Collect the usable samples of processed runs, thinned.
 
     Only every k-th sample is kept, so that the rate is still 2.5 times the filter's cutoff: what is excluded holds no
-    information that its neighbours do not have.
+    information that its neighbours do not have. Samples with a rut reading are all kept.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Condit
         Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
         than slip and load.
     """
-    chosen = [np.flatnonzero(run.used & (np.arange(len(run)) % _step(run) == 0)) for run in runs]
+    chosen = [np.flatnonzero(run.used & _thinned(run)) for run in runs]
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
@@ -104,6 +106,7 @@ def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Condit
         time_s=joined("time_s"),
         run=np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen]),
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
+        readings=any(run.run.rut for run in runs),
         more=more,
     )
 
@@ -112,6 +115,11 @@ def measured_of(runs: Sequence[ProcessedRun], rows: Sequence[IndexArray]) -> Mea
     """Collect some rows of each processed run."""
     chosen = list(zip(runs, rows, strict=True))
     return Measured(*(np.concatenate([getattr(run, f.name)[own] for run, own in chosen]) for f in fields(Measured)))
+
+
+def _thinned(run: ProcessedRun) -> BoolArray:
+    kept = np.arange(len(run)) % _step(run) == 0
+    return np.asarray(kept | np.isfinite(run.sinkage_m)) if run.run.rut else kept
 
 
 def _step(run: ProcessedRun) -> int:

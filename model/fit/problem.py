@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from daq import OUTPUTS, FloatArray
+from daq import OUTPUTS, BoolArray, FloatArray
 from model.fit.observations import Observations
 from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
@@ -142,7 +142,8 @@ class FitProblem:
         )
         residual, jacobian = [], []
         for channel in self.channels:
-            weight = np.sqrt(self.tempering / self.variance[channel])
+            tempering = 1.0 if self.at_single_samples(channel) else self.tempering
+            weight = self.known(channel) * np.sqrt(tempering / self.variance[channel])
             residual.append(self.miss(prediction, channel) * weight)
             slopes = [getattr(prediction.sensitivities[n], OUTPUTS[channel].field) for n in self.names]
             jacobian.append(np.stack(slopes, axis=1) * weight[:, None])
@@ -153,9 +154,17 @@ class FitProblem:
         return np.concatenate(residual), np.concatenate(jacobian)
 
     def miss(self, prediction: Prediction, channel: str) -> FloatArray:
-        """Return model minus measured, shape (n,)."""
+        """Return model minus measured, shape (n,); 0 where no rut was read."""
         predicted: FloatArray = getattr(prediction, OUTPUTS[channel].field)
-        return predicted - self.driven.measured(channel)
+        return np.where(self.known(channel), predicted - self.driven.measured(channel), 0.0)
+
+    def at_single_samples(self, channel: str) -> bool:
+        """Return whether a channel is of rut readings, which do not repeat each other as a time series does."""
+        return channel == "z" and self.driven.readings
+
+    def known(self, channel: str) -> BoolArray:
+        """Return which samples have a measured value; all but where no rut was read."""
+        return np.isfinite(self.driven.measured(channel))
 
     def sensitivities_and_scores(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return each sample's whitened sensitivities (n, channels, p) and its score w_i J_i' e_i (n, p)."""
@@ -192,7 +201,8 @@ class FitProblem:
                 * self.driven.vertical_load_sigma_n
             )
             carried = by_slip**2 + by_load**2
-            floor[channel] = _floor(self.miss(prediction, channel) ** 2, carried)
+            known = self.known(channel)
+            floor[channel] = _floor(self.miss(prediction, channel)[known] ** 2, carried[known])
             variance[channel] = floor[channel] ** 2 + carried
         return replace(self, variance=variance), floor
 

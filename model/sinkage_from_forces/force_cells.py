@@ -165,7 +165,15 @@ def _blocks(run: ProcessedRun) -> dict[str, FloatArray]:
         values: FloatArray = getattr(run, name)[: count * length].reshape(count, length)[driven]
         return np.asarray(values.mean(axis=1))
 
-    return {name: means(name) for name in (*Forces.__dataclass_fields__, "sinkage_m")}
+    found = {name: means(name) for name in Forces.__dataclass_fields__}
+    sinkage = run.sinkage_m[: count * length].reshape(count, length)[driven]
+    return {**found, "sinkage_m": np.array([_of_known(block) for block in sinkage])}
+
+
+def _of_known(sinkage_m: FloatArray) -> float:
+    """Return the mean of what is known, as rut readings are at single samples; NaN where nothing is."""
+    known = np.isfinite(sinkage_m)
+    return float(sinkage_m[known].mean()) if known.any() else float("nan")
 
 
 def _cells(
@@ -182,7 +190,8 @@ def _cells(
         if count < _FEWEST_BLOCKS:
             continue
         yield {
-            **{name: float(values[inside].mean()) for name, values in blocks.items()},
+            **{name: float(blocks[name][inside].mean()) for name in Forces.__dataclass_fields__},
+            "sinkage_m": _of_known(blocks["sinkage_m"][inside]),
             "bin": number,
             "group": group,
             "samples": count,

@@ -103,7 +103,7 @@ class ForceSinkage:
             if_peak_stays_m=estimate(draws[stays]).value,
             if_peak_moves_m=estimate(draws[~stays]).value,
             noise_m=float(np.sqrt(np.sum((share * cells.noise_m[inside]) ** 2))),
-            measured_m=float(cells.measured_m[inside] @ share),
+            measured_m=_of_known(cells.measured_m[inside], share),
             samples=int(weights.sum()),
         )
 
@@ -178,6 +178,14 @@ def _slopes(cells: ForceCells, levels: IndexArray, values: FloatArray) -> FloatA
     if len(slip) < 3 or bottom <= 0.0 or np.ptp(centred) < 0.5 * _LEAST_SPAN:
         return np.full(len(values), np.nan)
     return np.asarray(values @ leverage / bottom)
+
+
+def _of_known(measured_m: FloatArray, share: FloatArray) -> float:
+    """Return the weighted mean of the cells with measured sinkage; NaN where there is none."""
+    known = np.isfinite(measured_m)
+    if known.all() or not known.any():
+        return float(measured_m @ share)
+    return float(measured_m[known] @ share[known] / share[known].sum())
 
 
 def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:

@@ -1,10 +1,8 @@
 """Readings of the rut's depth: the sinkage at single places of a run in which no sensor measures it.
 
-The wheel was deeper than the rut that it left: soil rises when it is unloaded. By Wong's unloading stiffness
-k_u = k_0 + A_u z (dry sand: k_0 = 0, A_u = 503 MN/m4) it rises by p / k_u, which is 3 to 8 mm under a loaded wheel that
-sinks by 40 to 100 mm. What differs from that between runs is a zero of the sinkage, which the diagnosis estimates.
-
-Source: Wong (2010), Terramechanics and Off-Road Vehicle Engineering, 2nd ed., ch. 4 (response to repetitive loading).
+The wheel was deeper than the rut that it left: soil rises when it is unloaded. How far is an assumption of ours: no
+published figure for ruts of wheels was found. It is of the order of p / k_u, the pressure over the stiffness of the
+unloading soil. What differs from it between runs is a zero of the sinkage, which the diagnosis estimates.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from daq import ConfigError, DataError, Fault, FloatArray, RutReading
 from processing.processed_run import ProcessedRun
 
 REBOUND_M, REBOUND_SIGMA_M = 0.005, 0.003
-"""What is added to a rut's depth, and how well it is known for soils in general."""
+"""Assumed, without a source: what is added to a rut's depth, and how much soils differ in it."""
 _NEAR_M = 3.0
 """Distance of a position from the track below which it is on it: what GNSS receivers differ by."""
 _DEGREE_M = 111_195.0

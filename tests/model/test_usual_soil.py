@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gram_support import column, world
+from short_campaign import driven, looked
 
-from model.diagnosis.findings.usual_soil import usual_effects, with_usual_soil
-from model.diagnosis.time_series.evidence import log_evidence
+from model.diagnosis.core.result import Clock
+from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects, with_usual_soil
+from model.diagnosis.time_series.evidence import estimate, log_evidence
 from model.effects.catalogue import EFFECTS
 
 
@@ -49,3 +53,11 @@ def test_the_usual_values_are_within_their_bounds() -> None:
                 mean, sigma = parameter.usual
                 assert parameter.lower < mean < parameter.upper
                 assert 0 < sigma < parameter.upper - parameter.lower
+
+
+def test_a_stress_peak_that_led_is_part_of_the_usual_soil() -> None:
+    seen = looked(driven(), "vasilev", "stress_peak_shift")
+    led = replace(seen, best=estimate(seen.grams, ("stress_peak_shift",)))
+    found = posterior_with_usual_soil(led, np.random.default_rng(0), 1.0, Clock())
+    assert "stress_peak_shift" not in found.best()
+    assert found.probability.sum() == pytest.approx(1.0)

@@ -18,6 +18,7 @@ from daq.config import RunsConfig, TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.runs.open import open_runs
 from model.wheel_soil.soils import SOILS, soil_from_terrain
+from processing import REBOUND_M, REBOUND_SIGMA_M
 from processing.pipeline.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
 from wheelsoil.simulation.campaign import (
@@ -170,6 +171,30 @@ def test_faults_follow_each_other_by_their_stage() -> None:
     assert np.array_equal(one, other)
 
 
+def test_rut_readings_follow_the_true_sinkage_and_change_no_frame(tmp_path: Path) -> None:
+    plain = SimulationOptions(effects={"vasilev": {"H_m": 0.05}}, runs=2, duration_s=20.0, seed=4)
+    options = replace(plain, rut=10)
+    for name, one in (("plain", plain), ("ruts", options)):
+        simulate_campaign(tmp_path / name, one)
+    hashes = [
+        [run["frames_sha256"] for run in tomllib.loads((tmp_path / name / "manifest.toml").read_text())["run"]]
+        for name in ("plain", "ruts")
+    ]
+    assert hashes[0] == hashes[1]
+    infos = load_toml(tmp_path / "ruts/runs.toml", RunsConfig).run
+    assert [len(info.rut) for info in infos] == [5, 5]
+    slips, raised = [], []
+    for index, info in enumerate(infos):
+        truth = simulated_run(options, index).truth
+        for reading in info.rut:
+            row = int(np.argmin(np.abs(truth.time_s - reading.time_s)))
+            slips.append(truth.slip[row])
+            raised.append(truth.sinkage_m[row] - reading.depth_m)
+    assert np.sort(slips) == pytest.approx(np.linspace(0.05, 0.8, 10), abs=0.03)
+    assert np.mean(raised) == pytest.approx(REBOUND_M, abs=3 * np.hypot(REBOUND_SIGMA_M, 0.005 / np.sqrt(10)))
+    assert 0.001 < np.std(raised) < 0.01
+
+
 def test_the_files_do_not_contain_a_pressure_that_was_not_stated(tmp_path: Path) -> None:
     simulate_campaign(tmp_path / "a", SimulationOptions(runs=1, duration_s=15.0))
     assert b"inflation" not in (tmp_path / "a/runs.toml").read_bytes()
@@ -180,7 +205,7 @@ def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: py
         "simulate --soil sandy --effect vasilev:H_m=0.08 --runs 1 --duration 20 --seed 9 --sinkage literal "
         "--added-load 120 --pass-number 3 --inflation 260.5 "
         "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 "
-        "--tilt -1.5 --brakes released --lifted --start 2026-01-02T03:04:05Z"
+        "--tilt -1.5 --brakes released --lifted --rut 2 --start 2026-01-02T03:04:05Z"
     )
     assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
     command = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["command"]

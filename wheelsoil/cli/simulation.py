@@ -42,7 +42,7 @@ def demo_command(
 
     The seed draws a cause of the library (family, form, size, direction), or none. The vehicle drives over a clay
     drawn within the laboratory's uncertainty; its frames are encoded with the DBCs into recordings. Processing and
-    diagnosis read these recordings only.
+    diagnosis read these recordings only, first from forces alone, then with ten readings of the rut's depth.
     """
     from wheelsoil.wording.diagnosis_text import diagnosis_lines
     from wheelsoil.wording.verdict import sentence_of
@@ -51,7 +51,7 @@ def demo_command(
     _check_folder(output)
     options = _campaign(seed, runs, duration)
     hidden = draw_hidden(seed, options.wheel)
-    found, page, numbers = _simulate_to_report(output, replace(options, effects=hidden.effects))
+    first, found, page, numbers = _simulate_to_report(output, replace(options, effects=hidden.effects))
     opened = open_envelope(hidden, found)
     if json:
         print_json(
@@ -61,6 +61,7 @@ def demo_command(
                 "recordings": output / _CAMPAIGN,
                 "result": sentence_of(found),
                 "verdict": found.verdict,
+                "before_ruts": {"result": sentence_of(first), "verdict": first.verdict},
                 "hidden": {"family": hidden.family, "effect": hidden.key, "parameters": hidden.values},
                 "outcome": opened.outcome,
                 "compared": opened.parameters,
@@ -68,8 +69,12 @@ def demo_command(
         )
         return
     width = terminal_width()
-    for line in ["", *diagnosis_lines(found, width), "", *wrap(f"Hidden effect. {opened.sentence} {_CAVEAT}", width)]:
-        say(line)
+    before = f"From forces alone. {sentence_of(first)}"
+    after = f"With {options.rut} readings of the rut's depth, by a ruler to 5 mm:"
+    hidden_said = f"Hidden effect. {opened.sentence} {_CAVEAT}"
+    paragraphs = [wrap(before, width), [*wrap(after, width), *diagnosis_lines(found, width)], wrap(hidden_said, width)]
+    for paragraph in paragraphs:
+        say("\n".join(["", *paragraph]))
     print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
 
@@ -84,13 +89,18 @@ def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
         draw_soil=True,
         pass_number=(1, 1, 1, 2, 2, 2),
         inflation_kpa=(340.0, 340.0, 250.0, 250.0),
+        rut=10,
     )
 
 
-def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Path, Path]:
-    """Run everything from frames to the report; return the diagnosis and the paths of page and numbers."""
+def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Diagnosis, Path, Path]:
+    """Run everything from frames to the report.
+
+    Returns the diagnosis from forces alone, that with rut readings, and the paths of the report's page and numbers.
+    """
     from processing import ProcessOptions
     from wheelsoil.simulation.campaign import simulate_campaign
+    from wheelsoil.workflows.demo import without_ruts
     from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
     from wheelsoil.workflows.fit import FitChoices, fit_runs
     from wheelsoil.workflows.report import Diagnosed, report_of_processed
@@ -104,14 +114,17 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     say(f"  {options.runs} runs, {simulated.frames:,} frames in {folder}")
     with _step("decode and process"):
         processed = open_and_process([folder], process_options)
-    with _step("diagnose"):
+    with _step("diagnose from forces"):
+        unread = [(run, without_ruts(one)) for run, one in processed]
+        first = diagnose_campaigns(campaigns_of([folder], unread), diagnosis_options())
+    with _step("diagnose with rut readings"):
         found = diagnose_campaigns(campaigns_of([folder], processed), diagnosis_options())
     with _step("fit four models"):
         fit = fit_runs(processed, choices, None, keep_predictions=True)
     with _step("write the report"):
         report = report_of_processed(processed, choices, process_options, campaign=fit, diagnosed=Diagnosed(found))
         page, numbers = report.write(output / "report.html")
-    return found, page, numbers
+    return first, found, page, numbers
 
 
 @contextmanager

@@ -173,6 +173,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "pass_number": info.pass_number,
         "added_load_kg": info.added_load_kg,
         "inflation_kpa": info.inflation_kpa,
+        "rut_readings": len(info.rut),
         "state": run.state,
         "why": fault_line(run.faults) if run.state == "failed" else None,
         "use": use,

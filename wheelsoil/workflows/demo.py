@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from model.diagnosis import Cause, Diagnosis
 from model.effects import EFFECTS, Effect, Parameter
 from model.wheel_soil import Wheel
+from processing import ProcessedRun
 from wheelsoil.wording.names import effect_name, plain_name
 
 Outcome = Literal["found", "in the set", "not named", "not seen", "wrong", "right"]
@@ -69,6 +70,13 @@ def _size(parameter: Parameter, wheel: Wheel, rng: np.random.Generator) -> float
     side = parameter.side or (1 if rng.random() < 0.5 else -1)
     value = parameter.neutral + side * parameter.scale(wheel) * rng.uniform(_LEAST_SIZE, _LARGEST_SIZE)
     return float(f"{np.clip(value, parameter.lower, parameter.upper):.4g}")
+
+
+def without_ruts(run: ProcessedRun) -> ProcessedRun:
+    """Return a run as it was before its rut was read."""
+    nothing = np.full(len(run), np.nan)
+    info = run.run.model_copy(update={"rut": ()})
+    return replace(run, run=info, sinkage_m=nothing, sinkage_sigma_m=nothing)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from model.sinkage_from_forces import (
     cells_of_table,
     sinkage_from_forces,
 )
-from processing import ProcessedRun
+from processing import REBOUND_SIGMA_M, ProcessedRun
 from wheelsoil.cache.store import kept
 from wheelsoil.wording.notes import note_text
 
@@ -103,7 +103,7 @@ def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> S
     if zeroless:
         notes = (*notes, "the zeros of drawbar pull and torque were taken as they are: no zero file says how sure")
     rows = bound_rows_of_runs(runs, lugged=_lugged(wheel))
-    return _facts(", ".join(cells.names), cells, rows, notes)
+    return _facts(", ".join(cells.names), cells, rows, notes, _rut_sigma(runs))
 
 
 def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
@@ -139,6 +139,12 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
     return _facts(table.name, cells, rows, notes, _sinkage_sigma(table, cells))
 
 
+def _rut_sigma(runs: Sequence[ProcessedRun]) -> float | None:
+    """Return the one-sigma of a rut reading as sinkage, the worst of all; None where there is none."""
+    sigmas = [reading.sigma_m for run in runs for reading in run.run.rut]
+    return float(np.hypot(max(sigmas), REBOUND_SIGMA_M)) if sigmas else None
+
+
 def _sinkage_sigma(table: WheelTable, cells: ForceCells) -> FloatArray | None:
     """Return the one-sigma of the measured sinkage of every cell, by slip; None where the table states none."""
     if "sinkage_m" not in table.sigma:
@@ -152,14 +158,15 @@ def _facts(
     cells: ForceCells,
     rows: BoundRows,
     notes: tuple[str, ...],
-    measured_sigma_m: FloatArray | None = None,
+    measured_sigma_m: FloatArray | float | None = None,
 ) -> SinkageFacts:
     def compute() -> tuple[list[SlipBin], Growth]:
         found = sinkage_from_forces(cells, np.random.default_rng(_SEED))
         return found.bins(), found.growth()
 
     bins, growth = kept("sinkage", (cells, _SEED), compute)
-    agreement = agreement_of(bins, measured_sigma_m)
+    sigma_m = None if measured_sigma_m is None else np.broadcast_to(measured_sigma_m, len(bins))
+    agreement = agreement_of(bins, sigma_m)
     return SinkageFacts(source, cells.radius_m, bins, growth, len(rows), inconsistent(rows), notes, agreement)
 
 

@@ -73,8 +73,9 @@ def posterior_with_usual_soil(
         On the noise's variance.
     """
     grams, campaigns = linearised.grams, linearised.campaigns
-    excluded = linearised.excluded | set(usual_effects(grams))
-    best = linearised.best.keys
+    usual = set(usual_effects(grams))
+    excluded = linearised.excluded | usual
+    best = tuple(key for key in linearised.best.keys if key not in usual)
     for _ in range(_ROUNDS):
         found = best_set(with_usual_soil(grams), linearised.excluded, linearised.most_causes, best)
         best = found.keys

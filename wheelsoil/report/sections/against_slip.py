@@ -38,6 +38,7 @@ from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
     SinkageFacts,
+    agreement_sentence,
     facts_of_runs,
     growth_rows,
     growth_sentence,
@@ -254,6 +255,9 @@ def _told(facts: SinkageFacts) -> list[Block]:
             "look alike in forces. A ruler in the rut at low and high slip parts them.",
         ),
     ]
+    if facts.agreement is not None:
+        kind = "warning" if facts.agreement.refuted else "text"
+        blocks.append(Text(f"M{agreement_sentence(facts.agreement)[1:]}.", kind))
     if facts.inconsistent:
         blocks += [Text(f"Suspect {item.channel}: {note_text(item.why)}.", "warning") for item in facts.inconsistent]
     elif facts.checked:

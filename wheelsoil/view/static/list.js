@@ -71,7 +71,7 @@ function showRun(item, campaign, run) {
   tag.dataset.level = level;
   write(tag, word);
   const share = run.usable_share === null || run.usable_share === undefined ? "" : `${Math.round(100 * run.usable_share)} % usable`;
-  const facts = [share, DIRECTIONS[run.direction] ?? run.direction, chosenRun(campaign.key, run)?.keep ? "cut by hand" : "", run.state === "failed" ? run.why : ""];
+  const facts = [share, DIRECTIONS[run.direction] ?? run.direction, run.rut_readings ? `${run.rut_readings} rut readings` : "", chosenRun(campaign.key, run)?.keep ? "cut by hand" : "", run.state === "failed" ? run.why : ""];
   write(more, facts.filter(Boolean).join(" · "));
 }
 
