@@ -9,3 +9,4 @@ from .notes import DiagnosisCode as DiagnosisCode
 from .notes import FitCode as FitCode
 from .notes import LackCode as LackCode
 from .notes import SinkageCode as SinkageCode
+from .notes import StepCode as StepCode

@@ -94,6 +94,38 @@ class DiagnosisCode(StrEnum):
     """campaign, share"""
 
 
+class StepCode(StrEnum):
+    """What to drive or measure next."""
+
+    LIKE_OTHERS = "like_others"
+    MORE_LOAD = "more_load"
+    """load_n: on the wheel; added_kg: on the wheel, beside the most so far"""
+    LESS_LOAD = "less_load"
+    """load_n, added_kg: negative, beside the least so far"""
+    HALF_PRESSURE = "half_pressure"
+    """inflation_kpa"""
+    OTHER_DIRECTION = "other_direction"
+    """outward"""
+    BRAKING = "braking"
+    """slip"""
+    SLOWER_RAMPS = "slower_ramps"
+    HALF_SPEED = "half_speed"
+    SECOND_PASS = "second_pass"
+    STANDSTILLS = "standstills"
+    """count, duration_s"""
+    SINKAGE = "sinkage"
+    TORQUE = "torque"
+    LIFTED_ZERO = "lifted_zero"
+    KNOWN_PULL = "known_pull"
+    """pull_n"""
+    KNOWN_TORQUE = "known_torque"
+    """torque_nm"""
+    HARD_GROUND = "hard_ground"
+    """duration_s"""
+    TABLE = "table"
+    """load_factor: 1 where the loads stay; channels: to be measured too"""
+
+
 class FitCode(StrEnum):
     """Facts of a fit, of its estimates and of its criteria; `names` are those of parameters."""
 

@@ -27,8 +27,11 @@ from model.diagnosis.core.result import (
     Verdict,
 )
 from model.diagnosis.core.shapes import Kind, Shape
-from model.notes import DiagnosisCode, LackCode, SinkageCode
+from model.notes import DiagnosisCode, LackCode, SinkageCode, StepCode
 from wheelsoil.wording.verdict import sentence_of
+
+MORE_LOAD = Note(StepCode.MORE_LOAD, values={"load_n": 12_900.0, "added_kg": 500.0})
+BRAKING = Note(StepCode.BRAKING, values={"slip": -0.6})
 
 BROKEN_BOUND = Note(
     SinkageCode.TORQUE_SUSPECT,
@@ -118,7 +121,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             "slope": Detectable("angle_rad", np.inf, "rad"),
             "speed_bias": Detectable("offset_mps", 0.02, "m/s"),
         },
-        next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
+        next_run=(NextRun(MORE_LOAD, ("slip_sinkage", "bulldozing"), 6.3), NextRun(BRAKING, (), 1.2)),
         not_identifiable={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
         notes=(Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": ("clay",)}),),
         noise={"dp_n": 35.0, "speed_mps": 0.04, "run_scatter": float("nan")},

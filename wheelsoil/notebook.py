@@ -13,7 +13,7 @@ from model.fit import CampaignFit
 from processing import ProcessedRun
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
 from wheelsoil.wording.names import place_text, plain_name
-from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.notes import step_text, texts_of
 from wheelsoil.wording.run_summary import summary_table
 from wheelsoil.wording.verdict import sentence_of
 
@@ -78,8 +78,10 @@ def diagnosis_html(found: Diagnosis) -> str:
         head = ["on held-out runs", "R0 base", "R0 extended", "unit"]
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
-        runs = [[run.change, number(run.expected_log_bayes_factor, 3)] for run in found.next_run]
-        shown.append(html_table(["next run, best first", "expected ln Bayes factor"], runs))
+        runs = [
+            [step_text(run), number(run.expected_log_bayes_factor, 3), number(run.cost_runs)] for run in found.next_run
+        ]
+        shown.append(html_table(["next run, best first", "expected ln Bayes factor", "cost, runs"], runs))
     return "".join(shown)
 
 

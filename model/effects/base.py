@@ -183,6 +183,11 @@ class Effect:
     first_estimate: ClassVar[FirstEstimate | None] = None
     stage: ClassVar[int] = 0
 
+    @classmethod
+    def is_usual(cls) -> bool:
+        """Return whether soils usually have it: its parameters have usual values."""
+        return all(p.usual for p in cls.parameters)
+
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the true inputs of the model from the measured ones; the last in the chain is undone first."""
         return conditions

@@ -207,7 +207,11 @@ class WheelSoilModel:
         }
 
     def at_rest(
-        self, conditions: Conditions, values: Mapping[str, Number] | None = None, wrt: Sequence[str] = ()
+        self,
+        conditions: Conditions,
+        values: Mapping[str, Number] | None = None,
+        wrt: Sequence[str] = (),
+        applied: Reaction | None = None,
     ) -> tuple[Number, Number]:
         """Return the drawbar pull (N) and the torque (N m) that the transducer shows while the wheel stands.
 
@@ -217,6 +221,8 @@ class WheelSoilModel:
             Load, direction and time of each standstill, shape (n,); the slip is not used.
         values, wrt
             As for `predict`; the results are `Dual` where `wrt` is given.
+        applied : Reaction, optional
+            Known pull and torque on the wheel, shape (n,): all that is wrong with the transducer shows then.
 
         Raises
         ------
@@ -224,12 +230,16 @@ class WheelSoilModel:
             An unknown parameter.
         """
         parameters = self._parameters(values or {}, wrt)
-        active = tuple(pair for pair in self._active(parameters) if pair[0].at_standstill)
+        active = tuple(
+            (effect, own)
+            for effect, own in self._active(parameters)
+            if effect.at_standstill or (applied is not None and effect.kind == "measurement")
+        )
         state = WheelState(
             conditions, self.soil.state(parameters), parameters["radius_m"], parameters["width_m"], np.nan, np.nan
         )
         nothing = np.zeros(np.shape(conditions.vertical_load_n))
-        reaction = _read(active, Reaction(nothing, nothing), state)
+        reaction = _read(active, applied or Reaction(nothing, nothing), state)
         return reaction.drawbar_pull, reaction.driving_torque
 
     def _active(self, parameters: Mapping[str, Number]) -> Active:

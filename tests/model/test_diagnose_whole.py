@@ -19,7 +19,7 @@ from model.diagnosis.time_series.samples import samples_of
 from model.notes import DiagnosisCode
 from processing.processed_run import ProcessedRun, Reason
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.notes import step_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
 
 FEW = DiagnosisOptions(
@@ -79,7 +79,7 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
         assert low < 0.04 < high
     assert found.what_is_wrong[0].statistic != 0
     if "would fit almost as well" in sentence_of(found):
-        assert f"Next: {found.next_run[0].change}." in sentence_of(found)
+        assert f"Next: {step_text(found.next_run[0])}." in sentence_of(found)
         assert "slip_sinkage" in found.next_run[0].separates
     assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)

@@ -8,6 +8,9 @@ from diagnosis_grams import columns_of_runs, grams_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq import Note
+from model.diagnosis.core.bayes_factors import best_first
+from model.diagnosis.core.result import NextRun
 from model.diagnosis.planning.next_run import Member, split
 from model.diagnosis.time_series.evidence import log_evidence
 
@@ -85,3 +88,12 @@ def test_a_set_of_one_has_nothing_to_part() -> None:
     _, columns, more = alike(3)
     found = split(grams_of(columns, columns[:, :, 0]), grams_of(more, more[:, :, 0]).matrices[0], members("slope"))
     assert found.expected_log_bayes_factor == 0 and found.parted == ()
+
+
+def test_of_steps_that_tell_enough_the_cheapest_comes_first() -> None:
+    worth = {"dear": (60.0, 2.0), "cheap": (9.0, 0.5), "cheaper": (30.0, 0.3), "too little": (3.0, 0.1)}
+    worth |= {"least": (2.0, 0.1)}
+    runs = [NextRun(Note(name), (), *numbers) for name, numbers in reversed(worth.items())]
+    assert [run.step.code for run in best_first(runs)] == ["cheaper", "cheap", "dear", "too little", "least"]
+    near = [NextRun(Note("dear"), (), 3.01, 2.0), NextRun(Note("cheap"), (), 3.0, 1.0)]
+    assert [run.step.code for run in best_first(near)] == ["cheap", "dear"]

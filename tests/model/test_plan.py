@@ -24,9 +24,11 @@ from model.diagnosis.planning.plan import (
     usual_runs,
 )
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
+from model.notes import StepCode
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
 from wheelsoil.to_json import to_json
+from wheelsoil.wording.diagnosis_json import plan_json
 
 EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
 OPTIONS = DiagnosisOptions(effects=EFFECTS)
@@ -71,8 +73,8 @@ def test_look_alikes_come_with_what_would_part_them() -> None:
     told = planned(one_load=True, advise=True)
     groups = {frozenset(a.families): a.next_runs for a in told.confounded}
     group = next(g for g in groups if "drawbar_pull_zero" in g and "crosstalk" in g)
-    assert "wheel lifted" in groups[group][0].change
-    read = json.loads(to_json(told.as_json()))
+    assert groups[group][0].step.code == StepCode.LIFTED_ZERO
+    read = json.loads(to_json(plan_json(told)))
     assert [e["key"] for e in read["effects"]] == list(EFFECTS)
     assert np.array(read["cosine"]).shape == (5, 5)
 

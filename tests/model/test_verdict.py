@@ -9,7 +9,7 @@ import pytest
 from gram_support import column, world
 
 from daq.notes import Note
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, listed_sets, short_set
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
 from model.diagnosis.core.naming import Judgement, asked_again, judgement, prior_shifts
 from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
@@ -120,27 +120,20 @@ def test_a_lone_family_that_is_not_named_stands_beside_its_nearest_rival(grams: 
     assert judgement(found, FINE, gain(1.0)).families == ("a", "b")
 
 
-def test_a_physical_cause_is_asked_again_beside_the_usual_soil(grams: Grams) -> None:
+def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     """The families of the catalogue: what becomes of a name when the stress peak may lie ahead."""
-    found = made(grams, {("a",): 1.0})
-    named = Judgement("named", ("slip_sinkage", "torque_zero"))
     families = ("slip_sinkage", "torque_zero")
+    named = Judgement("named", families)
 
-    def again(p: float) -> Posterior:
-        listed = listed_sets({"vasilev": "slip_sinkage", "torque_zero": "torque_zero"}, 2)
-        probability = np.zeros(len(listed))
-        probability[listed.index_of(("vasilev",))] = p
-        probability[0] = 1.0 - p
-        return Posterior(listed, np.zeros(len(listed)), probability, calibrated=True)
+    def again(p: float, verdict: Judgement = named) -> Judgement:
+        return asked_again(verdict, {"slip_sinkage": p}, ("stress_peak_shift",), 0.9)
 
-    assert asked_again(named, again(0.95), ("stress_peak_shift",), 0.9) == named
-    lost = asked_again(named, again(0.6), ("stress_peak_shift",), 0.9)
+    assert again(0.95) == named
+    lost = again(0.6)
     assert lost.verdict == "one_of" and lost.families == ("slip_sinkage", "stress_peak_shift", "torque_zero")
     assert lost.barred is not None and lost.barred.code == LackCode.PEAK_MAY_SHIFT
-    measured = Judgement("named", ("torque_zero",))
-    assert asked_again(measured, again(0.0), ("stress_peak_shift",), 0.9) == measured
-    assert asked_again(Judgement("one_of", families), again(0.0), ("stress_peak_shift",), 0.9).barred is None
-    assert found.calibrated
+    for kept in (Judgement("named", ("torque_zero",)), Judgement("one_of", families)):
+        assert again(0.0, kept) == kept
 
 
 def test_a_prior_that_decides_is_said(grams: Grams) -> None:

@@ -65,7 +65,7 @@ def check_shape(found: dict[str, Any]) -> None:
     for least in found["minimum_detectable"].values():
         assert set(least) == {"parameter", "value", "unit"}
     for run in found["next_run"]:
-        assert set(run) == {"change", "separates", "expected_log_bayes_factor"}
+        assert {"change", "step", "values", "separates", "expected_log_bayes_factor", "cost_runs"} <= set(run)
         assert isinstance(run["separates"], list)
 
 

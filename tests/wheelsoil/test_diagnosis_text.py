@@ -70,7 +70,8 @@ def test_everything_is_said():
         "slip sinkage 0.900, slip sinkage + bulldozing 0.060",
         "slip sinkage (vasilev) H_m 0.012 m",
         "at no size: slope",
-        "1. one run with 500 kg more: expected ln Bayes factor 6.3, separates slip sinkage, bulldozing",
+        "1. a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far: expected ln Bayes factor "
+        "6.3, costs 1 run, separates slip sinkage, bulldozing",
         "the usual laboratory's is taken",
     ):
         assert words in text, words

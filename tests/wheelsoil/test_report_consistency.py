@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_samples import SENTENCES, diagnosis
+from diagnosis_samples import BRAKING, SENTENCES, diagnosis
 
 from daq.runs.open import open_runs
 from model.diagnosis.core.result import CauseSet, NextRun, ParameterEstimate
@@ -133,9 +133,9 @@ def test_a_driven_wheel_keeps_its_dots_beside_wild_braking(material):
 
 
 def test_a_run_that_parts_nothing_surely_is_not_said_to(material):
-    alone = replace(diagnosis("one_of"), next_run=(NextRun("brake", (), 1.2),))
+    alone = replace(diagnosis("one_of"), next_run=(NextRun(BRAKING, (), 1.2),))
     step = next_step(replace(material, diagnosed=alone), {})
-    assert step == "brake."
+    assert step == "a run with braking, down to a slip of -0.6."
 
 
 def test_an_error_that_grows_is_said_to_grow(material):

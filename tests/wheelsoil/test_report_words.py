@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_samples import diagnosis
+from diagnosis_samples import BRAKING, diagnosis
 from report_support import section_of
 
+from daq.notes import Note
 from model.diagnosis.core.result import Grounds, NextRun, ParameterEstimate
+from model.notes import StepCode
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
@@ -73,7 +75,7 @@ def test_the_error_of_a_torque_is_over_load_times_radius(material):
 
 
 def test_odds_stop_where_noise_is_no_longer_what_limits(material):
-    found = replace(diagnosis("one_of"), next_run=(NextRun("one more run like the others", ("slip_sinkage",), 22.3),))
+    found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIKE_OTHERS), ("slip_sinkage",), 22.3),))
     section = next_run.build(replace(material, diagnosed=found))
     assert "over 1000 to 1" in cells(section)
     assert not [cell for cell in cells(section) if "million" in cell]
@@ -90,7 +92,7 @@ def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
 
 def test_one_sentence_leads_and_the_others_are_below(material):
     alike = Grounds(confounded=("grouser",))
-    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun("a run", (), 5.0),), not_identifiable={})
+    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun(BRAKING, (), 5.0),), not_identifiable={})
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}

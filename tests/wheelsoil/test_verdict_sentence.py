@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import nan
 
 import pytest
-from diagnosis_samples import diagnosis
+from diagnosis_samples import MORE_LOAD, diagnosis
 
 from daq.errors import Fault
 from daq.notes import Note, Severity
@@ -69,10 +69,10 @@ def test_a_gain_is_that_of_its_own_channel() -> None:
 def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     size = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
     cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
-    runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
+    runs = (NextRun(MORE_LOAD, ("slip_sinkage", "grouser"), 9.0),)
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
     said = " ".join(named_words(alike, CHANCES))
-    assert said.endswith("Next: a run with more load.")
+    assert said.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
     assert "Next:" not in " ".join(named_words(replace(alike, grounds=Grounds()), CHANCES))
 
@@ -109,10 +109,10 @@ def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
 
 
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
-    runs = (NextRun("a run with more load", ("slope",), 4.0),)
+    runs = (NextRun(MORE_LOAD, ("slope",), 4.0),)
     one_of = " ".join(one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04))
     assert one_of.startswith("A cause acts (with probability 96 %): one of slope (40 %), bulldozing (50 %).")
-    assert one_of.endswith("Next: a run with more load.")
+    assert one_of.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
     barred = " ".join(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
     assert "Slope is not named: all runs go one way: drive some back" in barred

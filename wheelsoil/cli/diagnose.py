@@ -158,10 +158,11 @@ def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool
 
 
 def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
+    from wheelsoil.wording.diagnosis_json import plan_json
     from wheelsoil.wording.plan_text import matrix_csv, plan_lines
 
     if json:
-        print_json(plan.as_json())
+        print_json(plan_json(plan))
     else:
         for line in plan_lines(plan, terminal_width()):
             print(line)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from model.diagnosis import Cause, Diagnosis, Finding, Gain, Scores
+from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
 from wheelsoil.wording.names import place_text
-from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.notes import note_text, step_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
 
 _SCHEMA = "wheelsoil/diagnosis/1"
+_PLAN_SCHEMA = "wheelsoil/plan/1"
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -27,7 +28,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "adequacy": None if found.adequacy is None else vars(found.adequacy),
         "proposal": None if found.proposal is None else vars(found.proposal),
         "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
-        "next_run": [{**vars(run), "separates": list(run.separates)} for run in found.next_run],
+        "next_run": [next_run_json(run) for run in found.next_run],
         "cannot_tell": {family: note_text(why) for family, why in found.not_identifiable.items()},
         "notes": texts_of(found.notes),
         "noise": found.noise,
@@ -36,6 +37,19 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
+    }
+
+
+def next_run_json(run: NextRun) -> dict[str, Any]:
+    """Return what to drive or measure next: the sentence, and its facts."""
+    return {
+        "change": step_text(run),
+        "step": str(run.step.code),
+        "values": dict(run.step.values),
+        "campaign": run.campaign or None,
+        "separates": list(run.separates),
+        "expected_log_bayes_factor": run.expected_log_bayes_factor,
+        "cost_runs": run.cost_runs,
     }
 
 
@@ -95,4 +109,43 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
         },
         "log_likelihood_gain": gain.log_likelihood_gain,
         "chosen": [list(keys) for keys in gain.chosen],
+    }
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """Return a plan as plain mappings; infinite stays infinite, for the writer to turn into null."""
+    found = plan.isolability
+    return {
+        "schema": _PLAN_SCHEMA,
+        "effects": [
+            {
+                "name": family,
+                "key": key,
+                "left_by_soil": float(left),
+                "d": float(d),
+                "d_sep": float(apart),
+                "nearest": rival,
+                "minimum_detectable": vars(plan.minimum_detectable[key]),
+                "minimum_separable": vars(plan.minimum_separable[key]),
+            }
+            for key, family, left, d, apart, rival in zip(
+                found.keys,
+                found.families,
+                found.left,
+                found.deviation,
+                found.separation,
+                found.rivals,
+                strict=True,
+            )
+        ],
+        "cosine": found.cosine.tolist(),
+        "look_alikes": [
+            {
+                "families": list(advice.families),
+                "next_run": [next_run_json(run) for run in advice.next_runs],
+            }
+            for advice in plan.confounded
+        ],
+        "cannot_tell": plan.not_identifiable,
+        "notes": list(plan.notes),
     }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
-from model import DiagnosisCode, LackCode
+from model import DiagnosisCode, LackCode, StepCode
 from wheelsoil.wording.names import chance, effect_name, plain_name
 from wheelsoil.wording.run_notes import Sentence, Values
 
@@ -176,7 +176,44 @@ def _peak(v: Mapping[str, Any]) -> str:
     )
 
 
+def _load(v: Values) -> str:
+    added = v["added_kg"]
+    change = f"{float(f'{abs(added):.2g}'):g} kg {'more' if added > 0 else 'less'}"
+    return f"about {v['load_n'] / 1e3:.1f} kN on the wheel, {change} there than so far"
+
+
+def _tests(v: Values) -> str:
+    loads, factor = {0.5: "half the load", 2.0: "twice the load"}, v["load_factor"]
+    names = " and ".join(OUTPUTS[c].name for c in v["channels"])
+    if factor == 1.0:
+        return f"measure the {names} too"
+    load = loads.get(factor, f"{factor:g} times the load")
+    return f"{load}, with {names} measured" if names else load
+
+
 SENTENCES: dict[str, Sentence] = {
+    StepCode.LIKE_OTHERS: "one more run like the others",
+    StepCode.MORE_LOAD: lambda v: f"a run with more load: {_load(v)}",
+    StepCode.LESS_LOAD: lambda v: f"a run with less load: {_load(v)}",
+    StepCode.HALF_PRESSURE: "a run at half the inflation pressure: {inflation_kpa:.0f} kPa",
+    StepCode.OTHER_DIRECTION: lambda v: f"a run {'out' if v['outward'] else 'back'}, the other direction",
+    StepCode.BRAKING: "a run with braking, down to a slip of {slip:.1f}",
+    StepCode.SLOWER_RAMPS: "a run with slip ramps half as fast, twice as long",
+    StepCode.HALF_SPEED: "a run at half the speed",
+    StepCode.SECOND_PASS: "a second pass in the same rut",
+    StepCode.STANDSTILLS: "a run with {count} standstills of {duration_s:.0f} s, brakes released",
+    StepCode.SINKAGE: "a run with a sinkage sensor, or the depth of the rut",
+    StepCode.TORQUE: "a run with the torque channel",
+    StepCode.LIFTED_ZERO: "the zero with the wheel lifted, at standstill",
+    StepCode.KNOWN_PULL: lambda v: (
+        f"a static calibration with a known pull: about {v['pull_n'] / 1e3:.2g} kN on the lifted wheel, by a load cell"
+    ),
+    StepCode.KNOWN_TORQUE: lambda v: (
+        f"a static calibration with a known torque: about {v['torque_nm'] / 1e3:.2g} kN m on the lifted wheel, "
+        "by a lever and a weight"
+    ),
+    StepCode.HARD_GROUND: "coasting on hard ground for {duration_s:.0f} s, speeding up and slowing down",
+    StepCode.TABLE: _tests,
     LackCode.INPUT_UNKNOWN: _inputs,
     LackCode.SMOOTH_TYRE: "the tyre is declared smooth",
     LackCode.ONE_DIRECTION: "all runs go one way: drive some back",

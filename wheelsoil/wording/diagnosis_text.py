@@ -10,7 +10,7 @@ from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
 from daq import probability as as_probability
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
 from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
-from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
 from wheelsoil.wording.verdict import sentence_of
 
 FINDING_NOTE = (
@@ -329,7 +329,7 @@ def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
         line
         for i, run in enumerate(diagnosis.next_run, 1)
         for line in wrapped(
-            f"{i}. {run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
+            f"{i}. {step_text(run)}: {worth_text(run)}"
             + (f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
             width,
             "  ",

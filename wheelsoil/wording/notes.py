@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
+from daq import number
 from wheelsoil.wording import run_notes
 
 if TYPE_CHECKING:
     from daq import Note
+    from model.diagnosis import NextRun
     from processing import ProcessedRun
 
 
@@ -27,6 +29,18 @@ def _of_a_model(code: str) -> run_notes.Sentence:
     from wheelsoil.wording import diagnosis_notes
 
     return diagnosis_notes.SENTENCES[code]
+
+
+def step_text(run: NextRun) -> str:
+    """Return what to drive or measure next, after the name of the campaign where there are several."""
+    campaign = f"{run.campaign}: " if run.campaign else ""
+    return campaign + note_text(run.step)
+
+
+def worth_text(run: NextRun) -> str:
+    """Return what it is expected to tell, and what it takes in time."""
+    cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
+    return f"expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}, {cost}"
 
 
 def texts_of(notes: Iterable[Note]) -> list[str]:

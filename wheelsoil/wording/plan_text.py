@@ -9,6 +9,7 @@ from daq import FloatArray, number, table_lines
 from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
+from wheelsoil.wording.notes import step_text, worth_text
 
 _FAINT = 0.3
 
@@ -97,8 +98,7 @@ def _alike(plan: Plan, width: int) -> list[str]:
         names = ", ".join(map(plain_name, advice.families))
         lines += wrapped(names, width, "  ", "    ")
         for run in advice.next_runs:
-            text = f"{run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
-            lines += wrapped(text, width, "    separated by ", "      ")
+            lines += wrapped(f"{step_text(run)}: {worth_text(run)}", width, "    separated by ", "      ")
     return [f"Confounded causes (|cos| from {CONFOUNDED_COSINE:g} on)", *lines] if lines else []
 
 

@@ -20,7 +20,7 @@ from model.diagnosis import (
     SoilEstimate,
 )
 from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, parameter_name, place_text, plain_name
-from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.notes import note_text, step_text
 
 REFUTED_AT = 3.0
 """One-sigmas of the laboratory by which a soil's parameter may be off."""
@@ -149,7 +149,7 @@ def _in_unit(size: float, channel: str) -> str:
 def _verdict_of_table(found: Diagnosis) -> list[str]:
     channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
-    onward = [f"Next: {found.next_run[0].change}."] if found.next_run else []
+    onward = [f"Next: {step_text(found.next_run[0])}."] if found.next_run else []
     if found.verdict == "named":
         names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         others = [f"{plain_name(name)} ({chance(chances[name])})" for name in found.grounds.beside]
@@ -190,7 +190,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
             "the differences in these runs are small, but beyond the noise"
         )
     if alike and found.next_run:
-        said.append(f"Next: {found.next_run[0].change}")
+        said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
 
 
@@ -215,7 +215,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if others:
         said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would fit almost as well")
     if found.next_run:
-        said.append(f"Next: {found.next_run[0].change}")
+        said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
 
 

@@ -27,6 +27,10 @@ PARTS = 2.0
 """Expected nats, whichever of both is the cause, from which on data are said to part two members: odds of 7 to 1."""
 WORTH_SAYING = 0.05
 """Expected nats below which further data are not proposed."""
+ENOUGH = 6.9
+"""Expected nats from which on more tell no more, odds of 1000 to 1: beyond, not noise is the limit, but the models."""
+_ALIKE = 0.8
+"""Share of the expected nats of another step that tells as much."""
 _LEAST_WEIGHT = 1e-9
 
 
@@ -127,5 +131,15 @@ def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
 
 
 def best_first(runs: Iterable[NextRun]) -> list[NextRun]:
-    """Return runs or tests by what they are expected to tell."""
-    return sorted(runs, key=lambda run: -run.expected_log_bayes_factor)
+    """Return runs or tests by what they are expected to tell; of those that tell as much the cheapest first."""
+
+    def told(run: NextRun) -> float:
+        return min(run.expected_log_bayes_factor, ENOUGH)
+
+    left = sorted(runs, key=lambda run: -told(run))
+    found: list[NextRun] = []
+    while left:
+        alike = [run for run in left if told(run) >= _ALIKE * told(left[0])]
+        found += sorted(alike, key=lambda run: (run.cost_runs, -run.expected_log_bayes_factor))
+        left = left[len(alike) :]
+    return found

@@ -41,6 +41,8 @@ IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on held-out runs."""
 LEAST_NATS = 3.0
 """Rise of the held-out log score that a name needs."""
+REMAINDER = 0.5
+"""Share of the smaller of two causes below which what they leave together is a small remainder."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
     return verdict
 
 
-def asked_again(verdict: Judgement, found: Posterior, rivals: Sequence[str], name_at: float) -> Judgement:
+def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float) -> Judgement:
     """Return the verdict once its physical causes were asked again beside what soils usually do.
 
     One that does not stay above `name_at` loses its name to the set of it and its rivals. Errors of measurement are
@@ -144,14 +146,13 @@ def asked_again(verdict: Judgement, found: Posterior, rivals: Sequence[str], nam
 
     Parameters
     ----------
-    found : Posterior
-        Beside what soils usually do.
+    chances : mapping family -> float
+        Probabilities beside what soils usually do.
     rivals : sequence of str
         Families of that.
     """
     if verdict.verdict != "named":
         return verdict
-    chances = found.families()
     for family in verdict.families:
         physical = any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
         if physical and family not in rivals and not chances.get(family, 0.0) > name_at:

@@ -196,11 +196,25 @@ class Detectable:
 
 @dataclass(frozen=True)
 class NextRun:
-    """A manoeuvre that would split the candidates."""
+    """A run, a calibration or a test that would separate the candidates.
 
-    change: str
+    Attributes
+    ----------
+    step : Note
+        What to do: one of `model.StepCode`.
+    separates : tuple of str
+        Families.
+    cost_runs : float
+        What it takes in time, in runs like the others.
+    campaign : str
+        To which it belongs, where there are several.
+    """
+
+    step: Note
     separates: tuple[str, ...]
     expected_log_bayes_factor: float
+    cost_runs: float = 1.0
+    campaign: str = ""
 
 
 @dataclass(frozen=True)
@@ -444,7 +458,10 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
         for key, one in of.items()
     ]
     least = [(key, d.parameter, d.value, d.unit) for key, d in found.minimum_detectable.items()]
-    runs = [(run.change, ", ".join(run.separates), run.expected_log_bayes_factor) for run in found.next_run]
+    runs = [
+        (str(run.step.code), ", ".join(run.separates), run.expected_log_bayes_factor, run.cost_runs)
+        for run in found.next_run
+    ]
     estimate = ("parameter", "unit", "value", "sigma", "lower95", "upper95")
     return {
         "causes": frame_of_rows(("name", "form", "kind", "probability", "form_probability", *estimate), causes),
@@ -452,7 +469,7 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
         "what_is_wrong": frame_of_rows(("channel", *_PLACE, "unit", "size", "median_there", "statistic"), wrong),
         "gain": frame_of_rows(("channel", "model", "unit", "R0", "M0_percent", "R2", "log_likelihood"), gain),
         "minimum_detectable": frame_of_rows(("effect", "parameter", "value", "unit"), least),
-        "next_run": frame_of_rows(("change", "separates", "expected_log_bayes_factor"), runs),
+        "next_run": frame_of_rows(("step", "separates", "expected_log_bayes_factor", "cost_runs"), runs),
     }
 
 

@@ -30,7 +30,7 @@ from daq import OUTPUTS, FloatArray, Note
 from model.cores import in_parallel
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
-from model.diagnosis.core.naming import LEAST_NATS
+from model.diagnosis.core.naming import LEAST_NATS, REMAINDER
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.set_fit import SetFit, fit_sets
@@ -177,10 +177,6 @@ def predict_held_out(
     )
 
 
-_REMAINDER = 0.5
-"""Share of the smaller of two causes below which what they leave together is a small remainder."""
-
-
 def cancelling(linearised: LinearisedCampaign) -> Note | None:
     """Return which two causes of the most probable set cancel each other where one of them less would do as well.
 
@@ -197,7 +193,7 @@ def cancelling(linearised: LinearisedCampaign) -> Note | None:
         return float(np.sqrt(part @ inner @ part))
 
     for one, other in combinations(keys, 2):
-        if size(parts[one] + parts[other]) > _REMAINDER * min(size(parts[one]), size(parts[other])):
+        if size(parts[one] + parts[other]) > REMAINDER * min(size(parts[one]), size(parts[other])):
             continue
         for key in (one, other):
             fewer = tuple(kept for kept in keys if kept != key)

@@ -67,7 +67,7 @@ class Part:
         samples = at_point(self.data.samples, frozen.point)  # nearby a delay acts by its series, as derivatives have it
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
-        found = derivatives(self.simulation, samples, at_speed(samples, point.speed_mps), values, frozen.channels)
+        found = derivatives(self.simulation, at_speed(samples, point.speed_mps), values, frozen.channels)
         by_soil = found["soil"] @ self.simulation.space.jacobian(point.soil)
         rest_value, rest_causes = at_rest(self.simulation, samples, values)
         value = found["value"] + frozen.value - frozen.centre

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, FloatArray
+from daq import BoolArray, FloatArray, Note
 from model.diagnosis.time_series.samples import Instants, Samples
 from model.diagnosis.time_series.standstills import Standstills
+from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
 
-LIKE_OTHERS = "one more run like the others"
 _HEAVIER, _LIGHTER = 1.3, 0.75
+_WORTH_UNLOADING = 0.05
+"""Share of the load below which taking ballast off changes little."""
 _BRAKE_SHARE, _MOST_BRAKING = 0.7, 0.6
 _STANDSTILLS, _STANDSTILL_S = 4, 10.0
 _SAME_LOAD = 1e-9
@@ -30,26 +32,43 @@ class Manoeuvre:
 
     Attributes
     ----------
-    change : str
-        What to do otherwise than before, for people.
+    step : Note
+        What to do otherwise than before: one of `model.StepCode`.
     samples : Samples
         Of that one run; what it measures is not known, only which channels.
     """
 
-    change: str
+    step: Note
     samples: Samples
 
 
-def manoeuvres(samples: Samples) -> tuple[Manoeuvre, ...]:
+def manoeuvres(samples: Samples, added_kg: Sequence[float] = ()) -> tuple[Manoeuvre, ...]:
     """Return what could be driven next, from the typical run of a campaign; the first is one more run like it.
 
     Parameters
     ----------
     samples : Samples
         Of the runs that were driven.
+    added_kg : sequence of float
+        What each run was ballasted with: no lighter run than without it is offered.
     """
     typical = typical_run(samples)
-    return tuple(Manoeuvre(change, made) for change, made in _variants(typical, samples) if len(made))
+    return tuple(Manoeuvre(step, made) for step, made in _variants(typical, samples, added_kg) if len(made))
+
+
+def unballasted_load_n(loads_n: FloatArray, added_kg: FloatArray) -> float:
+    """Return the load of a wheel without ballast, N, from runs with some; the least of them where it does not show.
+
+    Parameters
+    ----------
+    loads_n, added_kg : arrays, shape (runs,)
+        Mean load on the wheel; ballast of the vehicle.
+    """
+    least = float(loads_n.min())
+    if len(added_kg) != len(loads_n) or not np.ptp(added_kg) > 0.0:
+        return least
+    share, at_none = np.polyfit(added_kg, loads_n, 1)
+    return min(float(at_none), least) if share > 0.0 else least
 
 
 def typical_run(samples: Samples) -> Samples:
@@ -76,35 +95,36 @@ def only_run(samples: Samples, run: int) -> Samples:
     )
 
 
-def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
+def _variants(run: Samples, all_runs: Samples, added_kg: Sequence[float]) -> Iterator[tuple[Note, Samples]]:
+    driven = np.unique(all_runs.run)
     load = float(np.mean(run.conditions.vertical_load_n))
-    means = [
-        float(np.mean(all_runs.conditions.vertical_load_n[all_runs.run == r])) for r in np.unique(all_runs.run)
-    ] or [load]
-    heavy, light = _HEAVIER * max(means), _LIGHTER * min(means)
-    yield LIKE_OTHERS, run
-    yield f"a run with more load: {_load_words(heavy, max(means))}", with_load_times(run, heavy / load)
-    yield f"a run with less load: {_load_words(light, min(means))}", with_load_times(run, light / load)
+    means = np.array([np.mean(all_runs.conditions.vertical_load_n[all_runs.run == r]) for r in driven] or [load])
+    bare = unballasted_load_n(means, np.asarray(added_kg, float)[driven] if len(added_kg) else np.zeros(0))
+    heavy, light = _HEAVIER * float(means.max()), max(_LIGHTER * float(means.min()), bare)
+    yield Note(StepCode.LIKE_OTHERS), run
+    yield _loaded(StepCode.MORE_LOAD, heavy, float(means.max())), with_load_times(run, heavy / load)
+    if light < (1.0 - _WORTH_UNLOADING) * means.min():
+        yield _loaded(StepCode.LESS_LOAD, light, float(means.min())), with_load_times(run, light / load)
     pressure = float(np.median(run.conditions.inflation_kpa)) if len(run) else float("nan")
     if np.isfinite(pressure):
-        yield f"a run at half the inflation pressure: {pressure / 2:.0f} kPa", with_pressure(run, pressure / 2)
-    yield f"a run {'back' if _outward(run) else 'out'}, the other direction", turned(run)
-    yield f"a run with braking, down to a slip of {-_MOST_BRAKING:.1f}", braked(run)
-    yield "a run with slip ramps half as fast, twice as long", slower_ramps(run)
-    yield "a run at half the speed", with_speed_times(run, 0.5)
-    yield "a second pass in the same rut", with_pass(run, float(np.max(run.conditions.pass_number)) + 1.0)
-    yield f"a run with {_STANDSTILLS} standstills of {_STANDSTILL_S:.0f} s, brakes released", with_standstills(run)
+        half = 0.5 * pressure
+        yield Note(StepCode.HALF_PRESSURE, values={"inflation_kpa": half}), with_pressure(run, half)
+    yield Note(StepCode.OTHER_DIRECTION, values={"outward": not _outward(run)}), turned(run)
+    yield Note(StepCode.BRAKING, values={"slip": -_MOST_BRAKING}), braked(run)
+    yield Note(StepCode.SLOWER_RAMPS), slower_ramps(run)
+    yield Note(StepCode.HALF_SPEED), with_speed_times(run, 0.5)
+    yield Note(StepCode.SECOND_PASS), with_pass(run, float(np.max(run.conditions.pass_number)) + 1.0)
+    standing = {"count": _STANDSTILLS, "duration_s": _STANDSTILL_S}
+    yield Note(StepCode.STANDSTILLS, values=standing), with_standstills(run)
     if "z" not in run.measured:
-        yield "a run with a sinkage sensor, or the depth of the rut", with_channel(run, "z", _SINKAGE_SIGMA_M)
+        yield Note(StepCode.SINKAGE), with_channel(run, "z", _SINKAGE_SIGMA_M)
     if "t" not in run.measured:
-        yield "a run with the torque channel", with_channel(run, "t", _TORQUE_SIGMA_NM)
+        yield Note(StepCode.TORQUE), with_channel(run, "t", _TORQUE_SIGMA_NM)
 
 
-def _load_words(load_n: float, so_far_n: float) -> str:
-    """Return a load on the wheel and the mass that makes it, counted from the most or the least so far."""
-    mass_kg = (load_n - so_far_n) / STANDARD_GRAVITY_MPS2
-    change = f"{float(f'{abs(mass_kg):.2g}'):g} kg {'more' if mass_kg > 0 else 'less'}"
-    return f"about {load_n / 1e3:.1f} kN on the wheel, {change} there than so far"
+def _loaded(code: StepCode, load_n: float, so_far_n: float) -> Note:
+    """Return a load on the wheel with the mass there that makes it, beside the most or the least so far."""
+    return Note(code, values={"load_n": load_n, "added_kg": (load_n - so_far_n) / STANDARD_GRAVITY_MPS2})
 
 
 def with_load_times(run: Samples, factor: float) -> Samples:

@@ -1,8 +1,7 @@
 r"""Which manoeuvre would split a set of causes best, and the noise that an explanation is judged by.
 
 **Candidates.** Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been
-driven, with the noise model of the campaign. Two more need no soil: zeros with the wheel lifted, and slip and its delay
-on hard ground.
+driven, with the noise model of the campaign. Others need no soil (`model.diagnosis.planning.static_tests`).
 
 **Plausible noise.** Slip is measured, and an error of the ground speed shows in all channels at once. So does much
 else: a slip that lags behind, a soil that answers late. A noise model that may choose its speed error and its delays
@@ -31,23 +30,22 @@ from math import exp
 
 import numpy as np
 
-from daq import FloatArray
+from daq import FloatArray, Note
 from model.cores import in_parallel
 from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
-from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
+from model.diagnosis.planning.manoeuvres import Manoeuvre, manoeuvres, typical_run
+from model.diagnosis.planning.static_tests import Products, static_tests
 from model.diagnosis.time_series.columns import Grams, columns_of
-from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
+from model.diagnosis.time_series.linearise import Point, Simulation, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import Noise, hyper_priors, rest_variance
+from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams
-from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.dual import Dual, Number, column
+from model.notes import StepCode
 
 MARGIN = 1.5
 """Times the stated one-sigma."""
@@ -58,13 +56,16 @@ LOG_SIGMAS = 2.0
 _SPEED = ("speed_noise_mps", "speed_white_mps")
 _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
-COASTED_S = 120.0
-"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
-_ROLLING_RADIUS_SHARE = 0.005
-"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
-
 MOST = 5
-COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
+COST_RUNS = {
+    StepCode.SLOWER_RAMPS: 2.0,
+    StepCode.LIFTED_ZERO: 0.5,
+    StepCode.KNOWN_PULL: 2.0,
+    StepCode.KNOWN_TORQUE: 2.0,
+    StepCode.HARD_GROUND: 2.0,
+}
+"""Time that a step takes, in runs like the others, where it is not one; an estimate of ours: a wheel is lifted while a
+run is prepared, a winch or a lever is rigged in the time of two runs, hard ground is some way off."""
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
@@ -95,84 +96,6 @@ def _plausible(data: CampaignData) -> Noise:
     if all(data.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
         return data.noise
     return replace(data.noise, values={k: min(x, most.get(k, x)) for k, x in data.noise.values.items()})
-
-
-def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
-    """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
-
-    Parameters
-    ----------
-    data : CampaignData
-        For its noise.
-    run : Samples
-        A run that was driven.
-    """
-    standing = with_standstills(run)
-    conditions = replace(standing.rests.conditions, vertical_load_n=np.full(len(standing.rests), 1e-9))
-    lifted = replace(standing, rests=replace(standing.rests, conditions=conditions))
-    _, by_cause = at_rest(simulation, lifted, _known(data, simulation))
-    variance = rest_variance(data.linear, lifted, data.noise.values)
-    present = np.array([c in data.linear.channels for c in AT_REST])
-    rows = (by_cause / np.sqrt(variance)[..., None])[present].reshape(-1, by_cause.shape[-1])
-    by_load = _by_inputs(simulation, conditions, "vertical_load_n") / data.noise.values["load_noise_n"]
-    return _products(np.concatenate([rows, by_load]), simulation)
-
-
-def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
-    """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
-
-    Parameters
-    ----------
-    data, simulation, run
-        As for `lifted_wheel`; the run is repeated at the same ground speed.
-    """
-    values = data.noise.values
-    apart = max(1, round(values["speed_noise_time_s"] / run.block_s))
-    thinned = run[np.arange(len(run)) % apart == 0]
-    speed = np.asarray(thinned.conditions.ground_speed_mps)
-    rolling = replace(
-        thinned.conditions,
-        wheel_speed_radps=speed / run.wheel_radius_m,
-        wheel_acceleration_radps2=np.asarray(thinned.conditions.ground_acceleration_mps2) / run.wheel_radius_m,
-        slip=np.zeros(len(speed)),
-    )
-    sigma = float(np.hypot(values["speed_noise_mps"], values["speed_white_mps"] / np.sqrt(apart)))
-    rows = _by_inputs(simulation, rolling, "slip") * (speed / sigma)[:, None]
-    longer = np.sqrt(max(COASTED_S / (len(run) * run.block_s), 1.0))
-    rows = longer * rows
-    common = longer * _ROLLING_RADIUS_SHARE * speed / sigma
-    across = common @ rows
-    scale = _scales(simulation)
-    return _products(rows, simulation) - np.outer(across * scale, across * scale) / (1.0 + float(common @ common))
-
-
-def _by_inputs(simulation: Simulation, conditions: Conditions, name: str) -> FloatArray:
-    """Return how a true input changes with every parameter at neutral, shape (n, k)."""
-    at = conditions.map(column)
-    count = len(np.asarray(conditions.slip))
-    found = []
-    for effect, i, key in simulation.parameters:
-        values: dict[str, Number] = {p.name: p.neutral for p in effect.parameters}
-        values[effect.parameters[i].name] = Dual(effect.parameters[i].neutral, {key: 1.0})
-        with np.errstate(invalid="ignore", divide="ignore"):
-            true = getattr(effect().inputs(at, values), name)
-        slope = true.partials.get(key, 0.0) if isinstance(true, Dual) else 0.0
-        found.append(np.broadcast_to(slope, (count, 1))[:, 0])
-    return np.stack(found, axis=1) if found else np.zeros((count, 0))
-
-
-def _scales(simulation: Simulation) -> FloatArray:
-    return np.array([e.parameters[i].towards(simulation.wheel) for e, i, _ in simulation.parameters])
-
-
-def _products(rows: FloatArray, simulation: Simulation) -> FloatArray:
-    own = rows * _scales(simulation)
-    return np.asarray(own.T @ own)
-
-
-def _known(data: CampaignData, simulation: Simulation) -> dict[str, float]:
-    names = {key for _, _, key in simulation.parameters}
-    return {key: value for key, value in data.linear.point.causes.items() if key in names}
 
 
 @dataclass(frozen=True)
@@ -267,26 +190,29 @@ def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most:
     if len(own) < 2:
         return ()
     keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys)))
-    found: dict[str, NextRun] = {}
     candidates = list(_candidates(linearised, keys))
+    several = len(linearised.campaigns) > 1
+    ranked = []
     for one, matrix in zip(candidates, in_parallel(lambda one: one.products(), candidates), strict=True):
-        change = one.change
         result = split(linearised.grams, embedded(linearised, one.campaign, one.simulation, matrix), own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))
-        said = NextRun(change, families, result.expected_log_bayes_factor)
-        if change not in found or found[change].expected_log_bayes_factor < said.expected_log_bayes_factor:
-            found[change] = said
-    ranked = best_first(found.values())
-    plain = max((r.expected_log_bayes_factor for r in ranked if r.change.endswith(LIKE_OTHERS)), default=0.0)
-    least = max(_BETTER * plain, WORTH_SAYING)
-    return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
+        name = linearised.campaigns[one.campaign].campaign.name if several else ""
+        cost = COST_RUNS.get(StepCode(one.step.code), 1.0)
+        ranked.append(NextRun(one.step, families, result.expected_log_bayes_factor, cost, name))
+    plain = [run.expected_log_bayes_factor for run in ranked if run.step.code == StepCode.LIKE_OTHERS]
+    least = max(_BETTER * max(plain, default=0.0), WORTH_SAYING)
+    return tuple(
+        run
+        for run in best_first(ranked)
+        if run.expected_log_bayes_factor > least or run.step.code == StepCode.LIKE_OTHERS
+    )[:most]
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """What could be done: its name, the number of its campaign, and what computes the cross products that it gives."""
+    """What could be done, the number of its campaign, and what computes the cross products that it gives."""
 
-    change: str
+    step: Note
     campaign: int
     simulation: Simulation
     products: Callable[[], FloatArray]
@@ -296,27 +222,18 @@ def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterat
     for index, data in enumerate(linearised.campaigns):
         if not len(data.samples):
             continue
-        several = f"{data.campaign.name}: " if len(linearised.campaigns) > 1 else ""
         effects = tuple(e for e in data.simulation.effects if e.key() in keys)
         simulation = replace(data.simulation, effects=effects)
-        for manoeuvre in manoeuvres(data.samples):
+        for manoeuvre in manoeuvres(data.samples, [run.run.added_load_kg for run in data.campaign.runs]):
             products = partial(run_matrix, data, simulation, manoeuvre)
-            yield _Candidate(several + manoeuvre.change, index, simulation, products)
+            yield _Candidate(manoeuvre.step, index, simulation, products)
         typical = typical_run(data.samples)
-        for change, of_causes in (
-            ("the zero with the wheel lifted, at standstill", lifted_wheel),
-            (COASTING, hard_ground),
-        ):
+        for step, of_causes in static_tests(typical):
             products = partial(_without_soil, of_causes, data, simulation, typical)
-            yield _Candidate(several + change, index, simulation, products)
+            yield _Candidate(step, index, simulation, products)
 
 
-def _without_soil(
-    of_causes: Callable[[CampaignData, Simulation, Samples], FloatArray],
-    data: CampaignData,
-    simulation: Simulation,
-    typical: Samples,
-) -> FloatArray:
+def _without_soil(of_causes: Products, data: CampaignData, simulation: Simulation, typical: Samples) -> FloatArray:
     """Return the cross products of what shows nothing of the soil."""
     return np.pad(of_causes(data, simulation, typical), (1 + len(simulation.space), 0))
 

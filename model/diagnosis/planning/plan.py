@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -42,8 +41,6 @@ _LEAST_STANDSTILL_S = 1.0
 _STILL_MPS = 0.1
 _USUAL_NOISE_SHARE = 4e-3
 """Of the load: noise of a channel whose sigma is not known."""
-
-SCHEMA = "wheelsoil/plan/1"
 
 
 @dataclass(frozen=True)
@@ -290,44 +287,6 @@ class Plan:
     minimum_separable: dict[str, Detectable]
     not_identifiable: dict[str, Note] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what a program reads; infinite stays infinite, for the writer to turn into null."""
-        found = self.isolability
-        return {
-            "schema": SCHEMA,
-            "effects": [
-                {
-                    "name": family,
-                    "key": key,
-                    "left_by_soil": float(left),
-                    "d": float(d),
-                    "d_sep": float(apart),
-                    "nearest": rival,
-                    "minimum_detectable": vars(self.minimum_detectable[key]),
-                    "minimum_separable": vars(self.minimum_separable[key]),
-                }
-                for key, family, left, d, apart, rival in zip(
-                    found.keys,
-                    found.families,
-                    found.left,
-                    found.deviation,
-                    found.separation,
-                    found.rivals,
-                    strict=True,
-                )
-            ],
-            "cosine": found.cosine.tolist(),
-            "look_alikes": [
-                {
-                    "families": list(advice.families),
-                    "next_run": [{**vars(run), "separates": list(run.separates)} for run in advice.next_runs],
-                }
-                for advice in self.confounded
-            ],
-            "cannot_tell": self.not_identifiable,
-            "notes": list(self.notes),
-        }
 
 
 @one_thread

@@ -12,8 +12,9 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.naming import Judgement, confirmed, judgement, prior_shifts
+from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
+from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
     estimates_of,
@@ -171,15 +172,18 @@ def _judged(
     found = weighing.posterior
     verdict = _verdict(found, weighing, known, gain, options)
     causes = _causes(weighing, verdict.families, rng)
-    if (after := confirmed(verdict, found, causes)) == verdict:
-        return verdict, causes
-    return after, _causes(weighing, after.families, rng)
+    after = confirmed(verdict, found, causes)
+    if after.verdict == "named" and (usual := usual_families(known.uses)):
+        chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, rng)
+        after = asked_again(after, chances, usual, options.name_at)
+    return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
 
 def _verdict(
     found: Posterior, weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
 ) -> Judgement:
-    return judgement(found, _adequacy(weighing), gain, known.not_identifiable, options.name_at)
+    lacking, cancel = known.not_identifiable, cancelling(weighing)
+    return judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
 
 
 def _again(weighing: Weighing, known: Library, options: DiagnosisOptions, factor: float) -> Judged:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import OUTPUTS, BoolArray, FloatArray
+from daq import OUTPUTS, BoolArray, FloatArray, Note
 from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, expected_nats
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.result import Gain, NextRun
@@ -27,6 +27,7 @@ from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.search import Optimum, log_likelihood, search
 from model.diagnosis.single_wheel.sets import family_of
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
+from model.notes import StepCode
 
 _MOST = 30
 """Candidates of a fold: the sets that are most probable on the rows that are kept, before they are searched there."""
@@ -34,7 +35,7 @@ _GATED = 8
 """Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
 _LEAST_GROUPS = 3
 
-_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
+_LOADS = (0.5, 2.0)
 _DRAWS = 160
 _SETS = 5
 _REPEATS = 3
@@ -132,7 +133,7 @@ def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
 
 @dataclass(frozen=True)
 class _Design:
-    words: str
+    step: Note
     problem: BenchProblem
     channels: tuple[str, ...]
 
@@ -149,7 +150,7 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
         nats = np.array([[_divergence(a, b) for b in known] for a in known])
         expected = expected_nats(nats, [p for p, _ in rivals])
         if expected > WORTH_SAYING:
-            found.append(NextRun(design.words, _parted(rivals, nats), expected))
+            found.append(NextRun(design.step, _parted(rivals, nats), expected))
     return tuple(best_first(found))
 
 
@@ -181,15 +182,16 @@ def _designs(problem: BenchProblem) -> list[_Design]:
     at_centres = replace(problem, slip=slip, load_n=load, bench=problem.bench[first], group=np.arange(len(groups)))
     used = problem.channels
     missing = [channel for channel in OUTPUTS if channel not in used]
-    designs = [_Design(f"measure the {OUTPUTS[c].name} too", at_centres, (*used, c)) for c in missing]
-    for factor, words in _LOADS:
-        designs.append(_Design(words, replace(at_centres, load_n=load * factor), used))
-    if missing:
-        more = tuple(dict.fromkeys((*used, *missing)))
-        for factor, words in _LOADS:
-            together = f"{words}, with {' and '.join(OUTPUTS[c].name for c in missing)} measured"
-            designs.append(_Design(together, replace(at_centres, load_n=load * factor), more))
-    return designs
+    designs = [_Design(_step(1.0, c), at_centres, (*used, c)) for c in missing]
+    return designs + [
+        _Design(_step(factor, *more), replace(at_centres, load_n=load * factor), (*used, *more))
+        for more in dict.fromkeys(((), tuple(missing)))
+        for factor in _LOADS
+    ]
+
+
+def _step(load_factor: float, *channels: str) -> Note:
+    return Note(StepCode.TABLE, values={"load_factor": load_factor, "channels": channels})
 
 
 def _prediction_of_design(

@@ -38,10 +38,13 @@ class CauseUse:
         Of the effect in the library.
     bench : int or None
         Position of the only bench that it acts on, with a value of its own; None: on all, with one value.
+    usual : bool
+        Expected at what soils usually have, instead of at neutral.
     """
 
     key: str
     bench: int | None = None
+    usual: bool = False
 
 
 Hypothesis = tuple[CauseUse, ...]
@@ -303,7 +306,9 @@ class BenchProblem:
         if use not in self._coordinates:
             wheel, load_n = self.benches[use.bench or 0].wheel, self.typical_load_n
             parameters, declared = EFFECTS[use.key].parameters, self._declared(use)
-            self._coordinates[use] = tuple(CauseCoordinate.of(p, wheel, load_n, declared) for p in parameters)
+            self._coordinates[use] = tuple(
+                CauseCoordinate.of(p, wheel, load_n, p.usual if use.usual else declared) for p in parameters
+            )
         return self._coordinates[use]
 
     def _declared(self, use: CauseUse) -> tuple[float, float] | None:

@@ -213,7 +213,7 @@ def _weighed(
     if verdict.verdict == "named" and usual:
         with clock.stage("usual soil"):
             again = posterior_with_usual_soil(linearised, rng, factor, Clock())
-            verdict = asked_again(verdict, again, tuple(EFFECTS[key].name for key in usual), name_at)
+            verdict = asked_again(verdict, again.families(), tuple(EFFECTS[key].name for key in usual), name_at)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = linearised.best.keys if unnamed else ()

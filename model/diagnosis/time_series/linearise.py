@@ -20,7 +20,7 @@ from model.cores import in_parallel
 from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.effects.base import Effect
 from model.effects.speed_errors import SpeedLatency
-from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.conditions import Conditions, Reaction, Wheel
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
 from model.wheel_soil.stresses import slip_of_ratio
@@ -235,14 +235,16 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         moved = _moved(conditions, v + side * step, samples.wheel_radius_m)
         return _stacked(plain.predict(moved, values), channels)
 
+    pieces = [_piece(conditions, rows) for rows in _pieces(len(samples))]
     parts: list[Callable[[], Any]] = [
-        lambda: derivatives(simulation, samples, conditions, values, channels),
+        *(partial(_derivatives, simulation, piece, values, channels) for piece in pieces),
         lambda: simulated(simulation, samples, point),
         lambda: at_other_speed(1.0),
         lambda: at_other_speed(-1.0),
         *(partial(_by_secant, simulation, conditions, values, e, key, channels) for e, key in secants.values()),
     ]
-    found, value, up, down, *moved = in_parallel(lambda part: part(), parts)
+    done = list(in_parallel(lambda part: part(), parts))
+    found, (value, up, down, *moved) = _joined(done[: len(pieces)]), done[len(pieces) :]
     centre, causes = found["value"], found["causes"]
     for i, (by, share) in zip(secants, moved, strict=True):
         causes[..., i] = (by - centre) / share
@@ -272,12 +274,12 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     )
 
 
+ROWS_AT_ONCE = 2048
+"""Samples whose derivatives are taken together: what bounds their memory."""
+
+
 def derivatives(
-    simulation: Simulation,
-    samples: Samples,
-    conditions: Conditions,
-    values: Mapping[str, float],
-    channels: Sequence[str],
+    simulation: Simulation, conditions: Conditions, values: Mapping[str, float], channels: Sequence[str]
 ) -> dict[str, FloatArray]:
     """Return value and derivatives by speed, load, soil and causes at the samples' means, in one pass.
 
@@ -294,6 +296,25 @@ def derivatives(
     mapping
         "value", "speed" and "load" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
     """
+    pieces = (_piece(conditions, rows) for rows in _pieces(len(np.asarray(conditions.slip))))
+    return _joined([_derivatives(simulation, piece, values, channels) for piece in pieces])
+
+
+def _pieces(count: int) -> list[slice]:
+    return [slice(first, first + ROWS_AT_ONCE) for first in range(0, max(count, 1), ROWS_AT_ONCE)]
+
+
+def _piece(conditions: Conditions, rows: slice) -> Conditions:
+    return conditions.map(lambda x: np.asarray(x)[rows])
+
+
+def _joined(parts: Sequence[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    return {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
+
+
+def _derivatives(
+    simulation: Simulation, conditions: Conditions, values: Mapping[str, float], channels: Sequence[str]
+) -> dict[str, FloatArray]:
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
     secants = {key for e, _, key in simulation.parameters if e.secant and key not in values}
     names = [*SOIL_PARAMETERS, *(key for _, _, key in simulation.parameters if key not in secants)]
@@ -304,12 +325,12 @@ def derivatives(
     columns = conditions.map(column)
     speed = Dual(columns.ground_speed_mps, {_SPEED: 1.0})
     seeded = replace(
-        _moved(columns, speed, samples.wheel_radius_m),
+        _moved(columns, speed, radius),
         vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
     )
     with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
         said = model.evaluate(seeded, parameters)
-    n = len(samples)
+    n = len(np.asarray(conditions.slip))
 
     def of(name: str, key: str) -> FloatArray:
         x = said[name]
@@ -369,18 +390,22 @@ def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatAr
     return total
 
 
-def at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+def at_rest(
+    simulation: Simulation, samples: Samples, values: Mapping[str, float], applied: Reaction | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k).
 
     Parameters
     ----------
     values : mapping
         Parameters that are not at neutral.
+    applied : Reaction, optional
+        Known pull and torque on the wheel, arrays of shape (m,).
     """
     count = len(samples.rests)
     names = [key for _, _, key in simulation.parameters]
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
-    reactions = model.at_rest(samples.rests.conditions, dict(values), names)
+    reactions = model.at_rest(samples.rests.conditions, dict(values), names, applied)
 
     def by(x: Number, key: str) -> FloatArray:
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))

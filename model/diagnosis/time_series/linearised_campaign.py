@@ -232,14 +232,14 @@ def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: 
     Parameters
     ----------
     fixed : bool
-        Take the noise of the point as it is.
+        Take the noise of the point as it is, and no shapes: nothing is judged by such a linearisation.
     """
     variance, noise = at.speed_variance, at.noise
     samples = with_likely_load(start.samples, noise.values)
     with clock.stage("linearise"):
         linear = linearise(start.simulation, samples, at.point)
     with clock.stage("columns"):
-        columns = columns_of(start.simulation, samples, linear, variance)
+        columns = columns_of(start.simulation, samples, linear, variance, catch_all=not fixed)
     if start.noise is None and not fixed:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)

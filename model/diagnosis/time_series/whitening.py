@@ -203,7 +203,7 @@ class RunGrams:
     own: tuple[OwnGram, ...]
 
 
-RUNS_AT_ONCE = 32
+RUNS_AT_ONCE = 16
 """Runs whose columns are padded and whitened together: what bounds the memory of a long campaign."""
 
 

@@ -9,6 +9,7 @@ from wheelsoil.report.content import Block, Contents, Light, Lights, Text, secti
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import count, listed
+from wheelsoil.wording.notes import step_text
 from wheelsoil.wording.verdict import sentences_of
 from wheelsoil.workflows.grading import Grade
 
@@ -72,7 +73,7 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     if found.next_run:
         first = found.next_run[0]
         parted = listed([name.replace("_", " ") for name in first.separates])
-        return f"{first.change}{f' (separates {parted})' if parted else ''}."
+        return f"{step_text(first)}{f' (separates {parted})' if parted else ''}."
     if found.verdict == "unexplained":
         return (
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
