@@ -160,11 +160,12 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         return [seen, *held_out, *more, *onward]
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
+        barred = found.grounds.barred if found.grounds.form_matters is None else None
+        why = "" if barred is None else f": {note_text(barred)}"
         if len(found.causes) == 1:
-            barred = found.grounds.barred if found.grounds.form_matters is None else None
-            why = "" if barred is None else f": {note_text(barred)}"
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
-        return [f"One of {names}: {channels} of these rows cannot separate them.", *onward]
+        named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
+        return [f"One of {names}: {channels} of these rows cannot separate them.{named}", *onward]
     if found.verdict == "unexplained":
         left = found.grounds.lack_of_fit
         where = [f"The most probable set is off most in {_findings(left)}."] if left else []

@@ -73,7 +73,9 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     with clock.stage("verdict"):
         verdict, causes = _judged(weighing, known, gain, options, rng)
         shifts = prior_shifts(
-            weighing.posterior, verdict, lambda other: _verdict(other, weighing, known, gain, options)
+            weighing.posterior,
+            _verdict(weighing.posterior, weighing, known, gain, options),
+            lambda other: _verdict(other, weighing, known, gain, options),
         )
     turned = None
     if problem.form_is_taken:
@@ -174,7 +176,8 @@ def _judged(
     causes = _causes(weighing, verdict.families, rng)
     after = confirmed(verdict, found, causes)
     if after.verdict == "named" and (usual := usual_families(known.uses)):
-        chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, rng)
+        own = np.random.default_rng(options.seed)
+        chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, own)
         after = asked_again(after, chances, usual, options.name_at)
     return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
