@@ -29,6 +29,7 @@ from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
 from model.diagnosis.single_wheel.weighing import Weighing
 from model.diagnosis.single_wheel.wheel_pair import compare_wheels
+from studies.published_wheels.verdicts import published_bench
 from wheelsoil.cli.app import run
 
 REAL = Path(__file__).parents[2] / "studies" / "real_data"
@@ -200,6 +201,25 @@ def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
     assert law is not None
     assert law.left_out_rms_m <= 1.2e-3
     assert law.H2_m == pytest.approx(0.0355, abs=0.002)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wheel", "channels", "led_by", "verdict"),
+    [
+        ("ding smooth", ("dp",), "slip_sinkage", "one_of"),
+        ("ding lugged", ("dp",), "slip_sinkage", "one_of"),
+        ("ding lugged", ("dp", "t", "z"), "slip_sinkage", "one_of"),
+        ("hurrell, lugs undeclared", ("dp",), "grouser", "named"),
+    ],
+)
+def test_published_wheels_are_decided_as_docs_published_wheels_says(
+    wheel: str, channels: tuple[str, ...], led_by: str, verdict: str
+) -> None:
+    """Slip sinkage is never named from drawbar pull alone; lugs that nobody declared are seen."""
+    data_dir("published-single-wheel")
+    found = diagnose_bench([published_bench(wheel)], DiagnosisOptions(channels=channels, error_of_form=0.025))
+    assert (found.verdict, found.causes[0].name) == (verdict, led_by)
 
 
 @pytest.mark.slow
