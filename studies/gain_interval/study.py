@@ -30,7 +30,7 @@ from wheelsoil.simulation.campaign import simulated_roles
 from wheelsoil.simulation.options import SimulationOptions
 
 RUNS, FRESH = (3, 4, 5), 12
-LAWS = {"vasilev": {"H_m": 0.05}, "lyasko": {"m1": 0.4, "m2": 0.05}, "ding": {"c_0": 0.3, "c_1": 0.8}}
+LAWS = {"vasilev": {"H_m": 0.05}, "lyasko": {"m1": 0.4, "m2": 0.05}, "ding": {"n1": 0.4}}
 RESULTS = Path(__file__).with_name("results.json")
 
 

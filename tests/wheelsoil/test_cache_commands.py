@@ -98,6 +98,7 @@ def test_a_second_report_is_the_first(
     assert one == two
 
 
+@pytest.mark.slow
 def test_a_report_takes_the_diagnosis_that_there_is(
     place: Path, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,7 +116,14 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize(("name", "options"), [(name, one) for name, each in OTHERS.items() for one in each])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        pytest.param(name, one, marks=() if place == 0 and name != "diagnose" else pytest.mark.slow)
+        for name, each in OTHERS.items()
+        for place, one in enumerate(each)
+    ],
+)
 def test_another_option_is_another_result(name: str, options: tuple[object, ...], filled: Path, campaign: Path) -> None:
     there = kinds(filled)
     found = said(ok(name, campaign, *options))

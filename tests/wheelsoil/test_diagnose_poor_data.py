@@ -73,12 +73,14 @@ def edited(campaign: Path, target: Path, name: str, change: Callable[[str], str]
     return target
 
 
+@pytest.mark.slow
 def test_one_run_only(driven):
     found = diagnosed(driven / "run-2.mcap")
     assert found["gain"] is None
     assert found["verdict"] != "named"
 
 
+@pytest.mark.slow
 def test_one_direction(driven):
     found = diagnosed(driven / "run-1.mcap", driven / "run-3.mcap", "--effects", "vasilev,slope", *ALONE)
     assert "slope" in found["cannot_tell"]
@@ -103,6 +105,7 @@ def test_no_braking(driven, tmp_path):
     assert "brak" in found["cannot_tell"]["skid_sinkage"]
 
 
+@pytest.mark.slow
 def test_no_torque_channel(driven, tmp_path):
     folder = edited(
         driven, tmp_path / "clay", "vehicle.toml", lambda t: re.sub(r'(?m)^driving_torque = "[^"]*"\n', "", t)
@@ -115,6 +118,7 @@ def test_no_torque_channel(driven, tmp_path):
         assert {cause["name"] for cause in found["causes"]} == {"slip_sinkage"}
 
 
+@pytest.mark.slow
 def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missing(driven):
     found = diagnosed(driven, "--channels", "z")
     assert "drawbar pull and driving torque were measured and not looked at" in found["sentence"]
@@ -124,6 +128,7 @@ def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missin
     assert pull["cannot_tell"]["torque_zero"] == "driving torque was measured and not looked at"
 
 
+@pytest.mark.slow
 def test_no_soil_uncertainty(driven, tmp_path):
     folder = edited(driven, tmp_path / "clay", "terrain.toml", lambda t: t.split("[uncertainty]")[0])
     found = diagnosed(folder, "--effects", "vasilev", *ALONE)
@@ -194,6 +199,7 @@ def test_stretches_without_data(driven, tmp_path):
         assert {cause["name"] for cause in found["causes"]} == {"slip_sinkage"}
 
 
+@pytest.mark.slow
 def test_two_terrains_that_say_so_are_two_campaigns(driven, tmp_path):
     sand = tmp_path / "sand"
     ok("simulate", "-o", sand, "--soil", "sandy", "--runs", 2, "--duration", 20, "--effect", "vasilev:H_m=0.04")

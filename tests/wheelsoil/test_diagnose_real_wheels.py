@@ -127,6 +127,7 @@ def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytes
     assert any("rows with s < 0 excluded" in note for note in found["notes"])
 
 
+@pytest.mark.slow
 def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(
     study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

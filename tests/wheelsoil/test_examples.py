@@ -63,6 +63,7 @@ def test_first_run(execute):
     assert shown[-1]["text/plain"].strip("'\"").startswith(verdict.partition(" (")[0])
 
 
+@pytest.mark.slow
 def test_your_own_vehicle(execute):
     shown = execute("02_your_vehicle.ipynb")
     tables, (figure,) = pages(shown), drawn(shown)

@@ -30,6 +30,7 @@ def placed(line: str, folder: Path, bus: str) -> list[str]:
     return words
 
 
+@pytest.mark.slow
 def test_our_commands_take_a_test_day_from_the_doctor_to_the_bench(tmp_path: Path) -> None:
     vehicle = vehicle_folder(tmp_path)
     (bus,) = (bus.channel for bus in load_toml(vehicle, VehicleConfig).bus)

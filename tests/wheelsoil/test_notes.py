@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import chain
 
 from daq.notes import Note, RecordingCode, Severity
-from model.notes import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode
+from model.notes import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode, StepCode
 from processing.notes import RunCode, ZeroCode
 from wheelsoil.wording import diagnosis_notes, model_notes, run_notes
 from wheelsoil.wording.notes import note_text, texts_of
 
-CODES = (RecordingCode, RunCode, ZeroCode, LackCode, DiagnosisCode, FitCode, BevameterCode, SinkageCode)
+CODES = (RecordingCode, RunCode, ZeroCode, LackCode, DiagnosisCode, FitCode, BevameterCode, SinkageCode, StepCode)
 SENTENCES = {**diagnosis_notes.SENTENCES, **model_notes.SENTENCES, **run_notes.SENTENCES}
 
 

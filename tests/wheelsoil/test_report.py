@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from cli_support import invoke, ok
 from report_support import text_of
 
@@ -119,6 +120,7 @@ def test_the_report_agrees_with_fit(report, campaign):
         assert list(model["estimates"].values()) == shown["coefficients"][name]["estimates"]
 
 
+@pytest.mark.slow
 def test_names_from_data_stay_data(campaign, tmp_path):
     folder = tmp_path / "campaign"
     folder.mkdir()

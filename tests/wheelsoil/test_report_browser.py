@@ -92,7 +92,7 @@ def opened(browser: Browser, path: Path, size: dict[str, int] = LAPTOP) -> Itera
     assert [address for address in asked if not address.startswith("blob:")] == [path.as_uri()]
 
 
-@pytest.mark.parametrize("name", ["clay", "sandy"])
+@pytest.mark.parametrize("name", ["clay", pytest.param("sandy", marks=pytest.mark.slow)])
 def test_it_opens_silent_and_complete(browser: Browser, reports: dict[str, Written], name: str) -> None:
     written = reports[name]
     numbers = written.numbers
@@ -133,7 +133,7 @@ def test_a_run_is_chosen(browser: Browser, written: Written) -> None:
             assert json.dumps(shown) != before
 
 
-@pytest.mark.parametrize("width", [360, PHONE["width"]])
+@pytest.mark.parametrize("width", [360, pytest.param(PHONE["width"], marks=pytest.mark.slow)])
 def test_a_phone_need_not_scroll_sideways(browser: Browser, written: Written, width: int) -> None:
     with opened(browser, written.page, {"width": width, "height": 844}) as page:
         page.evaluate(DRAW_ALL)
@@ -142,6 +142,7 @@ def test_a_phone_need_not_scroll_sideways(browser: Browser, written: Written, wi
         assert page.evaluate(CRAMPED) == []
 
 
+@pytest.mark.slow
 def test_on_paper_every_figure_is_whole_and_fits(browser: Browser, written: Written) -> None:
     with opened(browser, written.page) as page:
         page.emulate_media(media="print")

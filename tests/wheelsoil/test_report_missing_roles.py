@@ -96,7 +96,7 @@ def test_who_calculates_still_asks_for_it(campaign, tmp_path, command):
     assert result.code == 2 and "no signal has the role 'wheel_speed'" in result.err
 
 
-@pytest.mark.parametrize("role", ["ground_speed", *OTHER_ROLES])
+@pytest.mark.parametrize("role", [pytest.param("ground_speed", marks=pytest.mark.slow), *OTHER_ROLES])
 def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_path, role):
     folder = rewritten(campaign, tmp_path / "c", runs=2)
     whole = report_of([folder / "run-2.mcap"], diagnose=False).numbers()

@@ -39,6 +39,7 @@ def wheel(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_two_wheels_are_compared(tmp_path: Path, wheel: Path) -> None:
     smooth = made(tmp_path, "smooth.csv", {}, "0")
     lugged = made(tmp_path, "lugged.csv", {"grouser": {"height_m": 0.01}}, "0.01")

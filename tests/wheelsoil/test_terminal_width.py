@@ -18,7 +18,7 @@ def too_wide(text, width):
     return [line for line in text.splitlines() if len(line) > width and not line.startswith(WHOLE)]
 
 
-@pytest.mark.parametrize("width", [80, 100])
+@pytest.mark.parametrize("width", [80, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("command", ["info", "process", "fit", "diagnose"])
 def test_a_campaign_fits(command, width, campaign, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", str(width))
@@ -33,6 +33,7 @@ def test_a_campaign_fits(command, width, campaign, monkeypatch, tmp_path):
     assert too_wide(shown.out + shown.err, width) == []
 
 
+@pytest.mark.slow
 def test_a_plan_fits(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     clay = RECORDINGS / "clay"

@@ -54,6 +54,7 @@ def test_recordings_of_a_folder_that_holds_more_are_named_one_by_one(tmp_path: P
     assert shlex.split(shown[2])[-2:] == ["-o", "report.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [0, 1])
 def test_what_was_given_beside_the_recordings_is_given_again(tmp_path: Path, runs: int) -> None:
     folder = taken_from(CLAY, tmp_path / "clay", 2)
@@ -85,6 +86,7 @@ def test_recordings_of_one_name_are_distinguished(tmp_path: Path) -> None:
         assert text.count("keep") == 1
 
 
+@pytest.mark.slow
 def test_recordings_of_two_terrains_and_one_name_are_two_campaigns(tmp_path: Path) -> None:
     first, second = taken_from(CLAY, tmp_path / "a", 1), taken_from(SANDY, tmp_path / "b", 1)
     with viewing(first / "run-1.mcap", second / "run-1.mcap") as view:
