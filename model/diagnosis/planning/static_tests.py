@@ -47,8 +47,8 @@ def static_tests(run: Samples) -> Iterator[tuple[Note, Products]]:
     """
     yield Note(StepCode.LIFTED_ZERO), lifted_wheel
     for channel, (code, name) in _KNOWN.items():
-        if channel in run.measured:
-            size = float(np.quantile(np.abs(run.measured[channel]), 0.95))
+        size = float(np.nanquantile(np.abs(run.measured.get(channel, [0.0])), 0.95))
+        if size > 0.0:
             yield Note(code, values={name: size}), partial(calibrated, channel, size)
     yield Note(StepCode.HARD_GROUND, values={"duration_s": COASTED_S}), hard_ground
 
