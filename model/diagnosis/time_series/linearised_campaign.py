@@ -159,7 +159,8 @@ def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[Fl
     return smoothed_speed(data.samples, data.linear, columns, data.noise.values, data.speed_variance, coefficients)
 
 
-MOST_ROUNDS = 6
+MOST_ROUNDS, _FREE_ROUNDS = 8, 2
+"""Linearisations, and how many of them are about the last one's explanation itself, not halfway to it."""
 _STILL = 0.25
 """Change of a cause in its one-sigma, and of the soil in the laboratory's, below which the iteration has converged."""
 _FINEST = 0.005
@@ -217,13 +218,23 @@ def relinearise(
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and _same(best, found)
+        swings = len(chosen_sets) > _FREE_ROUNDS and best is not None and best.keys == found.keys
         best = found
         chosen_sets.append(best.keys)
         if converged or len(chosen_sets) == most:
             return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
-            points = linearisation_points(campaigns, grams, best)
+            onward = linearisation_points(campaigns, grams, best)
+            points = [_halfway(*pair) for pair in zip(points, onward, strict=True)] if swings else onward
         del campaigns, grams  # as large as those that come
+
+
+def _halfway(one: LinearisationPoint, other: LinearisationPoint) -> LinearisationPoint:
+    """Return the point between two, with the noise of the second: whole steps may swing about a delay for ever."""
+    here, there = one.point, other.point
+    causes = {name: 0.5 * (here.causes.get(name, value) + value) for name, value in there.causes.items()}
+    between = Point(0.5 * (here.soil + there.soil), causes, 0.5 * (here.speed_mps + there.speed_mps))
+    return replace(other, point=between)
 
 
 def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:
