@@ -121,9 +121,15 @@ def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
 
 
 def linearisation_points(
-    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate
+    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate, step: float = 1.0
 ) -> list[LinearisationPoint]:
-    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them."""
+    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them.
+
+    Parameters
+    ----------
+    step : float
+        Share of the way from the points of now.
+    """
     found = []
     soil_at = 0
     for data in campaigns:
@@ -137,10 +143,11 @@ def linearisation_points(
         causes, at = {}, np.zeros(len(data.columns.causes))
         for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
             size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
+            size = (1.0 - step) * (data.linear.point.causes.get(name, c.neutral) - c.neutral) + step * size
             if size != 0.0:
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
-        soil = data.linear.point.soil + np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
+        soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
         speed, variance = _speed(data, soil, at)
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
@@ -224,17 +231,8 @@ def relinearise(
         if converged or len(chosen_sets) == most:
             return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
-            onward = linearisation_points(campaigns, grams, best)
-            points = [_halfway(*pair) for pair in zip(points, onward, strict=True)] if swings else onward
+            points = linearisation_points(campaigns, grams, best, 0.5 if swings else 1.0)
         del campaigns, grams  # as large as those that come
-
-
-def _halfway(one: LinearisationPoint, other: LinearisationPoint) -> LinearisationPoint:
-    """Return the point between two, with the noise of the second: whole steps may swing about a delay for ever."""
-    here, there = one.point, other.point
-    causes = {name: 0.5 * (here.causes.get(name, value) + value) for name, value in there.causes.items()}
-    between = Point(0.5 * (here.soil + there.soil), causes, 0.5 * (here.speed_mps + there.speed_mps))
-    return replace(other, point=between)
 
 
 def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:
