@@ -68,7 +68,8 @@ def test_names_in_a_fit_are_escaped(fit):
     assert "&lt;script" in fit_html(strange) and "<script" not in fit_html(strange)
 
 
-def test_a_notebook_shows_a_run_as_a_table():
+def test_a_notebook_shows_a_run_as_a_table(monkeypatch):
+    monkeypatch.delenv("VIRTUAL_ENV", raising=False)  # IPython warns of another one than its own
     (run,) = open_runs([CLAY / "run-1.mcap"])
     shell = InteractiveShell.instance()
     try:

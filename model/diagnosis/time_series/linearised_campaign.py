@@ -121,9 +121,15 @@ def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
 
 
 def linearisation_points(
-    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate
+    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate, step: float = 1.0
 ) -> list[LinearisationPoint]:
-    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them."""
+    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them.
+
+    Parameters
+    ----------
+    step : float
+        Share of the way from the points of now.
+    """
     found = []
     soil_at = 0
     for data in campaigns:
@@ -137,10 +143,11 @@ def linearisation_points(
         causes, at = {}, np.zeros(len(data.columns.causes))
         for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
             size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
+            size = (1.0 - step) * (data.linear.point.causes.get(name, c.neutral) - c.neutral) + step * size
             if size != 0.0:
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
-        soil = data.linear.point.soil + np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
+        soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
         speed, variance = _speed(data, soil, at)
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
@@ -159,7 +166,8 @@ def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[Fl
     return smoothed_speed(data.samples, data.linear, columns, data.noise.values, data.speed_variance, coefficients)
 
 
-MOST_ROUNDS = 6
+MOST_ROUNDS, _FREE_ROUNDS = 8, 2
+"""Linearisations, and how many of them are about the last one's explanation itself, not halfway to it."""
 _STILL = 0.25
 """Change of a cause in its one-sigma, and of the soil in the laboratory's, below which the iteration has converged."""
 _FINEST = 0.005
@@ -217,12 +225,13 @@ def relinearise(
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and _same(best, found)
+        swings = len(chosen_sets) > _FREE_ROUNDS and best is not None and best.keys == found.keys
         best = found
         chosen_sets.append(best.keys)
         if converged or len(chosen_sets) == most:
             return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
-            points = linearisation_points(campaigns, grams, best)
+            points = linearisation_points(campaigns, grams, best, 0.5 if swings else 1.0)
         del campaigns, grams  # as large as those that come
 
 
