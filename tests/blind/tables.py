@@ -289,19 +289,19 @@ def _by_interval(lines: Sequence[Line]) -> list[str]:
 
 
 def _substitutions(lines: Sequence[Line]) -> list[str]:
-    wrong = Counter(
-        (families(x)[0] if x["members"] and families(x)[0] else _what(x), x["kind"], name)
-        for x in lines
-        for name in said(x, 0.9)
-        if name not in families(x) and x["kind"] != "literal"
-    )
+    wrong: Counter[tuple[str, str, str]] = Counter()
+    for x in lines:
+        names = [name for name in said(x, 0.9) if name not in families(x)]
+        if names and x["kind"] != "literal":
+            hidden = families(x)[0] if x["members"] and families(x)[0] else _what(x)
+            wrong[hidden, x["kind"], ", ".join(sorted(names))] += 1
     out = [
         "## Named at p > .9 instead of what was hidden",
         "",
-        "| hidden | kind | named | times |",
+        "| hidden | kind | named | campaigns |",
         "|---|---|---|---|",
     ]
-    return [*out, *(f"| {a} | {kind} | {b} | {n} |" for (a, kind, b), n in wrong.most_common()), ""]
+    return [*out, *(f"| {hidden} | {kind} | {names} | {n} |" for (hidden, kind, names), n in wrong.most_common()), ""]
 
 
 def _what(x: Line) -> str:
