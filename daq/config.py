@@ -152,13 +152,59 @@ class HealthSection(_Section):
     may_carry_unknown: tuple[str, ...] = ()
 
 
+class SignalName(_Section):
+    """Value of a role in ``[signals]``: a text, or ``{signal = "...", unit = "kN", sign = -1}``.
+
+    ``signal`` is ``"Message.Signal"``, ``"can1:Message.Signal"``, or a column or topic of decoded series as its
+    file writes it. A ``-`` in front of a text is the sign. A stated unit replaces the one of the DBC or of the file.
+    """
+
+    signal: Annotated[str, Field(min_length=1)]
+    unit: str | None = None
+    sign: Literal[1, -1] = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_text(cls, value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        return {"signal": value.removeprefix("-"), "sign": -1 if value.startswith("-") else 1}
+
+    @model_serializer(mode="wrap")
+    def _as_text(self, dump: SerializerFunctionWrapHandler) -> Any:
+        return str(self) if self.unit is None else dump(self)
+
+    def __str__(self) -> str:
+        return f"-{self.signal}" if self.sign < 0 else self.signal
+
+
+class SeriesSection(_Section):
+    """``[series]``: how a file of decoded time series is laid out, where it does not say so itself.
+
+    ``time`` names the time column, or several: a column belongs to the last of them before it. ``rate_hz`` is for files
+    without one. ``time_format`` is as in strptime, for stamps that are not ISO 8601.
+    """
+
+    time: str | tuple[str, ...] = ()
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] | None = None
+    time_format: str = ""
+    rate_hz: Positive | None = None
+    decimal: Literal[".", ","] | None = None
+
+    @property
+    def times(self) -> tuple[str, ...]:
+        """The time columns that are named."""
+        return ((self.time,) if self.time else ()) if isinstance(self.time, str) else self.time
+
+
 class VehicleConfig(_Section):
     """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need."""
 
     vehicle: VehicleSection = VehicleSection()
     wheel: WheelSection | None = None
     bus: tuple[BusSection, ...] = ()
-    signals: dict[str, str] = Field(default_factory=dict)
+    signals: dict[str, SignalName] = Field(default_factory=dict)
+    series: SeriesSection = SeriesSection()
     sensors: dict[str, SensorSection] = Field(default_factory=dict)
     transducer: TransducerSection = TransducerSection()
     logger: LoggerSection = LoggerSection()
@@ -172,13 +218,12 @@ class VehicleConfig(_Section):
             raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
         return value
 
-    @field_validator("signals")
-    @classmethod
-    def _message_dot_signal(cls, value: dict[str, str]) -> dict[str, str]:
-        for role, name in value.items():
-            if name.count(".") != 1 or not all(name.split(".")):
-                raise ValueError(f'{role} = {name!r} is not "Message.Signal"')
-        return value
+    @model_validator(mode="after")
+    def _signals_of_a_bus(self) -> Self:
+        for role, name in self.signals.items() if self.bus else ():
+            if name.signal.count(".") != 1 or not all(name.signal.split(".")):
+                raise ValueError(f'signals.{role} = "{name}" is not "Message.Signal"')
+        return self
 
     def latency_s(self, role: str) -> float:
         """Return the declared delay of a role's sensor, 0 where none is declared."""

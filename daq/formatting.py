@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
 from math import isfinite
 
@@ -75,3 +75,11 @@ def _pieces(text: str, width: int) -> list[str]:
 def file_name(name: str) -> str:
     """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot; else "run"."""
     return re.sub(r"[^\w.@-]+", "-", name).strip(".-") or "run"
+
+
+def numbered(name: str, taken: Collection[str], joint: str = "_") -> str:
+    """Return `name`, or the first of ``name_2``, ``name_3``, ... that is not taken."""
+    candidate, number = name, 2
+    while candidate in taken:
+        candidate, number = f"{name}{joint}{number}", number + 1
+    return candidate

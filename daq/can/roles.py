@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.databases import Database, messages_by_bus
 from daq.channels import ROLES, Channel, Use
-from daq.config import VehicleConfig
+from daq.config import SignalName, VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.units import Quantity, explain_unknown, find_unit
+
+_NAMED = 4
+"""Columns of one name that a fault lists."""
+_UNIT_BEHIND = re.compile(
+    r"(?:\s+\[(?P<spaced>[^\[\]]*)\]|\[(?P<square>[^\[\]]*[^\[\]\d][^\[\]]*)\]|\s*\((?P<round>[^()]*)\))\s*$"
+)
+"""A unit in brackets at the end of a header; ``velocity[2]`` has none."""
 
 _NO_DATA = re.compile(
     r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
@@ -103,6 +111,55 @@ def resolve_roles(
         Lists every fault at once: a needed role without a signal, a signal that no DBC has, an unknown or wrong unit.
     """
     messages = messages_by_bus(databases)
+    return _resolved(vehicle, needed, optional, lambda role, name: _find_signal(role, name, messages))
+
+
+def resolve_columns(
+    vehicle: VehicleConfig,
+    topics: Mapping[str, Mapping[str, str]],
+    needed: Collection[str],
+    optional: Collection[str] = (),
+) -> dict[str, SignalRef]:
+    """Find the column of each role among the topics of decoded series.
+
+    A role names a column as its file writes it (``"FZ_RL [kN]"``), its plain name (``"FZ_RL"``), or topic and column
+    (``"/wheel_states.velocity[2]"``, ``"/wheel_states:velocity[2]"``), where several topics have the column.
+
+    Parameters
+    ----------
+    topics : mapping of topic to its columns, a mapping of column to unit
+
+    Returns
+    -------
+    dict
+        As `resolve_roles`; ``bus`` is empty.
+
+    Raises
+    ------
+    ConfigError
+        As `resolve_roles`; also for a column whose unit neither the file nor vehicle.toml states.
+    """
+    return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
+
+
+class _Place(NamedTuple):
+    """A signal or column that a role may name; `advice` says where its unit can be written."""
+
+    bus: str
+    message: str
+    signal: str
+    unit: str
+    advice: str
+    missing: tuple[float, ...] = ()
+    missing_from: float = math.inf
+
+
+def _resolved(
+    vehicle: VehicleConfig,
+    needed: Collection[str],
+    optional: Collection[str],
+    find: Callable[[str, SignalName], _Place | Fault],
+) -> dict[str, SignalRef]:
     where = "vehicle.toml [signals]"
     faults = [
         Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"')
@@ -110,43 +167,70 @@ def resolve_roles(
         if role not in vehicle.signals
     ]
     found: dict[str, SignalRef] = {}
-    for role, text in vehicle.signals.items():
+    for role, name in vehicle.signals.items():
         if role in needed or role in optional:
-            resolved = _resolve(role, text, vehicle, messages)
-            if isinstance(resolved, Fault):
-                faults.append(resolved)
+            place = find(role, name)
+            reference = place if isinstance(place, Fault) else _in_si(role, name, place, vehicle)
+            if isinstance(reference, Fault):
+                faults.append(reference)
             else:
-                found[role] = resolved
+                found[role] = reference
     if faults:
         raise ConfigError(*faults)
     return found
 
 
-def _resolve(
-    role: str, text: str, vehicle: VehicleConfig, messages: Mapping[str, Mapping[str, Message]]
-) -> SignalRef | Fault:
-    place = _find(role, text, messages)
-    if isinstance(place, Fault):
-        return place
-    bus, message, signal = place
-    where = f"vehicle.toml [signals] {role}"
+def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -> SignalRef | Fault:
+    text = place.unit if name.unit is None else name.unit
     quantities = ROLES[role].quantities
-    unit = find_unit(signal.unit, quantities)
+    unit = find_unit(text, quantities)
+    shown = f"{place.message}.{place.signal}" + (f" on {place.bus}" if place.bus else "")
     if unit is None:
-        what, known = explain_unknown(signal.unit, quantities)
-        name = f"{message}.{signal.name} on {bus}"
-        return Fault(f"{name} {what}", where, repr(signal.unit), known, "write the unit the sender uses into the DBC")
+        what, known = explain_unknown(text, quantities)
+        return Fault(f"{shown} {what}", f"vehicle.toml [signals] {role}", repr(text), known, place.advice)
     factor, si_unit = unit.factor, unit.quantity.value
     if role == "wheel_speed" and unit.quantity is Quantity.SPEED:
         if vehicle.wheel is None:
-            what = f"{message}.{signal.name} is a rim speed ({signal.unit}): the wheel radius makes it an angular speed"
-            return Fault(what, where, "no [wheel]", next_step="add [wheel] radius_m: the radius its sender assumes")
+            what = f"{shown} is a rim speed ({text}): the wheel radius makes it an angular speed"
+            step = "add [wheel] radius_m: the radius its sender assumes"
+            return Fault(what, f"vehicle.toml [signals] {role}", "no [wheel]", next_step=step)
         factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
-    sign = -1.0 if text.startswith("-") else 1.0
-    missing = () if ROLES[role].use is Use.FLAG else _missing(signal)
-    limit = _missing_from(signal) if messages[bus][message].j1939 else math.inf
-    at = (role, bus, message, signal.name, signal.unit)
-    return SignalRef(*at, si_unit, sign * factor, sign * unit.offset, missing, limit)
+    at = (role, place.bus, place.message, place.signal, text)
+    missing = () if ROLES[role].use is Use.FLAG else place.missing
+    return SignalRef(*at, si_unit, name.sign * factor, name.sign * unit.offset, missing, place.missing_from)
+
+
+def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, str]]) -> _Place | Fault:
+    step = f'state the unit: {role} = {{signal = "{name.signal}", unit = "..."}}'
+    columns = [
+        _Place("", topic, column, unit, step) for topic, units in topics.items() for column, unit in units.items()
+    ]
+    for spelled in (
+        lambda one: {one.signal},
+        lambda one: {f"{one.message}.{one.signal}", f"{one.message}:{one.signal}"},
+        lambda one: {plain_name(one.signal), f"{one.message}.{plain_name(one.signal)}"},
+    ):
+        hits = [one for one in columns if name.signal in spelled(one)]
+        if len(hits) == 1:
+            return hits[0]
+        if hits:
+            choices = " or ".join(f'"{one.message}:{one.signal}"' for one in hits[:_NAMED])
+            where = f"vehicle.toml [signals] {role}"
+            return Fault(f"{name.signal!r} is there several times", where, repr(str(name)), choices, "name one of them")
+    names = [one.signal for one in columns] + [f"{one.message}.{one.signal}" for one in columns]
+    what = f"no column is called {name.signal!r}"
+    return Fault(what, f"vehicle.toml [signals] {role}", repr(str(name)), nearest(name.signal, names))
+
+
+def plain_name(header: str) -> str:
+    """Return a column's name without the unit behind it: ``FZ_RL`` of ``FZ_RL [kN]``."""
+    return _UNIT_BEHIND.sub("", header).strip()
+
+
+def unit_behind(header: str) -> str:
+    """Return the unit behind a column's name, in brackets: ``kN`` of ``FZ_RL [kN]``; empty where there is none."""
+    match = _UNIT_BEHIND.search(header)
+    return (match["spaced"] or match["square"] or match["round"] or "").strip() if match else ""
 
 
 def means_no_data(label: str) -> bool:
@@ -166,23 +250,26 @@ def _missing_from(signal: Signal) -> float:
     return float((0xFE << (signal.length_bits - 8)) * signal.scale + signal.offset)
 
 
-def _find(role: str, text: str, messages: Mapping[str, Mapping[str, Message]]) -> tuple[str, str, Signal] | Fault:
+def _find_signal(role: str, name: SignalName, messages: Mapping[str, Mapping[str, Message]]) -> _Place | Fault:
     where = f"vehicle.toml [signals] {role}"
-    unsigned = text.removeprefix("-")
-    bus_name, _, name = unsigned.rpartition(":")
+    bus_name, _, path = name.signal.rpartition(":")
     if bus_name and bus_name not in messages:
-        return Fault(f"no [[bus]] has the channel {bus_name!r}", where, repr(text), nearest(bus_name, messages))
-    message_name, _, signal_name = name.partition(".")
+        return Fault(f"no [[bus]] has the channel {bus_name!r}", where, repr(str(name)), nearest(bus_name, messages))
+    message_name, _, signal_name = path.partition(".")
     hits = [
-        (bus, message_name, known[message_name].by_name[signal_name])
+        (bus, known[message_name])
         for bus, known in messages.items()
         if bus_name in ("", bus) and message_name in known and signal_name in known[message_name].by_name
     ]
     if len(hits) == 1:
-        return hits[0]
+        bus, message = hits[0]
+        signal = message.by_name[signal_name]
+        limit = _missing_from(signal) if message.j1939 else math.inf
+        advice = "write the unit the sender uses into the DBC"
+        return _Place(bus, message_name, signal_name, signal.unit, advice, _missing(signal), limit)
     if hits:
-        choices = " or ".join(f'"{bus}:{name}"' for bus, _, _ in hits)
-        return Fault(f"{name} is on several buses", where, repr(text), choices, "name the bus")
+        choices = " or ".join(f'"{bus}:{path}"' for bus, _ in hits)
+        return Fault(f"{path} is on several buses", where, repr(str(name)), choices, "name the bus")
     searched = [known for bus, known in messages.items() if bus_name in ("", bus)]
     names = [f"{message}.{signal}" for known in searched for message, m in known.items() for signal in m.by_name]
-    return Fault(f"no DBC has a signal {name!r}", where, repr(text), nearest(name, names))
+    return Fault(f"no DBC has a signal {path!r}", where, repr(str(name)), nearest(path, names))

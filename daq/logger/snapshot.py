@@ -208,7 +208,7 @@ def _values(state: SessionState) -> list[dict[str, Any]]:
         rows.append(
             {
                 "role": role,
-                "name": name,
+                "name": str(name),
                 "value": signal and _number(signal.value),
                 "unit": signal.unit if signal else "",
                 "age_s": _number(age_s),

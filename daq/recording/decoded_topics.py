@@ -18,6 +18,7 @@ from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
+from daq.formatting import numbered
 from daq.recording.events import GatheredTopics
 from daq.recording.format import (
     HEADER_DEFINITIONS,
@@ -27,7 +28,6 @@ from daq.recording.format import (
     TopicNames,
     fill_prefix,
     fixed_message_dtype,
-    numbered,
     snake_case,
 )
 from daq.recording.sink import McapSink, MessageGroup, index_entries
@@ -95,15 +95,20 @@ def decoded_layout(type_name: str, bus: str, message: str, units: Mapping[str, s
     signals = tuple(units)
     fields = tuple(field_names(signals))
     described = {field: {"name": name, "unit": units[name]} for field, name in zip(fields, signals, strict=True)}
-    padding: list[tuple[str, str]] = [("padding", "<u4")] if fields else []
     return DecodedLayout(
         schema_name=f"{PACKAGE}/msg/{type_name}",
         schema_text="std_msgs/Header header\n" + "".join(f"float64 {f}\n" for f in fields) + HEADER_DEFINITIONS,
         metadata={"bus": bus, "message": message, "signals": json.dumps(described, ensure_ascii=False)},
         signals=signals,
         fields=fields,
-        dtype=fixed_message_dtype([*padding, *((f"field_{f}", "<f8") for f in fields)]),
+        dtype=layout_of(fields),
     )
+
+
+def layout_of(fields: Sequence[str]) -> np.dtype[np.void]:
+    """Return the layout of a whole MCAP message record with these fields, each a float64."""
+    padding: list[tuple[str, str]] = [("padding", "<u4")] if fields else []
+    return fixed_message_dtype([*padding, *((f"field_{field}", "<f8") for field in fields)])
 
 
 def field_names(signals: Sequence[str]) -> list[str]:

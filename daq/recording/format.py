@@ -12,13 +12,14 @@ import json
 import re
 import struct
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.arrays import IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray
+from daq.formatting import numbered
 from daq.recording.chunks import DamagedError
 
 PROFILE = "ros2"
@@ -104,6 +105,9 @@ _MESSAGE_PREFIX = [
 RECORD_HEAD_SIZE = 9
 
 _RAW = ("raw", "raw_fd")
+
+SERIES_BUS = ""
+"""Stands for the bus in the topics of decoded series, which have none."""
 
 _CHECKSUM_KEY = "crc32"
 
@@ -286,14 +290,6 @@ def camel_case(name: str) -> str:
     return "".join(part.capitalize() for part in snake_case(name).split("_"))
 
 
-def numbered(name: str, taken: Collection[str], joint: str = "_") -> str:
-    """Return `name`, or the first of ``name_2``, ``name_3``, ... that is not taken."""
-    candidate, number = name, 2
-    while candidate in taken:
-        candidate, number = f"{name}{joint}{number}", number + 1
-    return candidate
-
-
 class TopicNames:
     """Hands out topic and type names of one recording, each once."""
 
@@ -307,7 +303,7 @@ class TopicNames:
         return f"{self._folder(bus)}/{_RAW[is_fd]}"
 
     def topic(self, bus: str, name: str) -> str:
-        """Return ``/can/<bus>/<name>`` in snake case, numbered when it is taken."""
+        """Return ``/can/<bus>/<name>`` in snake case, or ``/series/<name>``, numbered when it is taken."""
         folder = self._folder(bus)
         raw = {f"{folder}/{taken}" for taken in _RAW}
         topic = numbered(f"{folder}/{snake_case(name)}", self._topics | raw)
@@ -315,13 +311,16 @@ class TopicNames:
         return topic
 
     def _folder(self, bus: str) -> str:
+        if bus == SERIES_BUS:
+            return "/series"
         if bus not in self._buses:
             self._buses[bus] = numbered(snake_case(bus), self._buses.values())
         return f"/can/{self._buses[bus]}"
 
     def type_name(self, bus: str, message: str) -> str:
         """Return the CamelCase type name of a DBC message on a bus, numbered when it is taken."""
-        name = numbered(camel_case(bus) + camel_case(message), self._types, joint="N")
+        first = "Series" if bus == SERIES_BUS else camel_case(bus)
+        name = numbered(first + camel_case(message), self._types, joint="N")
         self._types.add(name)
         return name
 

@@ -24,6 +24,8 @@ from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, co
 from daq.recording.contents import Contents, Loss, parsed, read_contents, read_record, unreadable
 from daq.recording.events import Event, read_events
 from daq.recording.format import MESSAGE_ENCODING, RAW_DTYPES, RUN_END, RUN_START, checked_metadata, raw_frames
+from daq.recording.series_topics import series_blocks, series_topics
+from daq.series.blocks import Blocks, Series, SeriesReport
 
 BATCH_FRAMES = 1 << 16
 """Chunks are joined until they hold so many frames: what a live logger writes every 0.2 s is small."""
@@ -326,6 +328,21 @@ class Recording:
         high = 2**63 if end_ns is None else end_ns
         chunks = chunks_between(self.contents.chunks, channels, low, high)
         return frames_between(self._batches(channels, chunks), low, high)
+
+    @cached_property
+    def series(self) -> Series | None:
+        """Decoded series, in the order they were written; None where the recording is of frames."""
+        topics = series_topics(self.contents)
+        if not topics or self._raw:
+            return None
+        report = SeriesReport(str(self.path), "recording")
+
+        def read() -> Iterator[Blocks]:
+            chunks = self.contents.chunks
+            for blocks in series_blocks(self.path, chunks, topics, self.note_damage):
+                yield tuple(report.taken(one, np.ones(len(one), np.bool_)) for one in blocks)
+
+        return Series({topic.name: topic.units for topic in topics.values()}, read, report)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
         if self.contents.has_summary:

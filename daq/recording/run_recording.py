@@ -18,6 +18,7 @@ from daq.recording.events import Event
 from daq.recording.format import LOSSES, RUN_END, RUN_START
 from daq.recording.part_writer import ROTATED, part_number, part_path, parts_on_disk, total
 from daq.recording.reader import Recording, Topic
+from daq.series.blocks import Series
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,11 @@ class RunRecording:
         if LOSSES in merged:
             merged[LOSSES] = {key: str(count) for key, count in self.losses.items()}
         return merged
+
+    @property
+    def series(self) -> Series | None:
+        """Decoded series of an imported file; None where the recording is of frames."""
+        return self.parts[0].series
 
     @cached_property
     def run(self) -> RunInfo | None:

@@ -12,9 +12,9 @@ from functools import cache, partial
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError
+from daq.formatting import numbered
 from daq.logs.formats import LOG_SUFFIXES, no_such_file
 from daq.recording import RunRecording
-from daq.recording.format import numbered
 from daq.recording.part_writer import part_number, parts_on_disk
 from daq.recording.recovery import RECOVERED
 from daq.runs.run import (
@@ -27,9 +27,11 @@ from daq.runs.run import (
     log_run,
     recording_run,
     runs_from_file,
+    series_run,
     terrain_from_file,
     vehicle_from_file,
 )
+from daq.series.formats import series_format
 
 RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"))
 """Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
@@ -242,6 +244,8 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
 
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
+    if series_format(path):
+        return series_run(path, known)
     return recording_run(path, known, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, known)
 
 

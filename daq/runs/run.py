@@ -14,12 +14,14 @@ import numpy as np
 from daq.can.codec import Decoder
 from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus
 from daq.can.frames import FrameBatch
-from daq.can.roles import SignalRef, resolve_roles
+from daq.can.roles import SignalRef, resolve_columns, resolve_roles
 from daq.channels import ROLES, Channel
 from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, carried_zeros, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
+from daq.series.blocks import Series, SeriesBlock
+from daq.series.formats import read_series
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,7 +128,9 @@ class Run:
     attachments : mapping str -> bytes
         The files behind the configuration, for a recording to carry.
     recording : RunRecording or None
-        None for a log.
+        None for a log, or a file of decoded series.
+    series : Series or None
+        Where the run is of decoded series, not of frames.
     lenient : bool
         Whether a DBC was loaded leniently.
     vehicle_source : str
@@ -143,6 +147,7 @@ class Run:
     recording: RunRecording | None
     lenient: bool = False
     vehicle_source: str = VEHICLE_FILE
+    series: Series | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -150,13 +155,15 @@ class Run:
         return self.recording.files if self.recording else (self.path,)
 
     def frame_batches(self) -> Iterator[FrameBatch]:
-        """Yield the raw frames in bounded memory.
+        """Yield the raw frames in bounded memory; none where the run is of decoded series.
 
         Raises
         ------
         RecordingError
             The file cannot be read any further, or holds no raw frames.
         """
+        if self.series:
+            return iter(())
         return self.recording.frame_batches() if self.recording else read_log(self.path)
 
     def channel_batches(
@@ -172,6 +179,9 @@ class Run:
         watch : callable, optional
             Is shown the frames that are decoded.
         """
+        if self.series:
+            yield from self._series_batches(self.series, roles)
+            return
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
         for batch in chain([FrameBatch.empty(tuple(self.databases))], self.frame_batches()):
@@ -179,6 +189,17 @@ class Run:
                 watch(batch)
             decoded = decoder.decode(batch)
             yield {role: _in_our_units(reference, decoded[reference.key]) for role, reference in references.items()}
+
+    def _series_batches(self, series: Series, roles: Collection[str]) -> Iterator[dict[str, Channel]]:
+        references = resolve_columns(self.vehicle, series.topics, (), roles)
+        empty = {one.message: SeriesBlock(one.message, np.zeros(0, np.int64), {}) for one in references.values()}
+        for blocks in chain([tuple(empty.values())], series.blocks()):
+            by_topic = {block.topic: block for block in blocks}
+            yield {
+                role: _in_our_units(one, _column(one, by_topic[one.message]))
+                for role, one in references.items()
+                if one.message in by_topic
+            }
 
     def channels(self, roles: Collection[str] = ROLES) -> dict[str, Channel]:
         """Return the channels of some roles in SI units, angles in radians, but positions in degrees.
@@ -234,6 +255,12 @@ def log_run(path: Path, given: Configuration) -> Run:
     return _run(path, given, None, None)
 
 
+def series_run(path: Path, given: Configuration) -> Run:
+    """Open a file of decoded series."""
+    vehicle = given.vehicle or VehicleConfig()
+    return replace(_run(path, given, None, None), series=read_series(path, vehicle.series))
+
+
 def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunRecording | None) -> Run:
     names = [file.name for file in recording.files] if recording else [path.name]
     listed = [run for run in known.runs or () if Path(run.file).name in names]
@@ -251,6 +278,7 @@ def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunR
         recording=recording,
         lenient=known.lenient,
         vehicle_source=known.vehicle_source,
+        series=recording.series if recording else None,
     )
 
 
@@ -266,6 +294,13 @@ def _attached_databases(
     databases = {bus.channel: tuple(loaded[name] for name in _names(vehicle, bus.channel)) for bus in vehicle.bus}
     messages_by_bus(databases)
     return databases
+
+
+def _column(reference: SignalRef, block: SeriesBlock) -> Channel:
+    values = block.columns.get(reference.signal)
+    if values is None:
+        values = np.full(len(block), np.nan)
+    return Channel(reference.name, reference.unit, block.time_ns, values)
 
 
 def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:

@@ -1,6 +1,13 @@
+from .blocks import Series as Series
+from .blocks import SeriesBlock as SeriesBlock
 from .export import write_blocks as write_blocks
 from .export import write_frame as write_frame
 from .export import write_table as write_table
+from .formats import SERIES_FORMATS as SERIES_FORMATS
+from .formats import read_series as read_series
+from .formats import series_format as series_format
+from .importing import ImportedSeries as ImportedSeries
+from .importing import import_series as import_series
 from .single_wheel_tables import PlateTest as PlateTest
 from .single_wheel_tables import ShearTest as ShearTest
 from .single_wheel_tables import WheelTable as WheelTable

@@ -81,7 +81,7 @@ def _require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleC
 def _nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
     return Fault(
         f"the run holds no sample of {role}",
-        where=vehicle.signals.get(role, ""),
+        where=str(vehicle.signals.get(role, "")),
         next_step="check that its frames were recorded (wheelsoil info) and that the signal is the right one",
     )
 
@@ -110,7 +110,7 @@ def _missing(role: str, seen: Collection[str], came: Collection[str], vehicle: V
     lacking = _lacking(role, came, vehicle)
     cause = "never_usable" if not lacking else "no_sample" if lacking in seen else "no_signal"
     one = lacking or role
-    facts = {"role": role, "lacking": one, "cause": cause, "signal": vehicle.signals.get(one, one)}
+    facts = {"role": role, "lacking": one, "cause": cause, "signal": str(vehicle.signals.get(one, one))}
     return Note(RunCode.ROLE_MISSING, Severity.FAULT, facts)
 
 

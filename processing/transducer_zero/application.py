@@ -343,15 +343,16 @@ def _systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns
 
 
 def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Found | None:
-    text = vehicle.signals.get(role, "")
-    plain = text.removeprefix("-")
-    channel = determination.channels.get(plain) or determination.channels.get(plain.rpartition(":")[2])
+    name = vehicle.signals.get(role)
+    if name is None:
+        return None
+    channel = determination.channels.get(name.signal) or determination.channels.get(name.signal.rpartition(":")[2])
     if channel is None:
         return None
     unit = find_unit(channel.unit, ROLES[role].quantities)
     if unit is None:
         return None
-    return Found(determination, channel, (-1.0 if text.startswith("-") else 1.0) * unit.factor)
+    return Found(determination, channel, name.sign * unit.factor)
 
 
 def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:

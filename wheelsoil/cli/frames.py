@@ -15,6 +15,7 @@ from wheelsoil.console import check_output, counter, print_json, print_pairs, sa
 if TYPE_CHECKING:
     from daq import RunInfo
     from daq.runs import Configuration
+    from daq.series import ImportedSeries
     from daq.sources import ReplaySummary
 
 
@@ -30,7 +31,11 @@ _OF_A_RUN = {
 def import_command(
     context: typer.Context,
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Logs of one run, in order: candump -L, BLF, ASC, ...")
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Logs of one run, in order: candump -L, BLF, ASC, ...; or decoded series: CSV, MAT, ...",
+        ),
     ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Recording to write (default: LOG.mcap here).")
@@ -57,13 +62,16 @@ def import_command(
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
-    """Turn log files of any format into a recording (MCAP) that needs no other file.
+    """Turn log files of any format, or files of decoded series, into a recording (MCAP) that needs no other file.
 
     vehicle.toml, terrain.toml and runs.toml beside the (first) log are attached; options override them. The raw frames
     are kept unchanged, bit for bit. Decoded topics are a copy for people and other tools.
+
+    Of decoded series every column is kept at its own rate; [signals] of vehicle.toml names columns instead of signals.
     """
     from daq.logs import import_logs
     from daq.runs import known_beside
+    from daq.series import import_series, series_format
 
     given = options.configuration(vehicle, terrain, options.pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
     known = known_beside(logs[0], given, lenient_dbc=lenient_dbc)
@@ -71,6 +79,10 @@ def import_command(
     target = check_output(output or Path(f"{name}.mcap"), force=force)
     info = options.run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
     info = _completed(info, context, known, logs[0].name)
+    if all(map(series_format, logs)):
+        with counter("importing", "rows") as watch:
+            _print_series(import_series(logs, target, known, run=info, overwrite=force, watch=watch), json)
+        return
     with counter("importing", "frames") as watch:
         done = import_logs(
             logs,
@@ -105,6 +117,17 @@ def import_command(
                 ("unknown", f"{done.coverage.unknown:,} frames"),
             ]
         )
+
+
+def _print_series(done: ImportedSeries, json: bool) -> None:
+    for remark in done.remarks:
+        say(remark)
+    size = done.path.stat().st_size
+    if json:
+        print_json(vars(done) | {"recording": done.path, "bytes": size})
+        return
+    rows = [(topic, f"{done.rows[topic]:,} rows, {len(units)} columns") for topic, units in done.topics.items()]
+    print_pairs([("recording", f"{done.path} ({size / 1e6:.2f} MB)"), *rows])
 
 
 def _completed(info: RunInfo, context: typer.Context, known: Configuration, log: str) -> RunInfo:

@@ -1,0 +1,201 @@
+"""Decoded time series as they come from a file: blocks of rows, and a report of what could not be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from daq.arrays import BoolArray, FloatArray, IntArray
+from daq.logs.report import EARLIEST_DATE_NS
+
+BLOCK_ROWS = 1 << 16
+_LISTED = 6
+
+
+@dataclass(frozen=True)
+class SeriesBlock:
+    """Rows of one topic: columns that share their time stamps.
+
+    Attributes
+    ----------
+    time_ns : int64 array, shape (n,)
+        UTC, or since a zero of the logger's own.
+    columns : mapping name -> float64 array, shape (n,)
+        NaN where the file has no number.
+    """
+
+    topic: str
+    time_ns: IntArray
+    columns: Mapping[str, FloatArray]
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def rows(self, which: slice | BoolArray) -> SeriesBlock:
+        """Return some of the rows."""
+        return SeriesBlock(self.topic, self.time_ns[which], {name: one[which] for name, one in self.columns.items()})
+
+
+Blocks = tuple[SeriesBlock, ...]
+"""What came at about the same time: at most one block a topic."""
+
+
+@dataclass
+class SeriesReport:
+    """Grows while a file is read, and is complete when the last block has been.
+
+    Attributes
+    ----------
+    rows : mapping topic -> int
+    absolute_time : bool or None
+        Whether time stamps are dates; None before the first.
+    unzoned : bool
+        Whether dates came without a time zone, and are taken for UTC.
+    assumed_unit : str
+        Unit of time stamps that the file does not state.
+    bad_times, out_of_order : mapping topic -> int
+        Rows without a usable time stamp, which are excluded; rows earlier than the one before, which are kept.
+    bad_rows, first_bad : int, str
+        Rows that are no rows of the table, which are excluded.
+    bad_cells : mapping column -> int
+        Cells that should hold a number and do not; they are NaN.
+    skipped : mapping column -> reason
+    damage : str
+        What is wrong with the file as a whole.
+    """
+
+    path: str
+    format: str
+    rows: dict[str, int] = field(default_factory=dict)
+    absolute_time: bool | None = None
+    unzoned: bool = False
+    assumed_unit: str = ""
+    bad_times: dict[str, int] = field(default_factory=dict)
+    out_of_order: dict[str, int] = field(default_factory=dict)
+    bad_rows: int = 0
+    first_bad: str = ""
+    bad_cells: dict[str, int] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
+    damage: str = ""
+    _last_ns: dict[str, int] = field(default_factory=dict)
+
+    def restart(self) -> None:
+        """Forget what was counted; what is known of the columns stays."""
+        fresh = SeriesReport(self.path, self.format, unzoned=self.unzoned, skipped=self.skipped)
+        vars(self).update(vars(fresh))
+
+    def note_bad_row(self, where: str, why: str, count: int = 1) -> None:
+        """Count rows that cannot be read and keep the first example."""
+        self.first_bad = self.first_bad or f"{where}: {why}"
+        self.bad_rows += count
+
+    def note_bad_cells(self, column: str, count: int) -> None:
+        """Count cells that hold no number."""
+        if count:
+            self.bad_cells[column] = self.bad_cells.get(column, 0) + count
+
+    def taken(self, block: SeriesBlock, usable: BoolArray) -> SeriesBlock:
+        """Return the rows with a usable time stamp, counted."""
+        topic = block.topic
+        if not usable.all():
+            filled = np.any([np.isfinite(one[~usable]) for one in block.columns.values()], axis=0)
+            if count := int(np.count_nonzero(filled)):  # an empty row without a time fills up a shorter table
+                self.bad_times[topic] = self.bad_times.get(topic, 0) + count
+            block = block.rows(usable)
+        self.rows[topic] = self.rows.get(topic, 0) + len(block)
+        if len(block):
+            if self.absolute_time is None:
+                self.absolute_time = bool(block.time_ns[0] >= EARLIEST_DATE_NS)
+            before = self._last_ns.get(topic, int(block.time_ns[0]))
+            back = int(np.count_nonzero(np.diff(block.time_ns, prepend=before) < 0))
+            if back:
+                self.out_of_order[topic] = self.out_of_order.get(topic, 0) + back
+            self._last_ns[topic] = int(block.time_ns[-1])
+        return block
+
+    def remarks(self) -> list[str]:
+        """Return what a user should know of this file, a sentence each."""
+        lines = []
+        if self.absolute_time is False:
+            lines.append("times have no date: they count from a zero of the logger's own")
+        if self.unzoned:
+            lines.append("dates have no time zone: they are taken for UTC")
+        if self.assumed_unit:
+            lines.append(f"the time column states no unit: taken for {self.assumed_unit} ([series] time_unit sets it)")
+        if self.damage:
+            lines.append(self.damage)
+        if self.bad_rows:
+            lines.append(f"{self.bad_rows} rows unreadable, excluded; the first is {self.first_bad}")
+        lines += [f"{topic}: {count} rows without a usable time, excluded" for topic, count in self.bad_times.items()]
+        lines += [f"{topic}: {count} rows are out of order" for topic, count in self.out_of_order.items()]
+        cells = [f"{count} in {column!r}" for column, count in self.bad_cells.items()]
+        lines += [f"cells that hold no number: {_some(cells)}"] if cells else []
+        reasons: dict[str, list[str]] = {}
+        for column, why in self.skipped.items():
+            reasons.setdefault(why, []).append(repr(column))
+        return lines + [f"not imported ({why}): {_some(columns)}" for why, columns in reasons.items()]
+
+
+def _some(texts: list[str]) -> str:
+    more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    return ", ".join(texts[:_LISTED]) + more
+
+
+@dataclass(frozen=True)
+class Series:
+    """The decoded series of a file or of a recording.
+
+    Attributes
+    ----------
+    topics : mapping topic -> mapping column -> unit
+        A unit is empty where the file states none.
+    report : SeriesReport
+        Of the last reading.
+    """
+
+    topics: Mapping[str, Mapping[str, str]]
+    _read: Callable[[], Iterator[Blocks]]
+    report: SeriesReport
+
+    def blocks(self) -> Iterator[Blocks]:
+        """Read from the beginning, in bounded memory where the format allows it.
+
+        Raises
+        ------
+        RecordingError, DataError
+            The file cannot be read any further, or holds no row that can be used.
+        """
+        self.report.restart()
+        return self._read()
+
+
+def together(streams: Iterable[Iterator[SeriesBlock]]) -> Iterator[Blocks]:
+    """Merge streams of blocks, one a topic, so that what came at about the same time comes together.
+
+    Rows stay in the order of their topic. One block of each topic is held.
+    """
+    waiting: dict[int, SeriesBlock] = {}
+    running = dict(enumerate(streams))
+    while True:
+        for key in [key for key in running if key not in waiting]:
+            block = next((one for one in running[key] if len(one)), None)
+            if block is None:
+                del running[key]
+            else:
+                waiting[key] = block
+        if not waiting:
+            return
+        limit_ns = min(int(waiting[key].time_ns.max()) for key in (running or waiting))
+        ready = []
+        for key, block in sorted(waiting.items()):
+            early = np.flatnonzero(block.time_ns > limit_ns)
+            cut = int(early[0]) if len(early) else len(block)
+            if cut:
+                ready.append(block.rows(slice(None, cut)))
+            if cut < len(block):
+                waiting[key] = block.rows(slice(cut, None))
+            else:
+                del waiting[key]
+        yield tuple(ready)

@@ -1,0 +1,125 @@
+"""The formats of decoded time series, each with its reader, and `read_series`, which reads any of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.can.roles import plain_name
+from daq.config import SeriesSection
+from daq.errors import RecordingError
+from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport, together
+from daq.series.readers.bags import read_bag
+from daq.series.readers.delimited import read_delimited
+from daq.series.readers.matlab import read_hdf5, read_mat
+from daq.series.readers.mdf import holds_channels, read_mdf
+from daq.series.readers.parquet import read_parquet
+from daq.series.readers.rpc3 import read_rpc3
+from daq.series.readers.tdms import read_tdms
+
+Reader = Callable[[Path, SeriesSection, SeriesReport], Series]
+_HEAD_BYTES = 4096
+_CAN_TEXT = re.compile(rb"timestamp,arbitration_id,extended,remote,error,dlc,data")
+
+
+@dataclass(frozen=True)
+class SeriesFormat:
+    """A format of decoded series: its name, the suffixes it goes by, what its files begin with, and its reader."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    magic: bytes
+    read: Reader
+
+
+SERIES_FORMATS = (
+    SeriesFormat("Parquet", (".parquet", ".pq"), b"PAR1", read_parquet),
+    SeriesFormat("MATLAB", (".mat",), b"MATLAB", read_mat),
+    SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", read_hdf5),
+    SeriesFormat("TDMS", (".tdms",), b"TDSm", read_tdms),
+    SeriesFormat("RPC III", (".rsp", ".rpc", ".tim", ".drv"), b"FORMAT", read_rpc3),
+    SeriesFormat("ROS 1 bag", (".bag",), b"#ROSBAG", read_bag),
+    SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", read_bag),
+    SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", read_mdf),
+    SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited),
+)
+_TEXT = SERIES_FORMATS[-1]
+_BAG = SERIES_FORMATS[6]
+_MDF = SERIES_FORMATS[7]
+SERIES_SUFFIXES = tuple(suffix for known in SERIES_FORMATS for suffix in known.suffixes)
+BAG_METADATA = "metadata.yaml"
+"""In the folder of a ROS 2 bag."""
+
+
+def series_format(path: Path) -> SeriesFormat | None:
+    """Return the format of decoded series that a file or bag folder has, None where it is a log of frames or no file.
+
+    MF4 files with CAN frames are logs, those with decoded channels only are series.
+    """
+    if path.is_dir():
+        return _BAG if (path / BAG_METADATA).is_file() else None
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return None
+    if head.startswith(b"\x89HDF"):
+        return next(known for known in SERIES_FORMATS if known.name == ("MATLAB" if path.suffix == ".mat" else "HDF5"))
+    for known in SERIES_FORMATS:
+        if known.magic and head.startswith(known.magic):
+            return None if known is _MDF and not holds_channels(path) else known
+    name = path.name.lower().removesuffix(".gz")
+    is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not _CAN_TEXT.search(head)
+    return _TEXT if is_text else None
+
+
+def read_series(path: Path, layout: SeriesSection | None = None) -> Series:
+    """Open a file of decoded series: CSV, Parquet, MAT, HDF5, TDMS, RPC III, ROS bags, MF4 channels.
+
+    Parameters
+    ----------
+    layout : SeriesSection, optional
+        What the file does not say of its layout.
+
+    Raises
+    ------
+    RecordingError
+        It cannot be read, or is of none of these formats.
+    DataError
+        It has no time column, no rows, or something else that is no series.
+    ConfigError
+        Its format needs a package that is not installed.
+    """
+    known = series_format(path)
+    if known is None:
+        names = ", ".join(one.name for one in SERIES_FORMATS)
+        raise RecordingError.of("not a file of decoded series", path, expected=names, next_step="check the file")
+    return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
+
+
+def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tuple[Series, list[SeriesReport]]:
+    """Open several files of one run as one series; a topic is called after its file.
+
+    Raises as `read_series`.
+    """
+    if len(paths) == 1:
+        one = read_series(paths[0], layout)
+        return one, [one.report]
+    opened = [(path.name.partition(".")[0], read_series(path, layout)) for path in paths]
+    topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
+
+    def stream(stem: str, series: Series) -> Iterator[SeriesBlock]:
+        for blocks in series.blocks():
+            for one in blocks:
+                yield SeriesBlock(_joined(stem, one.topic), one.time_ns, one.columns)
+
+    def read() -> Iterator[Blocks]:
+        return together([stream(stem, series) for stem, series in opened])
+
+    return Series(topics, read, SeriesReport(", ".join(map(str, paths)), "files")), [one.report for _, one in opened]
+
+
+def _joined(stem: str, topic: str) -> str:
+    return stem if topic == "table" else f"{stem}/{plain_name(topic)}"

@@ -1,0 +1,1 @@
+"""Readers of decoded series, a file a format; `daq.series.formats` chooses among them."""

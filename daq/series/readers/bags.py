@@ -1,0 +1,107 @@
+"""ROS bags (ROS 1, ROS 2 as SQLite or MCAP) of decoded series, through rosbags, which is an extra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.config import SeriesSection
+from daq.errors import ConfigError, DataError, RecordingError
+from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
+
+_LONGEST_ARRAY = 64
+"""Elements of an array that become columns; a longer one is an image or a cloud."""
+_ROWS_TOGETHER = BLOCK_ROWS
+
+
+def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
+    """Open a bag: a topic is a table, its columns the numbers in its messages (``velocity[2]``, ``twist.linear.x``).
+
+    The time of a message is its header's stamp where it has one, else when it was recorded. A topic's columns are those
+    of its first message.
+
+    Raises
+    ------
+    ConfigError
+        rosbags is not installed.
+    RecordingError
+        The bag cannot be read.
+    DataError
+        It holds no numbers.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        what = "ROS bags are read through rosbags, which is not installed"
+        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[series]'") from None
+
+    def opened() -> Any:
+        return AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+
+    topics: dict[str, dict[str, str]] = {}
+    try:
+        with opened() as reader:
+            for connection in reader.connections:
+                for _, _, data in reader.messages([connection]):
+                    columns = dict(_numbers("", reader.deserialize(data, connection.msgtype)))
+                    if columns:
+                        topics[connection.topic] = dict.fromkeys(columns, "")
+                    else:
+                        report.skipped[connection.topic] = f"no numbers in {connection.msgtype}"
+                    break
+    except Exception as error:  # noqa: BLE001  # rosbags raises whatever it meets in a damaged bag
+        raise RecordingError.of("the bag cannot be read", path, str(error) or type(error).__name__) from None
+    if not topics:
+        raise DataError.of("no topic of the bag holds numbers", path, ", ".join(report.skipped) or "no messages")
+
+    def read() -> Iterator[Blocks]:
+        gathered: dict[str, list[tuple[int, dict[str, float]]]] = {}
+        count = 0
+        try:
+            with opened() as reader:
+                wanted = [one for one in reader.connections if one.topic in topics]
+                for connection, time_ns, data in reader.messages(wanted):
+                    message = reader.deserialize(data, connection.msgtype)
+                    row = (_stamp_ns(message) or time_ns, dict(_numbers("", message)))
+                    gathered.setdefault(connection.topic, []).append(row)
+                    count += 1
+                    if count % _ROWS_TOGETHER == 0:
+                        yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
+                        gathered = {}
+        except Exception as error:  # noqa: BLE001  # see above; what came before it stays
+            report.damage = f"after {count} messages the bag cannot be read: {error}"
+        yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
+
+    return Series(topics, read, report)
+
+
+def _block(
+    topic: str, columns: dict[str, str], rows: list[tuple[int, dict[str, float]]], report: SeriesReport
+) -> SeriesBlock:
+    time_ns = np.array([time for time, _ in rows], np.int64)
+    nothing = float("nan")
+    values = {name: np.array([row.get(name, nothing) for _, row in rows], np.float64) for name in columns}
+    return report.taken(SeriesBlock(topic, time_ns, values), np.ones(len(rows), np.bool_))
+
+
+def _stamp_ns(message: Any) -> int:
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a message with their paths; the header is its time."""
+    if isinstance(value, (bool, int, float, np.number)):
+        yield prefix, float(value)
+    elif isinstance(value, (list, tuple, np.ndarray)):
+        if len(value) <= _LONGEST_ARRAY:
+            for i, one in enumerate(value):
+                yield from _numbers(f"{prefix}[{i}]", one)
+    else:
+        for name in getattr(value, "__dataclass_fields__", ()):
+            if not (name == "header" and not prefix) and not name.startswith("__"):
+                yield from _numbers(f"{prefix}.{name}" if prefix else name, getattr(value, name))

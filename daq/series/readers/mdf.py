@@ -1,0 +1,85 @@
+"""Decoded channels of MF4 files (ASAM MDF 4), through asammdf, which is an extra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.config import SeriesSection
+from daq.errors import ConfigError, RecordingError
+from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
+
+_BUS_EVENT = 2
+_MASTER_TYPES = (2, 3)
+
+
+def holds_channels(path: Path) -> bool:
+    """Return whether an MDF file holds decoded channels only: no group of bus events. False without asammdf."""
+    try:
+        import asammdf
+    except ImportError:
+        return False
+    try:
+        with asammdf.MDF(path) as mdf:
+            return not any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups) and bool(mdf.groups)
+    except Exception:  # noqa: BLE001  # the reader of frames says what is wrong
+        return False
+
+
+def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
+    """Open the decoded channels of an MF4 file: a channel group is a topic.
+
+    Raises
+    ------
+    ConfigError
+        asammdf is not installed.
+    RecordingError
+        The file cannot be read.
+    """
+    try:
+        import asammdf
+    except ImportError:
+        what = "MF4 files are read through asammdf, which is not installed"
+        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[mf4]'") from None
+    groups: dict[str, tuple[int, dict[str, str]]] = {}
+    try:
+        with asammdf.MDF(path) as mdf:
+            start_ns = round(mdf.header.start_time.timestamp() * 1e9)
+            for index, group in enumerate(mdf.groups):
+                if group.channel_group.cycles_nr and not group.channel_group.flags & _BUS_EVENT:
+                    units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
+                    if units:
+                        groups[group.channel_group.acq_name or f"group_{index}"] = (index, units)
+    except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file
+        raise RecordingError.of("asammdf cannot read this MF4 file", path, str(error)) from None
+
+    def stream(topic: str, index: int, names: dict[str, str]) -> Iterator[SeriesBlock]:
+        with asammdf.MDF(path) as mdf:
+            total = mdf.groups[index].channel_group.cycles_nr
+            for offset in range(0, total, BLOCK_ROWS):
+                values: dict[str, Any] = {}
+                seconds = np.zeros(0)
+                for name in names:
+                    one = mdf.get(
+                        name, index, record_offset=offset, record_count=BLOCK_ROWS, ignore_value2text_conversions=True
+                    )
+                    seconds = one.timestamps
+                    if one.samples.dtype.kind in "fiub" and one.samples.ndim == 1:
+                        values[name] = one.samples.astype(np.float64)
+                    else:
+                        report.skipped[name] = "no numbers"
+                time_ns = start_ns + np.rint(seconds * 1e9).astype(np.int64)
+                yield report.taken(SeriesBlock(topic, time_ns, values), np.isfinite(seconds))
+
+    def read() -> Iterator[Blocks]:
+        return together([stream(topic, index, units) for topic, (index, units) in groups.items()])
+
+    return Series({topic: units for topic, (_, units) in groups.items()}, read, report)
+
+
+def _unit(channel: Any) -> str:
+    conversion = channel.conversion
+    return str(channel.unit or (conversion.unit if conversion is not None else "") or "")

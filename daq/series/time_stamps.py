@@ -1,0 +1,210 @@
+"""Time columns of decoded series: which they are, in what unit, and their values as nanoseconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.arrays import BoolArray, FloatArray, IntArray
+from daq.can.roles import plain_name, unit_behind
+from daq.config import SeriesSection
+from daq.errors import DataError, Fault, nearest
+from daq.logs.report import EARLIEST_DATE_NS
+from daq.series.blocks import SeriesReport
+from daq.units import Quantity, find_unit
+
+_WORDS = "time|times?[ _]?stamps?|timestampepoch|zeit|zeitstempel|date[ _]?time|utc|epoch|elapsed"
+_SUFFIX = r"(?:_(?P<suffix>ns|us|ms|s|sec|min|h))?"
+_EXACT = re.compile(rf"(?:t|(?i:{_WORDS}))(?:[ _](?i:utc|epoch|unix|rel|abs|relative|absolute))?[ _]?\d*{_SUFFIX}$")
+_LOOSE = re.compile(rf"(?:t[ _].*|(?i:(?:.*[ _./])?(?:{_WORDS})(?:[ _].*)?)){_SUFFIX}$")
+_EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+"""A date after 1990 is above these in each unit, and below the one before it."""
+_EPOCH_S = EARLIEST_DATE_NS / 1e9
+_LAST_NS = float(2**62)
+_ZONE = re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")
+_GERMAN = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}[ T,]+\d")
+_CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$")
+_KINDS = "ISO 8601, DD.MM.YYYY hh:mm:ss, hh:mm:ss, or [series] time_format"
+
+
+def is_time_name(header: str) -> bool:
+    """Return whether a column is called like a time column: ``t``, ``Time [s]``, ``timestamp_ms``, ``Zeit``, ..."""
+    return bool(_EXACT.match(plain_name(header)))
+
+
+def is_time_text(cell: str) -> bool:
+    """Return whether a cell is a date or a time of the day."""
+    return any(pattern.match(cell) for pattern in (_ISO, _GERMAN, _CLOCK))
+
+
+def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:
+    """Return the time column of each other column: the last one before it, or else the first one after it.
+
+    Parameters
+    ----------
+    units : mapping column -> unit
+        In the order of the file; a column with the unit of something else is no time.
+    dates : sequence of str
+        Those of them that hold dates or times of the day.
+
+    Returns
+    -------
+    dict
+        Column to time column; empty where the file has none and `layout` gives a rate.
+
+    Raises
+    ------
+    DataError
+        No time column, or a named one is not there.
+    """
+    columns = tuple(units)
+    absent = [name for name in layout.times if name not in columns]
+    if absent:
+        faults = [
+            Fault(f"no column is called {n!r}", "vehicle.toml [series] time", source, nearest(n, columns))
+            for n in absent
+        ]
+        raise DataError(*faults)
+    if layout.times:
+        times = list(layout.times)
+    elif layout.rate_hz is not None:
+        return {}
+    else:
+        possible = [name for name in columns if not units[name] or find_unit(units[name], (Quantity.TIME,))]
+        times = [name for name in columns if name in dates or (name in possible and is_time_name(name))]
+        times = times or [name for name in possible if _LOOSE.match(plain_name(name))]
+    if not times:
+        what = "no column looks like a time"
+        step = 'name it in vehicle.toml: [series] time = "COLUMN", or give rate_hz'
+        raise DataError.of(
+            what, source, f"columns {', '.join(columns[:12])}", "a column like time, t or timestamp", step
+        )
+    chosen, found = {}, times[0]
+    for name in columns:
+        if name in times:
+            found = name
+        else:
+            chosen[name] = found
+    return chosen
+
+
+class TimeStamps:
+    """Turns the cells of one time column into nanoseconds; the unit is settled by the first cells.
+
+    Parameters
+    ----------
+    unit : str
+        As the file or its header states it; empty where it does not.
+    """
+
+    def __init__(self, column: str, unit: str, layout: SeriesSection, report: SeriesReport) -> None:
+        self._column, self._layout, self._report = column, layout, report
+        self._unit = layout.time_unit or unit or unit_behind(column)
+        self._factor_ns: float | None = None
+        self._format = layout.time_format
+        self._text_kind: str | None = None
+
+    def of(self, cells: NDArray[Any]) -> tuple[IntArray, BoolArray]:
+        """Return nanoseconds, and which of them are usable; DataError if cells like these are not understood."""
+        if cells.dtype.kind == "M":
+            time_ns = cells.astype("datetime64[ns]")
+            usable = ~np.isnat(time_ns)
+            return np.where(usable, time_ns.astype(np.int64), 0), usable
+        if cells.dtype.kind in "iu" and cells.dtype.itemsize == 8:
+            factor = self._factor(cells)
+            whole = int(factor) if factor >= 1 and factor == int(factor) else 0
+            if whole and (not len(cells) or np.abs(cells).max() < _LAST_NS / whole):
+                return cells.astype(np.int64) * whole, np.ones(len(cells), np.bool_)
+        if cells.dtype.kind in "fiub":
+            values = cells.astype(np.float64)
+            with np.errstate(invalid="ignore", over="ignore"):
+                scaled = values * self._factor(values)
+                usable = np.abs(scaled) < _LAST_NS
+            return self._rounded(values, usable), usable
+        return self._of_texts(cells)
+
+    def _rounded(self, values: FloatArray, usable: BoolArray) -> IntArray:
+        """Scale seconds and their fraction apart: a date in float seconds has no more than 0.24 us as it is."""
+        factor = self._factor_ns or 1.0
+        values = np.where(usable, values, 0.0)
+        whole = np.floor(values)
+        time_ns: IntArray = whole.astype(np.int64) * int(factor) + np.rint((values - whole) * factor).astype(np.int64)
+        if factor == 1e9 and len(values) and values[0] > _EPOCH_S:
+            time_ns = (time_ns + 500) // 1000 * 1000
+        return time_ns
+
+    def _factor(self, cells: NDArray[Any]) -> float:
+        """Return nanoseconds of one; settled once, from the unit stated or the size of the first stamps."""
+        if self._factor_ns is None:
+            text = self._unit
+            match = _EXACT.match(plain_name(self._column)) or _LOOSE.match(plain_name(self._column))
+            if not text and match:
+                text = match["suffix"] or ""
+            if not text:
+                text = self._by_size(cells)
+            unit = find_unit(text, (Quantity.TIME,))
+            if unit is None:
+                where = f"{self._report.path}, column {self._column!r}"
+                raise DataError.of("the unit of time is not known", where, repr(text), "s, ms, us, ns, min or h")
+            self._factor_ns = float(round(unit.factor * 1e9))
+        return self._factor_ns
+
+    def _by_size(self, cells: NDArray[Any]) -> str:
+        finite = cells[np.isfinite(cells)]
+        first = abs(float(finite[0])) if len(finite) else 0.0
+        if first >= _EPOCH_S:
+            return next((unit for least, unit in _EPOCH_UNITS if first >= least), "s")
+        if len(finite) and np.any(finite != np.floor(finite)):
+            self._report.assumed_unit = "s"
+            return "s"
+        where = f"{self._report.path}, column {self._column!r}"
+        found = ", ".join(f"{one:g}" for one in finite[:4])
+        step = 'state it in vehicle.toml: [series] time_unit = "ms", or in the header: "time [ms]"'
+        raise DataError.of("the unit of time is not stated", where, found, "s, ms, us or ns", step)
+
+    def _of_texts(self, cells: NDArray[Any]) -> tuple[IntArray, BoolArray]:
+        import pandas as pd
+
+        texts = pd.Series(cells).fillna("").astype(str).str.strip()
+        first = next((text for text in texts if text), "")
+        if self._text_kind is None:
+            self._text_kind = self._kind(first)
+        if self._text_kind == "clock":
+            parts = texts.str.replace(",", ".", regex=False)
+            passed = pd.to_timedelta(parts, errors="coerce")
+            usable = passed.notna().to_numpy()
+            return np.where(
+                usable, passed.fillna(pd.Timedelta(0)).to_numpy("timedelta64[ns]").astype(np.int64), 0
+            ), usable
+        self._report.unzoned |= not _ZONE.search(first)
+        if self._text_kind != "format":
+            texts = texts.str.replace(",", ".", regex=False)
+        how: Mapping[str, Any] = {
+            "iso": {"format": "ISO8601"},
+            "german": {"dayfirst": True, "format": "mixed"},
+            "format": {"format": self._format},
+        }[self._text_kind]
+        dates = pd.to_datetime(texts, errors="coerce", utc=True, **how)
+        usable = dates.notna().to_numpy()
+        filled = dates.fillna(pd.Timestamp(0, tz="UTC")).dt.tz_convert(None).to_numpy("datetime64[ns]")
+        return filled.astype(np.int64), usable
+
+    def _kind(self, first: str) -> str:
+        if self._format:
+            return "format"
+        for kind, pattern in (("iso", _ISO), ("german", _GERMAN), ("clock", _CLOCK)):
+            if pattern.match(first):
+                return kind
+        where = f"{self._report.path}, column {self._column!r}"
+        step = 'say how it is written: [series] time_format = "%d/%m/%Y %H:%M:%S.%f"'
+        raise DataError.of("the time stamps are not understood", where, repr(first), _KINDS, step)
+
+
+def at_rate(count: int, start_row: int, rate_hz: float) -> IntArray:
+    """Return the time stamps of rows that have none, from a rate."""
+    return np.rint((start_row + np.arange(count)) * (1e9 / rate_hz)).astype(np.int64)
