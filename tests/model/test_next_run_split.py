@@ -97,3 +97,9 @@ def test_of_steps_that_tell_enough_the_cheapest_comes_first() -> None:
     assert [run.step.code for run in best_first(runs)] == ["cheaper", "cheap", "dear", "too little", "least"]
     near = [NextRun(Note("dear"), (), 3.01, 2.0), NextRun(Note("cheap"), (), 3.0, 1.0)]
     assert [run.step.code for run in best_first(near)] == ["cheap", "dear"]
+
+
+def test_steps_that_tell_nothing_are_ranked_too() -> None:
+    """Rounding leaves a little less than nothing of what tells nothing."""
+    runs = [NextRun(Note(name), (), worth, 1.0) for name, worth in (("none", -1e-17), ("less", -0.5), ("some", 1.0))]
+    assert [run.step.code for run in best_first(runs)] == ["some", "none", "less"]

@@ -139,7 +139,7 @@ def best_first(runs: Iterable[NextRun]) -> list[NextRun]:
     left = sorted(runs, key=lambda run: -told(run))
     found: list[NextRun] = []
     while left:
-        alike = [run for run in left if told(run) >= _ALIKE * told(left[0])]
+        alike = [left[0], *(run for run in left[1:] if told(run) >= _ALIKE * told(left[0]))]
         found += sorted(alike, key=lambda run: (run.cost_runs, -run.expected_log_bayes_factor))
         left = left[len(alike) :]
     return found
