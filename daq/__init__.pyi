@@ -28,6 +28,8 @@ from .config import RunInfo as RunInfo
 from .config import RunsConfig as RunsConfig
 from .config import RutReading as RutReading
 from .config import SensorSection as SensorSection
+from .config import SeriesSection as SeriesSection
+from .config import SignalName as SignalName
 from .config import SoilSection as SoilSection
 from .config import TerrainConfig as TerrainConfig
 from .config import TransducerSection as TransducerSection

@@ -368,7 +368,7 @@ class Recording:
         shown = ", ".join(topics[:8]) + (", ..." if len(topics) > 8 else "")
         what = "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read"
         found = f"topics {shown}" if topics else "no topics"
-        step = "`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs"
+        step = "`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs and of bags"
         return RecordingError.of(what, self.path, found, "topics /can/<bus>/raw", step)
 
 

@@ -92,6 +92,7 @@ def open_runs(
     vehicle: str | Path | None = None,
     terrain: str | Path | None = None,
     runs: str | Path | None = None,
+    given: Configuration | None = None,
     lenient_dbc: bool = False,
     left_out: Callable[[str], None] | None = None,
 ) -> list[Run]:
@@ -107,6 +108,8 @@ def open_runs(
         The parts of a run (``R.mcap``, ``R.part2.mcap``, ...) are one run, whichever of them is named.
     vehicle, terrain, runs : path, optional
         Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
+    given : Configuration, optional
+        The same, already loaded.
     lenient_dbc : bool
         See `daq.can.databases.load_database`.
     left_out : callable, optional
@@ -127,9 +130,8 @@ def open_runs(
         raise ConfigError.of("no run is given", next_step="name a recording, a log or a campaign folder")
     collected = Collected()
     named = {VEHICLE_FILE: vehicle, TERRAIN_FILE: terrain, RUNS_FILE: runs}
-    given = _configuration(
-        {name: Path(path) for name, path in named.items() if path is not None}, collected, lenient_dbc
-    )
+    overriding = {name: Path(path) for name, path in named.items() if path is not None}
+    given = _configuration(overriding, collected, lenient_dbc).over(given or Configuration())
     collected.stop_if_any()
 
     @cache
@@ -244,9 +246,9 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
 
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
-    if series_format(path):
-        return series_run(path, known)
-    return recording_run(path, known, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, known)
+    if path.is_file() and is_recording(path):
+        return recording_run(path, known, lenient_dbc=lenient_dbc)
+    return series_run(path, known) if series_format(path) else log_run(path, known)
 
 
 def _other_parts(run: Run) -> set[Path]:

@@ -1,5 +1,6 @@
 from .blocks import Series as Series
 from .blocks import SeriesBlock as SeriesBlock
+from .blocks import SeriesReport as SeriesReport
 from .export import write_blocks as write_blocks
 from .export import write_frame as write_frame
 from .export import write_table as write_table

@@ -10,6 +10,9 @@ from pathlib import Path
 from daq.can.roles import plain_name
 from daq.config import SeriesSection
 from daq.errors import RecordingError
+from daq.recording.contents import MAGIC, read_contents
+from daq.recording.reader import raw_channels
+from daq.recording.series_topics import series_topics
 from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport, together
 from daq.series.readers.bags import read_bag
 from daq.series.readers.delimited import read_delimited
@@ -56,7 +59,7 @@ BAG_METADATA = "metadata.yaml"
 def series_format(path: Path) -> SeriesFormat | None:
     """Return the format of decoded series that a file or bag folder has, None where it is a log of frames or no file.
 
-    MF4 files with CAN frames are logs, those with decoded channels only are series.
+    MF4 files with CAN frames are logs, those with decoded channels only are series; MCAP files of others are bags.
     """
     if path.is_dir():
         return _BAG if (path / BAG_METADATA).is_file() else None
@@ -65,6 +68,8 @@ def series_format(path: Path) -> SeriesFormat | None:
             head = file.read(_HEAD_BYTES)
     except OSError:
         return None
+    if head.startswith(MAGIC):
+        return _BAG if _is_foreign(path, head) else None
     if head.startswith(b"\x89HDF"):
         return next(known for known in SERIES_FORMATS if known.name == ("MATLAB" if path.suffix == ".mat" else "HDF5"))
     for known in SERIES_FORMATS:
@@ -73,6 +78,14 @@ def series_format(path: Path) -> SeriesFormat | None:
     name = path.name.lower().removesuffix(".gz")
     is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not _CAN_TEXT.search(head)
     return _TEXT if is_text else None
+
+
+def _is_foreign(path: Path, head: bytes) -> bool:
+    """Return whether an MCAP file has neither raw frames nor series of ours."""
+    if b"wheelsoil" in head[: len(MAGIC) + 64]:
+        return False
+    contents = read_contents(path)
+    return not raw_channels(contents) and not series_topics(contents)
 
 
 def read_series(path: Path, layout: SeriesSection | None = None) -> Series:

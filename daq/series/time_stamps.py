@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from daq.errors import DataError, Fault, nearest
 from daq.logs.report import EARLIEST_DATE_NS
 from daq.series.blocks import SeriesReport
 from daq.units import Quantity, find_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _WORDS = "time|times?[ _]?stamps?|timestampepoch|zeit|zeitstempel|date[ _]?time|utc|epoch|elapsed"
 _SUFFIX = r"(?:_(?P<suffix>ns|us|ms|s|sec|min|h))?"
@@ -174,25 +177,26 @@ class TimeStamps:
         first = next((text for text in texts if text), "")
         if self._text_kind is None:
             self._text_kind = self._kind(first)
+        points = texts.str.replace(r",(\d{1,9})(?!\d)", r".\1", regex=True)
         if self._text_kind == "clock":
-            parts = texts.str.replace(",", ".", regex=False)
-            passed = pd.to_timedelta(parts, errors="coerce")
+            passed = pd.to_timedelta(points, errors="coerce")
             usable = passed.notna().to_numpy()
-            return np.where(
-                usable, passed.fillna(pd.Timedelta(0)).to_numpy("timedelta64[ns]").astype(np.int64), 0
-            ), usable
-        self._report.unzoned |= not _ZONE.search(first)
-        if self._text_kind != "format":
-            texts = texts.str.replace(",", ".", regex=False)
-        how: Mapping[str, Any] = {
-            "iso": {"format": "ISO8601"},
-            "german": {"dayfirst": True, "format": "mixed"},
-            "format": {"format": self._format},
-        }[self._text_kind]
-        dates = pd.to_datetime(texts, errors="coerce", utc=True, **how)
-        usable = dates.notna().to_numpy()
-        filled = dates.fillna(pd.Timestamp(0, tz="UTC")).dt.tz_convert(None).to_numpy("datetime64[ns]")
-        return filled.astype(np.int64), usable
+            time_ns = passed.fillna(pd.Timedelta(0)).to_numpy("timedelta64[ns]").astype(np.int64)
+        else:
+            self._report.unzoned |= not _ZONE.search(first)
+            dates = self._dates(texts if self._text_kind == "format" else points)
+            usable = dates.notna().to_numpy()
+            filled = dates.fillna(pd.Timestamp(0, tz="UTC")).dt.tz_convert(None)
+            time_ns = filled.to_numpy("datetime64[ns]").astype(np.int64)
+        return time_ns, usable
+
+    def _dates(self, texts: pd.Series[str]) -> pd.Series[pd.Timestamp]:
+        import pandas as pd
+
+        if self._text_kind == "german":
+            return pd.to_datetime(texts, errors="coerce", utc=True, dayfirst=True, format="mixed")
+        form = self._format if self._text_kind == "format" else "ISO8601"
+        return pd.to_datetime(texts, errors="coerce", utc=True, format=form)
 
     def _kind(self, first: str) -> str:
         if self._format:
@@ -207,4 +211,5 @@ class TimeStamps:
 
 def at_rate(count: int, start_row: int, rate_hz: float) -> IntArray:
     """Return the time stamps of rows that have none, from a rate."""
-    return np.rint((start_row + np.arange(count)) * (1e9 / rate_hz)).astype(np.int64)
+    time_ns: IntArray = np.rint((start_row + np.arange(count)) * (1e9 / rate_hz)).astype(np.int64)
+    return time_ns

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
+from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, configuration, pairs
 from wheelsoil.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 
 if TYPE_CHECKING:
@@ -97,15 +98,20 @@ def info_command(
     runs_file: RunsFile = None,
     lenient_dbc: LenientDbc = False,
     all_ids: Annotated[
-        bool, typer.Option("--all-ids", help="List every identifier, not only the most frequent.")
+        bool, typer.Option("--all-ids", help="List every identifier and signal, not only the most frequent.")
     ] = False,
+    dbc: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BUS=FILE", help="A DBC of a bus, if there is no vehicle.toml; may be repeated."),
+    ] = None,
     json: Json = False,
 ) -> None:
-    """List the contents of a recording: parts, buses, frames, rates, identifiers, attachments, marks, losses."""
+    """List the contents of a recording, log or series: every message and signal, rates, gaps, losses, attachments."""
     from daq.runs import open_runs
     from wheelsoil.workflows.recordings import file_facts
 
-    opened = open_runs(runs, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
+    given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
+    opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     facts = []
     for run in opened:
         with counter(f"reading {run.path.name}", "frames") as watch:
@@ -150,7 +156,10 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
     if facts.events:
         print()
         _print_events(facts)
-    if facts.coverage.ids:
+    if facts.messages:
+        print()
+        _print_messages(facts, shown_ids)
+    if facts.coverage.unknown and facts.databases:
         print()
         _print_ids(facts, shown_ids)
     if facts.topics:
@@ -257,6 +266,39 @@ def _print_events(facts: FileFacts) -> None:
 
     rows = [[utc(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events]
     print_table(["time", "event", "severity", "text"], rows, left=4)
+
+
+def _print_messages(facts: FileFacts, limit: int | None) -> None:
+    """Print what came of the messages that have most samples, and the range of their signals."""
+    often = sorted(facts.messages, key=lambda one: -one.samples)[:limit]
+    shown = [one for one in facts.messages if one in often]
+    rows = [
+        [
+            one.bus or "-",
+            one.name,
+            f"{one.samples:,}",
+            number(one.rate_hz),
+            "-" if isnan(one.missing_share) else f"{100 * one.missing_share:.1f} %",
+            number(one.longest_gap_s, 3),
+            number(one.gap_at_s, 4) if one.longest_gap_s > 0 else "-",
+        ]
+        for one in shown
+    ]
+    print_table(
+        ["bus", "message" if facts.frames else "topic", "samples", "/s", "missing", "longest gap s", "at s"],
+        rows,
+        left=2,
+    )
+    signals = [
+        [f"{message.name}.{one.name}", one.unit or "-", number(one.least), number(one.most), f"{100 * one.share:.4g} %"]
+        for message in shown
+        for one in message.signals
+    ]
+    if signals:
+        print()
+        print_table(["signal", "unit", "least", "most", "present"], signals, left=2)
+    if len(facts.messages) > len(shown):
+        print(f"... and {len(facts.messages) - len(shown)} more with their signals (--all-ids)")
 
 
 def _print_ids(facts: FileFacts, limit: int | None) -> None:

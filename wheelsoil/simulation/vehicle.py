@@ -15,6 +15,7 @@ from daq import (
     FloatArray,
     Quantity,
     SensorSection,
+    SignalName,
     TransducerSection,
     VehicleConfig,
     VehicleSection,
@@ -109,7 +110,7 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
             outboard_inertia_kgm2=vehicle.outboard_inertia_kgm2,
         ),
         bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
-        signals=_SIGNALS,
+        signals={role: SignalName.model_validate(text) for role, text in _SIGNALS.items()},
         sensors={
             role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
             for role, delay in delays.items()

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from daq import Channel, ConfigError, Fault, RunInfo, UncertainTimestamps, data_frame, file_name
-from daq.can import Coverage, Decoder, coverage
+from daq import (
+    Channel,
+    ConfigError,
+    Fault,
+    FloatArray,
+    IntArray,
+    RunInfo,
+    UncertainTimestamps,
+    data_frame,
+    file_name,
+)
+from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, coverage
 from daq.logger import is_being_recorded
-from daq.logs import LogReading, lenient_remarks
+from daq.logs import LogReading, LogReport, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
 from daq.runs import LENIENT_KEY, Run
-from daq.series import write_frame
+from daq.series import Series, SeriesReport, write_frame
+from wheelsoil.workflows.signals import MessageFacts, SignalTally
+
+Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
+"""Bus, name, time stamps, values and units of a message."""
 
 _BLOCK_BYTES = 1 << 20
 _NO_END, _NO_END_YET = "no end of the run", "still being recorded"
@@ -60,7 +73,7 @@ class FileFacts:
     Attributes
     ----------
     kind : str
-        "recording", "recording without raw frames" or the log's format.
+        "recording", "recording of decoded series", "recording without raw frames", or the file's format.
     sha256 : str
         Of a run in parts: of all its files, one behind the other.
     parts : tuple of PartFacts
@@ -80,6 +93,9 @@ class FileFacts:
         Frames that came while the host's clock was set.
     unsure_within_s : float
         By how much their times can be wrong; NaN where that is not known.
+    messages : tuple of MessageFacts
+        What came of each message that the DBCs know (without any: of each identifier), or of each topic of decoded
+        series, with its signals.
     clock, clock_steps : mapping str -> str
         Metadata records of these names: host against GNSS time, steps of the host's clock.
     databases : mapping bus -> names
@@ -112,6 +128,7 @@ class FileFacts:
     databases: dict[str, list[str]]
     attachments: dict[str, int]
     topics: tuple[Topic, ...]
+    messages: tuple[MessageFacts, ...]
     written_by: str
     exit_status: str
     loss: tuple[str, ...]
@@ -150,15 +167,13 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
     metadata = recording.metadata if recording else {}
     events = recording.events() if recording else ()
     parts = tuple(map(_part_facts, recording.parts)) if recording else ()
-    kind = "recording" if recording and recording.has_raw_frames else "recording without raw frames"
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
-        kind = tally.report.format
         remarks += tally.report.remarks()
     return FileFacts(
         run_id=run.id,
         file=str(run.path),
-        kind=kind,
+        kind=_kind(run, tally),
         bytes=sum(file.stat().st_size for file in run.files),
         sha256=parts[0].sha256 if len(parts) == 1 else sha256_of(*run.files),
         parts=parts,
@@ -180,11 +195,20 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         databases={bus: [database.name for database in files] for bus, files in run.databases.items()},
         attachments={name: len(data) for name, data in recording.attachments.items()} if recording else {},
         topics=recording.topics if recording else (),
+        messages=tally.messages.facts(),
         written_by=recording.library if recording else "",
         exit_status=_exit_status(recording, parts) if recording else "",
         loss=tuple(str(item) for item in recording.loss) if recording else (),
         remarks=tuple(remarks),
     )
+
+
+def _kind(run: Run, tally: _Tally) -> str:
+    if run.recording is None:
+        return tally.report.format if tally.report else ""
+    if run.recording.has_raw_frames:
+        return "recording"
+    return "recording of decoded series" if run.series else "recording without raw frames"
 
 
 def _exit_status(recording: RunRecording, parts: Sequence[PartFacts]) -> str:
@@ -229,11 +253,22 @@ class _Tally:
         self.unsure = UncertainTimestamps()
         self.start_ns: int | None = None
         self.end_ns: int | None = None
-        self.report: Any = None
+        self.report: LogReport | SeriesReport | None = None
+        self.messages = SignalTally()
+
+    def span(self, time_ns: IntArray) -> None:
+        """Stretch begin and end over these stamps."""
+        if len(time_ns):
+            first, last = int(time_ns.min()), int(time_ns.max())
+            self.start_ns = first if self.start_ns is None else min(first, self.start_ns)
+            self.end_ns = last if self.end_ns is None else max(last, self.end_ns)
 
 
 def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
     tally = _Tally()
+    if run.series:
+        _tally_series(run.series, tally, watch)
+        return tally
     if run.recording and not run.recording.has_raw_frames:
         tally.start_ns, tally.end_ns = run.recording.time_range_ns or (None, None)
         return tally
@@ -242,19 +277,55 @@ def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
         tally.report = batches.report
     if run.recording:
         tally.frames = dict.fromkeys(run.recording.buses, 0)
+    decoder = Decoder(run.databases) if run.databases else None
     for batch in batches:
         counts = np.bincount(batch.frames["bus"], minlength=len(batch.buses))
         for bus, count in zip(batch.buses, counts.tolist(), strict=True):
             tally.frames[bus] = tally.frames.get(bus, 0) + count
         tally.coverage = tally.coverage + coverage(batch, run.databases)
         tally.unsure.take(batch)
-        if len(batch):
-            first, last = int(batch.frames["time_ns"].min()), int(batch.frames["time_ns"].max())
-            tally.start_ns = first if tally.start_ns is None else min(first, tally.start_ns)
-            tally.end_ns = last if tally.end_ns is None else max(last, tally.end_ns)
+        tally.span(batch.frames["time_ns"])
+        for bus, name, time_ns, values, units in _messages(batch, decoder):
+            tally.messages.take(bus, name, time_ns, values, units)
         if watch:
             watch(sum(tally.frames.values()))
     return tally
+
+
+def _tally_series(series: Series, tally: _Tally, watch: Callable[[int], None] | None) -> None:
+    tally.report = series.report
+    for blocks in series.blocks():
+        for block in blocks:
+            tally.messages.take("", block.topic, block.time_ns, block.columns, series.topics[block.topic])
+            tally.span(block.time_ns)
+        if watch:
+            watch(sum(series.report.rows.values()))
+
+
+def _messages(batch: FrameBatch, decoder: Decoder | None) -> Iterator[Sample]:
+    """Yield what came of each message of the DBCs, or of each identifier where there are none."""
+    if decoder is None:
+        yield from _identifiers(batch)
+        return
+    signals: dict[tuple[str, str], dict[str, Channel]] = {}
+    for (bus, name), channel in decoder.decode(batch).items():
+        message, _, signal = name.rpartition(".")
+        signals.setdefault((bus, message), {})[signal] = channel
+    for (bus, message), channels in signals.items():
+        values = {name: channel.values for name, channel in channels.items()}
+        units = {name: channel.unit for name, channel in channels.items()}
+        yield bus, message, next(iter(channels.values())).time_ns, values, units
+
+
+def _identifiers(batch: FrameBatch) -> Iterator[Sample]:
+    frames = batch.frames[(batch.frames["flags"] & (FrameFlag.ERROR | FrameFlag.REMOTE)) == 0]
+    extended = frames["flags"] & FrameFlag.EXTENDED
+    key = frames["bus"].astype(np.int64) << 40 | extended.astype(np.int64) << 32 | frames["can_id"]
+    for one in np.unique(key).tolist():
+        chosen = frames[key == one]
+        can_id = int(chosen["can_id"][0])
+        name = f"0x{can_id:08X}" if chosen["flags"][0] & FrameFlag.EXTENDED else f"0x{can_id:03X}"
+        yield batch.buses[int(chosen["bus"][0])], name, chosen["time_ns"], {}, {}
 
 
 def export_tables(

@@ -1,0 +1,129 @@
+"""What came of each signal of a run: rate, range, share present, longest gap, and what is missing of each message."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+
+from daq import FloatArray, IntArray
+
+_STEPS = 4096
+"""Intervals of a message from which its usual one is taken."""
+_REGULAR = 0.25
+"""A message comes at a rate when most of its intervals are within this share of the usual one."""
+
+
+@dataclass(frozen=True)
+class SignalFacts:
+    """Attributes: the range of what came (NaN where nothing did), and the share of the samples that have a value."""
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    share: float
+
+
+@dataclass(frozen=True)
+class MessageFacts:
+    """What came of one message of a bus, or of one topic of decoded series.
+
+    Attributes
+    ----------
+    bus : str
+        Empty for decoded series.
+    rate_hz : float
+        From the usual interval; NaN below two samples.
+    missing_share : float
+        Of the samples that the usual interval lets expect; NaN where they come at no rate.
+    longest_gap_s, gap_at_s : float
+        The longest interval, and when it began after the run's first sample.
+    """
+
+    bus: str
+    name: str
+    samples: int
+    rate_hz: float
+    missing_share: float
+    longest_gap_s: float
+    gap_at_s: float
+    signals: tuple[SignalFacts, ...]
+
+
+class SignalTally:
+    """Takes the samples of a run piece by piece, and says what came."""
+
+    def __init__(self) -> None:
+        self._messages: dict[tuple[str, str], _Message] = {}
+
+    def take(
+        self, bus: str, name: str, time_ns: IntArray, values: Mapping[str, FloatArray], units: Mapping[str, str]
+    ) -> None:
+        """Take a piece of one message; its signals come with every piece."""
+        message = self._messages.get((bus, name))
+        if message is None:
+            message = self._messages[bus, name] = _Message(dict(units))
+        message.take(time_ns, values)
+
+    def facts(self) -> tuple[MessageFacts, ...]:
+        """Return what came so far, in the order of the first piece."""
+        filled = [one for one in self._messages.values() if one.count]
+        start_ns = min((one.first_ns for one in filled), default=0)
+        return tuple(one.facts(*key, start_ns) for key, one in self._messages.items())
+
+
+class _Message:
+    def __init__(self, units: Mapping[str, str]) -> None:
+        self.units = units
+        self.count = 0
+        self.first_ns = self.last_ns = 0
+        self._gap_ns, self._gap_at_ns = 0, 0
+        self._steps: list[IntArray] = []
+        self._present = dict.fromkeys(units, 0)
+        self._range = dict.fromkeys(units, (np.inf, -np.inf))
+
+    def take(self, time_ns: IntArray, values: Mapping[str, FloatArray]) -> None:
+        if not len(time_ns):
+            return
+        before = self.last_ns if self.count else int(time_ns[0])
+        steps = np.diff(time_ns, prepend=before)
+        longest = int(np.argmax(steps))
+        if steps[longest] > self._gap_ns:
+            self._gap_ns, self._gap_at_ns = int(steps[longest]), int(time_ns[longest] - steps[longest])
+        if sum(map(len, self._steps)) < _STEPS:
+            self._steps.append(steps[0 if self.count else 1 :])
+        if not self.count:
+            self.first_ns = int(time_ns[0])
+        self.last_ns = int(time_ns[-1])
+        self.count += len(time_ns)
+        for name, column in values.items():
+            there = column[np.isfinite(column)]
+            if len(there):
+                low, high = self._range[name]
+                self._range[name] = (min(low, float(there.min())), max(high, float(there.max())))
+                self._present[name] += len(there)
+
+    def facts(self, bus: str, name: str, start_ns: int) -> MessageFacts:
+        steps = np.concatenate([np.zeros(0, np.int64), *self._steps])
+        steps = steps[steps > 0]
+        usual_ns = float(np.median(steps)) if len(steps) else nan
+        regular = len(steps) > 0 and float(np.mean(np.abs(steps / usual_ns - 1) < _REGULAR)) > 0.5
+        expected = (self.last_ns - self.first_ns) / usual_ns + 1 if regular else nan
+        signals = []
+        for signal, unit in self.units.items():
+            low, high = self._range[signal] if self._present[signal] else (nan, nan)
+            share = self._present[signal] / self.count if self.count else 0.0
+            signals.append(SignalFacts(signal, unit, low, high, share))
+        return MessageFacts(
+            bus=bus,
+            name=name,
+            samples=self.count,
+            rate_hz=1e9 / usual_ns,
+            missing_share=max(0.0, 1.0 - self.count / expected),
+            longest_gap_s=self._gap_ns * 1e-9 if self.count > 1 else nan,
+            gap_at_s=(self._gap_at_ns - start_ns) * 1e-9,
+            signals=tuple(signals),
+        )
