@@ -37,8 +37,9 @@ class ProcessOptions:
     cutoff_hz : float or None
         -3 dB frequency of the common low-pass, at most a tenth of `rate_hz`; None: a fifth of the slowest
         channel's rate, at most 5 Hz.
-    min_speed_mps : float
-        Slip is formed where ground speed or rim speed is at least this.
+    min_speed_mps : float or None
+        Slip is formed where ground speed or rim speed is at least this; None: 0.5 m/s, less for a slow vehicle (see
+        `processing.pipeline.kinematics.pace_of`).
     max_gap_s : float or None
         Longest hole between samples that the filter may bridge; None: one standard deviation of its kernel.
         A channel's own 1.75 sampling intervals are always bridged.
@@ -48,7 +49,7 @@ class ProcessOptions:
 
     rate_hz: float = 100.0
     cutoff_hz: float | None = None
-    min_speed_mps: float = 0.5
+    min_speed_mps: float | None = None
     max_gap_s: float | None = None
     purpose: str = "process"
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from daq import (
     ON_TIME_BASE,
     TRANSDUCER_ROLES,
+    BoolArray,
     Brakes,
     ChannelDefinition,
     ClockFit,
@@ -25,7 +26,15 @@ from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
 from processing.pipeline.inputs import MODEL_ROLES
-from processing.pipeline.kinematics import runs_of, segment, slip_of, slip_sigma
+from processing.pipeline.kinematics import (
+    least_slip_speed,
+    pace_of,
+    runs_of,
+    segment,
+    slip_of,
+    slip_sigma,
+    stalled,
+)
 from processing.pipeline.latency import SpeedComparison, compare_speeds
 from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
 from processing.pipeline.resampling import OnBase
@@ -144,15 +153,22 @@ def assemble(
     radius_m = wheel.radius_m
     ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
     rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
-    slip = slip_of(rim, ground, options.min_speed_mps)
-    sigma = slip_sigma(rim, ground, rim_sigma, ground_sigma, options.min_speed_mps)
+    pace = pace_of(rim, ground)
+    least_mps = least_slip_speed(pace) if options.min_speed_mps is None else options.min_speed_mps
+    slip = slip_of(rim, ground, least_mps)
+    sigma = slip_sigma(rim, ground, rim_sigma, ground_sigma, least_mps)
     acceleration = filtered.slope("ground_speed")
     torque, load = filtered.values("driving_torque"), filtered.values("vertical_load")
-    segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
-    filtered = _with_standstill_noise(filtered, segments, options.rate_hz)
+    segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz, pace)
+    stuck = stalled(segments, torque)
+    filtered = _with_standstill_noise(filtered, np.where(stuck, Segment.COAST, segments), options.rate_hz)
     reason = combine_reasons(filtered.reasons().values(), segments, slip, load, slip_is_measured=filtered.has_slip)
     distance, bridged_m = distance_of(filtered.time_s, ground)
     notes = [Note(RunCode.DISTANCE_BRIDGED, values={"length_m": bridged_m})] * (bridged_m > 0)
+    if pace < 1 and options.min_speed_mps is None:
+        notes.append(Note(RunCode.SLOW_VEHICLE, values={"least_mps": least_mps}))
+    if stuck.any():
+        notes.append(Note(RunCode.STALLED, values={"time_s": float(stuck.sum()) / options.rate_hz}))
     return ProcessedRun(
         run=run,
         rate_hz=options.rate_hz,
@@ -172,7 +188,7 @@ def assemble(
         segment=segments,
         reason=reason,
         outboard_mass_kg=wheel.outboard_mass_kg,
-        quality=_quality(filtered, slip, segments, reason, radius_m, options, brakes, notes),
+        quality=_quality(filtered, slip, segments, stuck, reason, radius_m, options, brakes, notes, pace),
     )
 
 
@@ -202,16 +218,18 @@ def _quality(
     filtered: FilteredRun,
     slip: FloatArray,
     segments: NDArray[np.uint8],
+    stuck: BoolArray,
     reason: NDArray[np.uint8],
     radius_m: float,
     options: ProcessOptions,
     brakes: Brakes,
     notes: list[Note],
+    pace: float,
 ) -> QualityReport:
-    speeds = _compare(filtered, radius_m, options.rate_hz)
+    speeds = _compare(filtered, radius_m, options.rate_hz, pace)
     standing = standstills(
         filtered.time_s,
-        segments,
+        np.where(stuck, Segment.COAST, segments),
         {role: filtered.values(role) for role in (*TRANSDUCER_ROLES, "ground_speed") if role in filtered.roles},
         filtered.cutoff_hz,
         filtered.brake,
@@ -250,7 +268,7 @@ def _quality(
     )
 
 
-def _compare(filtered: FilteredRun, radius_m: float, rate_hz: float) -> SpeedComparison:
+def _compare(filtered: FilteredRun, radius_m: float, rate_hz: float, pace: float) -> SpeedComparison:
     """Compare the speeds where both went through the whole filter."""
     if not filtered.has_slip:
         return SpeedComparison()
@@ -263,4 +281,5 @@ def _compare(filtered: FilteredRun, radius_m: float, rate_hz: float) -> SpeedCom
         filtered.values("drawbar_pull"),
         radius_m,
         rate_hz,
+        pace,
     )

@@ -10,6 +10,11 @@ from processing.processed_run import Segment
 
 _ROWS_AT_ONCE = 1 << 16
 """Rows at once: a long run's temporaries stay small."""
+_LEAST_SLIP_MPS = 0.5
+_FAST_MPS = 2.0
+"""A vehicle that gets no faster has thresholds in proportion."""
+_MOVING_SHARE = 0.1
+_STALLED_SHARE, _WORKING_SHARE = 0.25, 0.1
 _REST_MPS = 0.15
 _MOVING_MPS = 0.3
 _REST_SECONDS = 0.5
@@ -17,6 +22,25 @@ _SHORTEST_SECONDS = 0.3
 _LOW_TRACTION = 0.03
 _DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
 _DRIVEN_SLIP = 0.05
+
+
+def pace_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray) -> float:
+    """Return the share of the usual thresholds of speed that suits a run: 1 for one that reaches 2 m/s, less below.
+
+    Reached is what 5 % of its moving samples exceed, by rim or ground. The arrays have shape (n,).
+    """
+    larger = np.fmax(np.abs(rim_speed_mps), np.abs(ground_speed_mps))
+    larger = larger[np.isfinite(larger)]
+    if not len(larger):
+        return 1.0
+    moving = larger[larger > _MOVING_SHARE * float(np.quantile(larger, 0.999))]
+    reached = float(np.quantile(moving, 0.95)) if len(moving) else 0.0
+    return min(1.0, reached / _FAST_MPS) or 1.0
+
+
+def least_slip_speed(pace: float) -> float:
+    """Return the larger speed below which no slip is formed, m/s."""
+    return _LEAST_SLIP_MPS * pace
 
 
 def slip_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray, min_speed_mps: float) -> FloatArray:
@@ -68,24 +92,43 @@ def segment(
     torque_over_radius_n: FloatArray,
     load_n: FloatArray,
     rate_hz: float,
+    pace: float = 1.0,
 ) -> NDArray[np.uint8]:
     """Return the `Segment` of each sample; all arrays of shape (n,), all NaN where not measured.
 
     Standstill: both speeds below 0.15 m/s for at least 0.5 s, left at 0.3 m/s. Drive and brake by the torque where it
     is measured (|T|/r above 3 % of the load, or of the largest |T|/r without load; left at half of it), else by slip
     (5 %) and acceleration (0.2 and -0.5 m/s2); coast is in between. Pieces under 0.3 s join what was before. Unknown
-    where a speed is missing; lost frames of less than 0.5 s do not end a standstill.
+    where a speed is missing; lost frames of less than 0.5 s do not end a standstill. `pace` scales the speeds.
     """
     known = np.isfinite(rim_speed_mps) & np.isfinite(ground_speed_mps)
     fastest = np.fmax(np.abs(rim_speed_mps), np.abs(ground_speed_mps))
     lost = _at_least(~known, _REST_SECONDS * rate_hz)
-    resting = _hold(known & (fastest < _REST_MPS), fastest > _MOVING_MPS, lost)
+    resting = _hold(known & (fastest < _REST_MPS * pace), fastest > _MOVING_MPS * pace, lost)
     resting &= _at_least(resting, _REST_SECONDS * rate_hz)
     driven = _driven(acceleration_mps2, slip, torque_over_radius_n, load_n, known)
     kind = np.where(driven > 0, Segment.DRIVE, np.where(driven < 0, Segment.BRAKE, Segment.COAST))
     kind = np.where(resting, Segment.STANDSTILL, kind)
     kind = np.where(known | resting, kind, Segment.UNKNOWN).astype(np.uint8)
     return _without_short(kind, _SHORTEST_SECONDS * rate_hz)
+
+
+def stalled(segments: NDArray[np.uint8], torque_nm: FloatArray) -> BoolArray:
+    """Return where a wheel stands under a torque that works at it: no standstill that shows zeros or noise.
+
+    Its median torque is above a quarter of what 5 % of the run's samples exceed, and varies by more than a tenth of
+    that: held brakes keep it constant. Arrays of shape (n,).
+    """
+    out = np.zeros(len(segments), np.bool_)
+    known = np.abs(torque_nm[np.isfinite(torque_nm)])
+    large = float(np.quantile(known, 0.95)) if len(known) else 0.0
+    for start, stop in runs_of(segments) if large > 0 else ():
+        part = torque_nm[start:stop]
+        part = part[np.isfinite(part)]
+        if segments[start] == Segment.STANDSTILL and len(part):
+            low, middle, high = np.quantile(part, (0.05, 0.5, 0.95))
+            out[start:stop] = abs(middle) > _STALLED_SHARE * large and high - low > _WORKING_SHARE * large
+    return out
 
 
 def runs_of(labels: NDArray[np.uint8] | BoolArray) -> IntArray:

@@ -40,13 +40,15 @@ _SCALE_ROWS = 10_000
 class SpeedSignals:
     """What the estimate looks at; arrays of shape (n,) on the time base, NaN where not to be used or not measured.
 
-    The traction is T / (r W), or T / r where the load is not measured; all NaN without torque.
+    The traction is T / (r W), or T / r where the load is not measured; all NaN without torque. Slower samples than
+    `least_mps` are no use.
     """
 
     ground_speed_mps: FloatArray
     rim_speed_mps: FloatArray
     traction: FloatArray
     rate_hz: float
+    least_mps: float = LEAST_SPEED_MPS
 
 
 def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
@@ -62,7 +64,8 @@ def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
     if np.isfinite(signals.traction).any() and np.isfinite(delay):
         others = [_Problem.of(signals, *choice).refine(delay)[0] for choice in _OTHER_CHOICES]
         sigma = hypot(sigma, float(np.sqrt(np.mean((np.array(others) - delay) ** 2))))
-    good = sigma < _LARGEST_SIGMA_S and SCAN_S[0] < delay < SCAN_S[1]
+    inside = SCAN_S[0] + _SCAN_STEP_S < delay < SCAN_S[1] - _SCAN_STEP_S
+    good = sigma < _LARGEST_SIGMA_S and inside
     return (delay, sigma) if good else (nan, nan)
 
 
@@ -101,7 +104,7 @@ class _Problem:
             middle, size = (float(np.median(seen)), float(np.std(seen))) if len(seen) else (0.0, 1.0)
             traction = (traction - middle) / max(size, 1e-12)
         else:
-            chosen, traction, degree = rim > LEAST_SPEED_MPS, np.zeros_like(rim), 0
+            chosen, traction, degree = rim > signals.least_mps, np.zeros_like(rim), 0
         rim = np.where(chosen, rim, nan)
         known = np.isfinite(rim) & np.isfinite(traction)
         known[1:-1] &= known[:-2] & known[2:]
@@ -169,7 +172,7 @@ def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:
     """Return the moving samples whose traction goes with a slip below the limit, by the median slip of each bin."""
     rim, ground, traction = signals.rim_speed_mps, signals.ground_speed_mps, signals.traction
     larger = np.maximum(rim, ground)
-    moving = (larger > LEAST_SPEED_MPS) & np.isfinite(traction)
+    moving = (larger > signals.least_mps) & np.isfinite(traction)
     if moving.sum() < 4 * _CURVE_BINS:
         return moving
     edges = np.quantile(traction[moving], np.linspace(0, 1, _CURVE_BINS + 1))
@@ -187,6 +190,7 @@ def rolls_freely(
     load_n: FloatArray,
     drawbar_pull_n: FloatArray,
     radius_m: float,
+    least_mps: float = LEAST_SPEED_MPS,
 ) -> BoolArray:
     """Return the moving samples on which the wheel hardly slips.
 
@@ -196,7 +200,7 @@ def rolls_freely(
     sample passes (a road vehicle); where one of them is not, none: nobody can tell then. Arrays of shape (n,), all NaN
     where not measured.
     """
-    moving = rim_speed_mps > LEAST_SPEED_MPS
+    moving = rim_speed_mps > least_mps
     measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]
     if not all(measured):
         return moving & (not any(measured))
@@ -239,18 +243,20 @@ def compare_speeds(
     drawbar_pull_n: FloatArray,
     radius_m: float,
     rate_hz: float,
+    pace: float = 1.0,
 ) -> SpeedComparison:
     """Estimate the residual latency on low slip, and the scale where the wheel rolls freely.
 
     Arrays of shape (n,) on the time base, NaN where not to be used or not measured. Where torque is not, slip goes by
-    drawbar pull.
+    drawbar pull. `pace` scales the least speed.
     """
+    least_mps = LEAST_SPEED_MPS * pace
     measured = np.isfinite(torque_nm).any()
     traction = torque_nm / radius_m if measured else drawbar_pull_n
     if np.isfinite(load_n).any():
         traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
-    latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))
-    free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m))
+    latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz, least_mps))
+    free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m, least_mps))
     free = free[:: max(1, -(-len(free) // _SCALE_ROWS))]
     ground = _later(ground_speed_mps, free, (latency if isfinite(latency) else 0.0) * rate_hz)
     return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))

@@ -45,6 +45,7 @@ from processing.pipeline.resampling import (
     received_span_ns,
 )
 from processing.pipeline.rut import with_ruts
+from processing.pipeline.sense import sense_notes
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base
@@ -193,7 +194,8 @@ def process_stream(
     filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
     brakes = vehicle.vehicle.standstill_brakes
     processed = with_ruts(assemble(filtered, wheel, run or RunInfo(), options, brakes))
-    quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
+    found = (*processed.quality.notes, *sense_notes(processed, vehicle))
+    quality = replace(processed.quality, notes=found, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 
 

@@ -52,6 +52,14 @@ def _missing(v: Values) -> str:
     return f"{role} is missing; {step}"
 
 
+def _rolling(v: Values) -> str:
+    said = f"the rim is {v['ratio']:.3g} times as fast as the ground where the wheel should roll"
+    if not v["steady"]:
+        return f"{said} ({v['low']:.2g} to {v['high']:.2g}): is wheel_speed the wheel's, or the engine's?"
+    unit = f" ({v['unit']}?)" if v["unit"] else ""
+    return f"{said}: check the units of both speeds{unit} and [wheel] radius_m"
+
+
 def _cutoff(v: Values) -> str:
     asked = f" instead of {v['asked_hz']:g} Hz" if v["asked_hz"] else ""
     return f"{v['role']} comes at {v['rate_hz']:.3g} Hz: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
@@ -133,6 +141,18 @@ SENTENCES: dict[str, Sentence] = {
         "the vertical load is negative most of the time: check its sign (positive is up on the wheel)"
     ),
     RunCode.SIGNS_OPPOSED: _opposed,
+    RunCode.ROLLING_RATIO: _rolling,
+    RunCode.LOAD_AGAINST_MASS: (
+        "the vertical load of {load_n:.3g} N is {share:.2g} of the weight of {mass_kg:g} kg: check unit and mass"
+    ),
+    RunCode.FORCE_AGAINST_LOAD: lambda v: (
+        f"{ROLES[v['role']].name} is up to {v['share']:.3g} times the load: check the unit of both"
+    ),
+    RunCode.MOSTLY_STANDING: "the vehicle stands for {share:.0%} of the run",
+    RunCode.SLOW_VEHICLE: "a slow vehicle: slip is formed from {least_mps:.2g} m/s on, not from 0.5 m/s",
+    RunCode.STALLED: (
+        "the wheel stands under torque for {time_s:.1f} s: immobilised, so that this shows neither zero nor noise"
+    ),
     RunCode.ROLE_MISSING: _missing,
     RunCode.GNSS_CLOCK_UNKNOWN: "gnss_time: too few epochs to compare the clocks",
     RunCode.CUTOFF_LOWERED: _cutoff,
