@@ -46,6 +46,8 @@ class RecordingCode(StrEnum):
     """file, choice: the file that was made of another recording of that name"""
     CLOCK_SET = "clock_set"
     """count, within_s (NaN: not known)"""
+    VALIDITY_UNUSED = "validity_unused"
+    """signal: of the ground speed, without a role"""
     PARTS_APART = "parts_apart"
     """before, after, length_s"""
     PARTS_OVERLAP = "parts_overlap"

@@ -24,6 +24,8 @@ _UNIT_BEHIND = re.compile(
 )
 """A unit in brackets at the end of a header; ``velocity[2]`` has none."""
 
+_VALID = re.compile(r"valid", re.IGNORECASE)
+_SPEED_VALID = re.compile(r"speed[ _]?(is[ _]?)?valid|valid[ _]?speed", re.IGNORECASE)
 _NO_DATA = re.compile(
     r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
 )
@@ -140,6 +142,32 @@ def resolve_columns(
         As `resolve_roles`; also for a column whose unit neither the file nor vehicle.toml states.
     """
     return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
+
+
+def unused_validity(
+    references: Mapping[str, SignalRef], signals: Mapping[tuple[str, str], Collection[str]]
+) -> str | None:
+    """Return the signal that looks like the validity of the ground speed and has no role, None where there is none.
+
+    One in the same message may be called anything with "valid" in it, one in another message of the bus must speak of
+    the speed.
+
+    Parameters
+    ----------
+    references : mapping role -> SignalRef
+    signals : mapping (bus, message) -> signals
+
+    Returns
+    -------
+    str or None
+        ``"Message.Signal"``.
+    """
+    speed = references.get("ground_speed")
+    if speed is None or "ground_speed_valid" in references:
+        return None
+    beside = [f"{speed.message}.{one}" for one in signals.get((speed.bus, speed.message), ()) if _VALID.search(one)]
+    others = [f"{m}.{one}" for (bus, m), names in signals.items() if bus == speed.bus for one in names]
+    return next((one for one in (*beside, *others) if one in beside or _SPEED_VALID.search(one)), None)
 
 
 class _Place(NamedTuple):

@@ -14,11 +14,12 @@ import numpy as np
 from daq.can.codec import Decoder
 from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus
 from daq.can.frames import FrameBatch
-from daq.can.roles import SignalRef, resolve_columns, resolve_roles
+from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.channels import ROLES, Channel
 from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, carried_zeros, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
+from daq.notes import Note, RecordingCode
 from daq.recording import RunRecording
 from daq.series.blocks import Series, SeriesBlock
 from daq.series.formats import read_series
@@ -200,6 +201,18 @@ class Run:
                 for role, one in references.items()
                 if one.message in by_topic
             }
+
+    def validity_notes(self) -> list[Note]:
+        """Return a note on a validity of the ground speed that has no role; raises as `channels`."""
+        if self.series:
+            references = resolve_columns(self.vehicle, self.series.topics, (), ROLES)
+            signals = {("", topic): tuple(units) for topic, units in self.series.topics.items()}
+        else:
+            references = resolve_roles(self.vehicle, self.databases, (), ROLES)
+            messages = messages_by_bus(self.databases)
+            signals = {(bus, name): tuple(m.by_name) for bus, known in messages.items() for name, m in known.items()}
+        unused = unused_validity(references, signals)
+        return [Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else []
 
     def channels(self, roles: Collection[str] = ROLES) -> dict[str, Channel]:
         """Return the channels of some roles in SI units, angles in radians, but positions in degrees.

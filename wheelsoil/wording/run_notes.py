@@ -114,6 +114,9 @@ SENTENCES: dict[str, Sentence] = {
         "{file} is another recording than the one that {choice} was made of; look at it again"
     ),
     RecordingCode.CLOCK_SET: _clock_set,
+    RecordingCode.VALIDITY_UNUSED: (
+        '{signal} is not used: add ground_speed_valid = "{signal}" to [signals], so that invalid fixes are excluded'
+    ),
     RecordingCode.PARTS_APART: "{length_s:.2f} s between part {before} and part {after} were not recorded",
     RecordingCode.PARTS_OVERLAP: "part {after} begins {length_s:.2f} s before the last frame of part {before}",
     RunCode.LATE_STAMPS: "{role}: samples excluded because their stamps run backward: {count}",

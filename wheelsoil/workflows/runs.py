@@ -126,7 +126,8 @@ def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Pat
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
     gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-    one = replace(one, quality=replace(one.quality, notes=(*unsure.notes(), *gaps, *one.quality.notes)))
+    of_run = (*unsure.notes(), *gaps, *run.validity_notes())
+    one = replace(one, quality=replace(one.quality, notes=(*of_run, *one.quality.notes)))
     if place:
         place.put(one)
     return one
