@@ -63,7 +63,9 @@ class SeriesReport:
         Cells that should hold a number and do not; they are NaN.
     skipped : mapping column -> reason
     damage : str
-        What is wrong with the file as a whole.
+        Where the reading broke off, and why.
+    known : list of str
+        What was known of the file before its rows were read, a sentence each.
     """
 
     path: str
@@ -79,11 +81,12 @@ class SeriesReport:
     bad_cells: dict[str, int] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     damage: str = ""
+    known: list[str] = field(default_factory=list)
     _last_ns: dict[str, int] = field(default_factory=dict)
 
     def restart(self) -> None:
         """Forget what was counted; what is known of the columns stays."""
-        fresh = SeriesReport(self.path, self.format, unzoned=self.unzoned, skipped=self.skipped)
+        fresh = SeriesReport(self.path, self.format, unzoned=self.unzoned, skipped=self.skipped, known=self.known)
         vars(self).update(vars(fresh))
 
     def note_bad_row(self, where: str, why: str, count: int = 1) -> None:
@@ -117,7 +120,7 @@ class SeriesReport:
 
     def remarks(self) -> list[str]:
         """Return what a user should know of this file, a sentence each."""
-        lines = []
+        lines = list(self.known)
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.unzoned:

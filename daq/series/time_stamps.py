@@ -48,6 +48,8 @@ def is_time_text(cell: str) -> bool:
 def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:
     """Return the time column of each other column: the last one before it, or else the first one after it.
 
+    Of time columns side by side the first one counts.
+
     Parameters
     ----------
     units : mapping column -> unit
@@ -87,12 +89,13 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
         raise DataError.of(
             what, source, f"columns {', '.join(columns[:12])}", "a column like time, t or timestamp", step
         )
-    chosen, found = {}, times[0]
+    chosen, found, before = {}, times[0], ""
     for name in columns:
-        if name in times:
-            found = name
-        else:
+        if name not in times:
             chosen[name] = found
+        elif before not in times:
+            found = name
+        before = name
     return chosen
 
 

@@ -1,4 +1,4 @@
-"""Roles that cannot be what they are called: mixed-up units, engine speed, forces that no vehicle has, slow machines."""
+"""Roles that cannot be what they are called: mixed-up units, engine speed, impossible forces; slow machines."""
 
 from __future__ import annotations
 

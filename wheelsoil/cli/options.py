@@ -135,7 +135,7 @@ ModelFile = Annotated[
 ]
 MinSpeed = Annotated[
     float | None,
-    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed. [default: 0.5]"),
+    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle)."),
 ]
 
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"

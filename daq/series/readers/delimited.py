@@ -20,7 +20,7 @@ from daq.errors import DataError, RecordingError
 from daq.formatting import numbered
 from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport
 from daq.series.tables import MISSING
-from daq.series.time_stamps import TimeStamps, at_rate, is_time_text, time_columns
+from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, is_time_text, time_columns
 from daq.units import Quantity, find_unit
 
 HEAD_BYTES = 256 << 10
@@ -28,7 +28,8 @@ _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _MOST_COLUMNS = 10_000
 _SAMPLE_ROWS = 200
-_DELIMITERS = "\t;,|"
+_DELIMITERS = "\t;|,"
+"""The comma last: it may be in the numbers."""
 _NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "null", "NULL", "None", "#N/A", "#NV", "--"})
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
@@ -123,6 +124,7 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     decimal = layout.decimal or _decimal(sample, delimiter)
     kinds = {name: _kind([row[i] for row in sample], decimal) for i, name in enumerate(names)}
     offset = sum(len(line) + 1 for line in raw[:first])
+    kinds |= {n: "time" for n in names if kinds[n] == "text" and (n in layout.times or is_time_name(n))}
     return Head(tuple(names), tuple(units), kinds, delimiter, decimal, offset, first + 1)
 
 
@@ -217,7 +219,8 @@ def _kind(cells: Sequence[str], decimal: str) -> Kind:
 
 def _topics(head: Head, times: Mapping[str, str]) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Return for each topic its time column (empty: none) and its columns."""
-    usable = [name for name in head.columns if head.kinds[name] not in ("text", "time") and name not in times.values()]
+    own = times or head.columns
+    usable = [name for name in head.columns if name in own and head.kinds[name] not in ("text", "time")]
     groups = {time: tuple(n for n in usable if times[n] == time) for time in dict.fromkeys(times.values())}
     if not times:
         return {"table": ("", tuple(usable))}
@@ -313,6 +316,7 @@ class _Reader:
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
+        piece = _as_utf8(piece)
         bad: list[Any] = []
 
         def invalid(row: Any) -> str:
@@ -365,6 +369,15 @@ class _Reader:
         values: FloatArray = pd.to_numeric(texts.str.strip(), errors="coerce").to_numpy(np.float64)
         self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & texts.notna().to_numpy())))
         return values
+
+
+def _as_utf8(piece: bytes) -> bytes:
+    try:
+        if not piece.isascii():
+            piece.decode()
+    except UnicodeDecodeError:
+        return piece.decode("cp1252", "replace").encode()
+    return piece
 
 
 def _as_numpy(column: Any) -> NDArray[Any]:

@@ -41,7 +41,7 @@ def read_mat(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     from scipy.io import loadmat
 
     if path.stat().st_size > _LARGE_BYTES:
-        report.damage = (
+        report.known.append(
             f"the file ({path.stat().st_size / 1e9:.1f} GB) was read whole: save it as v7.3 to need less memory"
         )
     try:
@@ -76,25 +76,17 @@ def _members(value: Any) -> dict[str, Any] | None:
 
 
 def _flattened(
-    prefix: str, members: Mapping[str, Any], units: Mapping[str, str], report: SeriesReport
+    prefix: str, members: Mapping[str, Any], units: Mapping[str, str], report: SeriesReport, outer_time: str = ""
 ) -> Iterator[Column]:
-    time = next((prefix + name for name in _TIMES if name in members and _length(members[name]) > 1), "")
+    """Yield the columns of a struct and of those in it; they take the time of the nearest struct that has one."""
+    time = next((prefix + name for name in _TIMES if name in members and _length(members[name]) > 1), outer_time)
     stated = next((str(members[name]) for name in _UNITS if isinstance(members.get(name), str)), "")
     for name, value in members.items():
         path = prefix + name
-        inner = _members(value)
-        if inner is not None:
-            yield from _flattened(f"{path}.", inner, {}, report)
-        elif isinstance(value, np.ndarray) and value.dtype == object:
-            for i, one in enumerate(value.ravel()):
-                nested = _members(one)
-                if nested is not None:
-                    label = nested.get("label") or nested.get("name") or nested.get("Name")
-                    part = str(label) if isinstance(label, str) and label else f"{name}[{i}]"
-                    shared = {key: members[key] for key in _TIMES if key in members and key not in nested}
-                    yield from (
-                        c for c in _flattened(f"{prefix}{part}.", nested | shared, {}, report) if _is_new(c, shared)
-                    )
+        structs = _structs(value)
+        if structs:
+            for i, one in enumerate(structs):
+                yield from _flattened(f"{prefix}{_part(name, one, i, len(structs))}.", one, {}, report, time)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.ndim in (1, 2):
             unit = units.get(name, "") or (stated if name in _VALUES else "")
             short = prefix[:-1] if prefix and name in _VALUES else path
@@ -103,9 +95,16 @@ def _flattened(
             report.skipped[path] = "no numbers"
 
 
-def _is_new(column: Column, shared: Mapping[str, Any]) -> bool:
-    """Whether a column is not the shared time of a Simulink struct, repeated in each of its signals."""
-    return column.name.rpartition(".")[2] not in shared or bool(column.time)
+def _structs(value: Any) -> list[dict[str, Any]]:
+    ones = value.ravel() if isinstance(value, np.ndarray) and value.dtype == object else [value]
+    return [members for one in ones if (members := _members(one)) is not None]
+
+
+def _part(name: str, struct: Mapping[str, Any], i: int, count: int) -> str:
+    """Return what a struct is called: its label (Simulink), of several its name, else the variable's."""
+    keys = ("label", "name", "Name") if count > 1 else ("label",)
+    stated = next((text for key in keys if isinstance(text := struct.get(key), str) and text), "")
+    return stated or (name if count == 1 else f"{name}[{i}]")
 
 
 def _length(value: Any) -> int:

@@ -44,7 +44,7 @@ def read_parquet(path: Path, layout: SeriesSection, report: SeriesReport) -> Ser
     times = time_columns({name: units[name] for name in names}, dates, layout, str(path))
     groups: dict[str, list[str]] = {}
     for name in names:
-        if name in numeric and name not in times.values():
+        if name in numeric and (name in times or not times):
             groups.setdefault(times.get(name, ""), []).append(name)
     topics = {"table" if len(groups) == 1 else time: (time, columns) for time, columns in groups.items()}
     report.unzoned |= any(field.type.tz is None for field in fields if field.name in dates)

@@ -40,7 +40,7 @@ def read_rpc3(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     offset = _BLOCK * _integer(header, "NUM_HEADER_BLOCKS", path, _MOST_BLOCKS)
     groups = (path.stat().st_size - offset) // (per_group * channels * dtype.itemsize)
     if groups * per_group < points:
-        report.damage = f"the file ends after {groups * per_group} of {points} points"
+        report.known.append(f"the file ends after {groups * per_group} of {points} points")
         points = groups * per_group
     step_s = _number(header, "DELTA_T", path)
     if not points or not step_s > 0:

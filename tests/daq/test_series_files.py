@@ -1,0 +1,334 @@
+"""Files of decoded series: what was written comes back, in every format, and what cannot be read is said."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nptdms import ChannelObject, TdmsWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+from scipy.io import savemat
+
+from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
+from daq.config import SeriesSection
+from daq.series.blocks import Series
+from daq.series.formats import read_series, series_format
+
+START_NS = 1_700_000_000_000_000_000
+TIME_NS = START_NS + np.arange(50) * 10_000_000
+VALUES = 100 * np.sin(np.arange(50.0))
+SLOW_NS, SLOW = TIME_NS[::10], np.arange(5.0)
+
+
+def read(path: Path, **layout: object) -> Series:
+    return read_series(path, SeriesSection.model_validate(layout))
+
+
+def columns(series: Series) -> dict[str, tuple[IntArray, FloatArray, str]]:
+    """Return time stamps, values and unit of every column."""
+    blocks = [block for together in series.blocks() for block in together]
+    found = {}
+    for topic, units in series.topics.items():
+        own = [block for block in blocks if block.topic == topic]
+        time_ns = np.concatenate([np.zeros(0, np.int64), *(block.time_ns for block in own)])
+        for name, unit in units.items():
+            found[name] = time_ns, np.concatenate([np.zeros(0), *(block.columns[name] for block in own)]), unit
+    return found
+
+
+def text(path: Path, *lines: str) -> Path:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@given(
+    values=st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=30),
+    delimiter=st.sampled_from(",;\t|"),
+    comma=st.booleans(),
+    preamble=st.booleans(),
+    unit_row=st.booleans(),
+    newline=st.sampled_from(["\n", "\r\n"]),
+    factor=st.sampled_from([("s", 1e9), ("ms", 1e6), ("us", 1e3), ("ns", 1.0)]),
+    bom=st.booleans(),
+)
+def test_a_delimited_table_comes_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    values: list[float],
+    delimiter: str,
+    comma: bool,
+    preamble: bool,
+    unit_row: bool,
+    newline: str,
+    factor: tuple[str, float],
+    bom: bool,
+) -> None:
+    comma = comma and delimiter != ","
+    unit, in_ns = factor
+    time_ns = np.arange(len(values)) * 2_500_000
+    lines = ["Logger 3.1", "Date: today"] if preamble else []
+    names = ["Time", "FZ_RL"] if unit_row else [f"Time [{unit}]", "FZ_RL [kN]"]
+    rows = [[repr(t / in_ns), repr(v)] for t, v in zip(time_ns.tolist(), values, strict=True)]
+    rows = [[cell.replace(".", ",") if comma else cell for cell in row] for row in rows]
+    lines += [delimiter.join(row) for row in [names, *([[unit, "kN"]] if unit_row else []), *rows]]
+    path = tmp_path_factory.mktemp("table") / "run.csv"
+    path.write_bytes((b"\xef\xbb\xbf" if bom else b"") + newline.join(lines).encode())
+    series = read(path, decimal="," if comma else ".")
+    (time, back, unit_back) = next(iter(columns(series).values()))
+    assert unit_back == "kN"
+    np.testing.assert_array_equal(time, time_ns)
+    np.testing.assert_array_equal(back, values)
+    assert series.report.remarks() == ["times have no date: they count from a zero of the logger's own"]
+
+
+@pytest.mark.parametrize(
+    ("stamp", "layout", "unzoned"),
+    [
+        (lambda t: f"{t / 1e9:.6f}", {}, False),
+        (lambda t: str(t // 1_000_000), {}, False),
+        (lambda t: str(t), {}, False),
+        (lambda t: datetime.fromtimestamp(t / 1e9, UTC).isoformat(), {}, False),
+        (lambda t: datetime.fromtimestamp(t / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S,%f"), {}, True),
+        (lambda t: datetime.fromtimestamp(t / 1e9, UTC).strftime("%d.%m.%Y %H:%M:%S.%f"), {}, True),
+        (
+            lambda t: datetime.fromtimestamp(t / 1e9, UTC).strftime("%m/%d/%y %H:%M:%S.%f"),
+            {"time_format": "%m/%d/%y %H:%M:%S.%f"},
+            True,
+        ),
+    ],
+)
+def test_dates_are_understood(
+    tmp_path: Path, stamp: Callable[[int], str], layout: dict[str, str], unzoned: bool
+) -> None:
+    rows = [f"{stamp(t)};{v!r}" for t, v in zip(TIME_NS.tolist(), VALUES.tolist(), strict=True)]
+    series = read(text(tmp_path / "run.csv", "timestamp;v [m/s]", *rows), **layout)
+    time_ns, values, _ = columns(series)["v [m/s]"]
+    np.testing.assert_array_equal(time_ns, TIME_NS)
+    np.testing.assert_array_equal(values, VALUES)
+    assert series.report.absolute_time and series.report.unzoned is unzoned
+
+
+def test_each_column_belongs_to_the_time_before_it(tmp_path: Path) -> None:
+    rows = [f"{i},{VALUES[i]},{10 * i if i < 5 else ''},{SLOW[i] if i < 5 else ''}" for i in range(50)]
+    path = text(tmp_path / "run.csv", "t_fast [ms],Fz [N],t_slow [ms],v [m/s]", *rows)
+    found = columns(read(path))
+    np.testing.assert_array_equal(found["Fz [N]"][0], np.arange(50) * 1_000_000)
+    np.testing.assert_array_equal(found["v [m/s]"][0], np.arange(5) * 10_000_000)
+    np.testing.assert_array_equal(found["v [m/s]"][1], SLOW)
+
+
+def test_every_row_is_accounted_for(tmp_path: Path) -> None:
+    path = text(
+        tmp_path / "run.csv",
+        "time [s],Fz [N],state",
+        "0.0,1,go",
+        "0.1,broken,go",
+        "0.2,3",
+        "nan,4,go",
+        "inf,4,go",
+        "0.15,5,go",
+        "0.4,,stop",
+    )
+    series = read(path)
+    time_ns, values, _ = columns(series)["Fz [N]"]
+    np.testing.assert_array_equal(time_ns, [0, 100_000_000, 150_000_000, 400_000_000])
+    np.testing.assert_array_equal(values, [1, np.nan, 5, np.nan])
+    report = series.report
+    assert (report.bad_rows, report.bad_times, report.bad_cells) == (1, {"table": 2}, {"Fz [N]": 1})
+    assert "line 4" in report.first_bad and report.skipped == {"state": "text"}
+
+
+def parquet(path: Path) -> None:
+    metadata = {"unit": "kN"}
+    fields = [pa.field("stamp", pa.timestamp("ns", "UTC")), pa.field("Fz", pa.float64(), metadata=metadata)]
+    pq.write_table(
+        pa.table([pa.array(TIME_NS, pa.int64()).cast(fields[0].type), pa.array(VALUES)], pa.schema(fields)), path
+    )
+
+
+def mat(path: Path) -> None:
+    savemat(path, {"Fz": {"time": TIME_NS / 1e9, "data": VALUES, "unit": "kN"}, "note": "x"})
+
+
+def simulink(path: Path) -> None:
+    """Write what Simulink logs as a structure with time."""
+    signals = np.zeros(1, [("values", object), ("dimensions", object), ("label", object)])
+    signals[0] = (VALUES[:, None], 1.0, "Fz [kN]")
+    savemat(path, {"logs": {"time": TIME_NS[:, None] / 1e9, "signals": signals, "blockName": "m/x"}})
+
+
+def hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        group = file.create_group("rack/Fz")
+        group["time"], group["values"] = TIME_NS / 1e9, VALUES
+        group["values"].attrs["unit"] = "kN"
+        file["label"] = "not a number"
+
+
+def tdms(path: Path) -> None:
+    properties = {"wf_start_time": np.datetime64(START_NS, "ns"), "wf_increment": 0.01, "unit_string": "kN"}
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("rack", "Fz", VALUES[:20], properties)])
+        writer.write_segment([ChannelObject("rack", "Fz", VALUES[20:])])
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "column"),
+    [
+        (parquet, "run.parquet", "Fz"),
+        (mat, "run.mat", "Fz"),
+        (simulink, "run.mat", "logs.Fz [kN]"),
+        (hdf5, "run.h5", "rack.Fz"),
+        (hdf5, "run.mat", "rack.Fz"),
+        (tdms, "run.tdms", "rack/Fz"),
+    ],
+)
+def test_the_formats_of_other_programs_come_back(
+    tmp_path: Path, write: Callable[[Path], None], name: str, column: str
+) -> None:
+    write(tmp_path / name)
+    series = read(tmp_path / name)
+    time_ns, values, unit = columns(series)[column]
+    np.testing.assert_allclose(time_ns, TIME_NS, rtol=0, atol=1000)  # float seconds hold a date to 0.24 us
+    np.testing.assert_array_equal(values, VALUES)
+    assert unit == "kN" or column.endswith("[kN]")
+
+
+def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:
+    """Write an RPC III file after its description: header records of 128 bytes, then groups channel by channel."""
+    count = len(values[0])
+    groups = -(-count // points)
+    header = {"FORMAT": "BINARY", "NUM_HEADER_BLOCKS": "4", "NUM_PARAMS": "", "FILE_TYPE": "TIME_HISTORY"}
+    header |= {"DELTA_T": "0.01", "CHANNELS": str(len(values)), "PTS_PER_FRAME": str(points)}
+    header |= {"PTS_PER_GROUP": str(points), "FRAMES": str(groups), "DATA_TYPE": "SHORT_INTEGER"}
+    for i, scale in enumerate(scales, 1):
+        header |= {f"DESC.CHAN_{i}": f"F{i}", f"UNITS.CHAN_{i}": "kN", f"SCALE.CHAN_{i}": repr(scale)}
+    header["NUM_PARAMS"] = str(len(header))
+    records = b"".join(struct.pack("<32s96s", k.encode(), v.encode()) for k, v in header.items())
+    data = np.zeros((groups, len(values), points), "<i2")
+    for i, (column, scale) in enumerate(zip(values, scales, strict=True)):
+        padded = np.resize(np.rint(column / scale), groups * points)
+        padded[count:] = 0
+        data[:, i] = padded.reshape(groups, points)
+    path.write_bytes(records.ljust(4 * 512, b"\0") + data.tobytes())
+
+
+def test_rpc_iii_comes_back_to_its_resolution(tmp_path: Path) -> None:
+    rpc3(tmp_path / "run.rsp", [VALUES, 2 * VALUES], [0.01, 0.02])
+    found = columns(read(tmp_path / "run.rsp"))
+    time_ns, values, unit = found["F2"]
+    np.testing.assert_array_equal(time_ns, np.arange(64) * 10_000_000)
+    np.testing.assert_allclose(values[:50], 2 * VALUES, atol=0.0101)
+    assert unit == "kN" and (values[50:] == 0).all()
+
+
+def test_a_cut_rpc_iii_file_gives_its_whole_groups(tmp_path: Path) -> None:
+    path = tmp_path / "run.rsp"
+    rpc3(path, [VALUES], [0.01])
+    path.write_bytes(path.read_bytes()[:-10])
+    series = read(path)
+    assert len(columns(series)["F1"][1]) == 48
+    assert "48 of 64 points" in series.report.remarks()[0]
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
+def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin | None) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE if storage else Stores.ROS1_NOETIC)
+    joint, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp_of = store.types["builtin_interfaces/msg/Time"]
+    path = tmp_path / ("bag" if storage else "run.bag")
+    extra = {} if storage else {"seq": 0}
+    with Writer2(path, version=9, storage_plugin=storage) if storage else Writer1(path) as writer:
+        connection = writer.add_connection("/wheel_states", joint.__msgtype__, typestore=store)
+        for time_ns, value in zip(TIME_NS.tolist(), VALUES.tolist(), strict=True):
+            stamp = stamp_of(sec=time_ns // 10**9, nanosec=time_ns % 10**9)
+            parts = {name: np.array([0.0, 1.0, value]) for name in ("position", "velocity", "effort")}
+            message = joint(header=header(stamp=stamp, frame_id="", **extra), name=["a", "b", "c"], **parts)
+            pack = store.serialize_cdr if storage else store.serialize_ros1
+            writer.write(connection, time_ns + 5_000_000, pack(message, joint.__msgtype__))
+    series = read(path)
+    assert series.topics.keys() == {"/wheel_states"}
+    time_ns, values, _ = columns(series)["velocity[2]"]
+    np.testing.assert_array_equal(time_ns, TIME_NS)
+    np.testing.assert_array_equal(values, VALUES)
+    if storage is StoragePlugin.MCAP:
+        (inner,) = path.glob("*.mcap")
+        np.testing.assert_array_equal(columns(read(inner))["velocity[2]"][1], VALUES)
+
+
+@pytest.mark.parametrize(
+    ("lines", "layout", "what"),
+    [
+        (("a,b", "1,2", "3,4"), {}, "no column looks like a time"),
+        (("a,b", "1,2", "3,4"), {"time": "tme"}, "no column is called 'tme'"),
+        (("time,b", "1,2", "3,4"), {}, "the unit of time is not stated"),
+        (("time [parsec],b", "1.5,2", "3,4"), {"time": "time [parsec]"}, "the unit of time is not known"),
+        (("time,b", "yesterday,2", "today,4"), {}, "the time stamps are not understood"),
+        (("just some text", "and more of it"), {}, "not a table"),
+        (("time [s],b",), {}, "no row of numbers"),
+        (("time [s],b", "nan,1", "nan,2"), {}, "no row could be read"),
+    ],
+)
+def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layout: dict[str, str], what: str) -> None:
+    with pytest.raises(DataError, match=what):
+        columns(read(text(tmp_path / "run.csv", *lines), **layout))
+
+
+def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
+    time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
+    assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
+
+
+@pytest.mark.parametrize("write", [parquet, mat, hdf5, tdms])
+@pytest.mark.parametrize("kept", [0.98, 0.5, 0.05])
+def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Path], None], kept: float) -> None:
+    suffix = {parquet: ".parquet", mat: ".mat", hdf5: ".h5", tdms: ".tdms"}[write]
+    path = tmp_path / f"run{suffix}"
+    write(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(kept * len(whole))])
+    try:
+        found = columns(read(path))
+    except (RecordingError, DataError) as error:
+        assert str(path) in str(error)
+    else:
+        assert all(len(values) <= len(VALUES) for _, values, _ in found.values())
+
+
+@given(st.binary(max_size=300))
+def test_noise_is_our_error(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    folder = tmp_path_factory.mktemp("noise")
+    heads = (
+        b"PAR1",
+        b"MATLAB 5.0 MAT-file",
+        b"\x89HDF\r\n\x1a\n",
+        b"TDSm",
+        b"FORMAT\0",
+        b"#ROSBAG V2.0\n",
+        b"time,a\n1,",
+    )
+    for i, head in enumerate(heads):
+        path = folder / f"run{i}.csv"
+        path.write_bytes(head + data)
+        try:
+            columns(read(path, time_unit="s"))
+        except WheelsoilError as error:
+            assert isinstance(error, (RecordingError, DataError, ConfigError))
+
+
+def test_logs_of_frames_are_no_series(tmp_path: Path) -> None:
+    log = text(tmp_path / "log.csv", "timestamp,arbitration_id,extended,remote,error,dlc,data", "1.0,0x1,0,0,0,1,AA==")
+    assert series_format(log) is None
+    assert series_format(tmp_path / "missing.csv") is None
+    assert series_format(tmp_path) is None
