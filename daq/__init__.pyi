@@ -17,11 +17,8 @@ from .channels import Use as Use
 from .clock import ClockFit as ClockFit
 from .clock import fit_clock as fit_clock
 from .config import SOIL_KEYS as SOIL_KEYS
-from .config import ZERO_FILE as ZERO_FILE
 from .config import Brakes as Brakes
 from .config import BusSection as BusSection
-from .config import ChannelZero as ChannelZero
-from .config import Determination as Determination
 from .config import HealthSection as HealthSection
 from .config import LoggerSection as LoggerSection
 from .config import RunInfo as RunInfo
@@ -37,14 +34,10 @@ from .config import UncertaintySection as UncertaintySection
 from .config import VehicleConfig as VehicleConfig
 from .config import VehicleSection as VehicleSection
 from .config import WheelSection as WheelSection
-from .config import ZeroConfig as ZeroConfig
 from .config import load_toml as load_toml
-from .config import load_zeros as load_zeros
 from .config import parse_mapping as parse_mapping
 from .config import parse_toml as parse_toml
-from .config import parse_zeros as parse_zeros
 from .config import read_toml as read_toml
-from .config import zeros_toml as zeros_toml
 from .errors import ConfigError as ConfigError
 from .errors import DataError as DataError
 from .errors import Fault as Fault
@@ -65,3 +58,10 @@ from .units import Unit as Unit
 from .units import find_unit as find_unit
 from .units import unit_suffix as unit_suffix
 from .units import unit_text as unit_text
+from .zero_file import ZERO_FILE as ZERO_FILE
+from .zero_file import ChannelZero as ChannelZero
+from .zero_file import Determination as Determination
+from .zero_file import ZeroConfig as ZeroConfig
+from .zero_file import load_zeros as load_zeros
+from .zero_file import parse_zeros as parse_zeros
+from .zero_file import zeros_toml as zeros_toml

@@ -1,16 +1,13 @@
-"""vehicle.toml, terrain.toml, runs.toml and zero.toml as checked models: unknown keys refused, all faults at once."""
+"""vehicle.toml, terrain.toml and runs.toml as checked models: unknown keys refused, all faults at once."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from datetime import UTC, datetime
-from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
-    AwareDatetime,
     BaseModel,
     ConfigDict,
     Field,
@@ -38,11 +35,6 @@ SOIL_KEYS = (
 )
 """Order of the rows of ``[uncertainty] covariance``."""
 
-ZERO_FILE = "zero.toml"
-"""Its name where vehicle.toml gives none."""
-_HEAD = (
-    "# Zeros of a wheel force transducer, written by `wheelsoil zero`. A comment is lost when it is written again.\n"
-)
 
 Brakes = Literal["held", "released", "unknown"]
 """What holds the vehicle at a standstill; `unknown` is taken for held."""
@@ -50,11 +42,13 @@ Brakes = Literal["held", "released", "unknown"]
 ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
+    """A table of a file that people write: unknown keys are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class VehicleSection(_Section):
+class VehicleSection(Section):
     """``[vehicle]``."""
 
     name: str = "unnamed vehicle"
@@ -62,7 +56,7 @@ class VehicleSection(_Section):
     standstill_brakes: Brakes = "unknown"
 
 
-class WheelSection(_Section):
+class WheelSection(Section):
     """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer."""
 
     radius_m: Annotated[float, Field(gt=0, lt=5)]
@@ -96,7 +90,7 @@ class WheelSection(_Section):
         return self.tyre or ""
 
 
-class BusSection(_Section):
+class BusSection(Section):
     """``[[bus]]``: one CAN bus and the DBC files that describe it."""
 
     channel: str
@@ -106,14 +100,14 @@ class BusSection(_Section):
     bitrate: int | None = None
 
 
-class SensorSection(_Section):
+class SensorSection(Section):
     """``[sensors.<role>]``: whole delay of the sensor, and sigma of one sample in SI units."""
 
     latency_s: Finite = 0.0
     sigma: NonNegative | None = None
 
 
-class TransducerSection(_Section):
+class TransducerSection(Section):
     """``[transducer]``: axes of the wheel force transducer and how its zero was taken."""
 
     frame: Literal["vehicle", "wheel"] = "vehicle"
@@ -124,7 +118,7 @@ class TransducerSection(_Section):
     zero_file: str = ""
 
 
-class LoggerSection(_Section):
+class LoggerSection(Section):
     """``[logger]``: how `wheelsoil log` records. A new file of the same run is begun at either rotation limit."""
 
     rotate_mb: Positive = 1000.0
@@ -143,7 +137,7 @@ class LoggerSection(_Section):
         return int(self.receive_buffer_kb * 1024)
 
 
-class HealthSection(_Section):
+class HealthSection(Section):
     """``[health]``: what is no fault of this vehicle, as ``"Message"`` or ``"Message.Signal"``; buses by their name."""
 
     may_be_silent: tuple[str, ...] = ()
@@ -152,7 +146,7 @@ class HealthSection(_Section):
     may_carry_unknown: tuple[str, ...] = ()
 
 
-class SignalName(_Section):
+class SignalName(Section):
     """Value of a role in ``[signals]``: a text, or ``{signal = "...", unit = "kN", sign = -1}``.
 
     ``signal`` is ``"Message.Signal"``, ``"can1:Message.Signal"``, or a column or topic of decoded series as its
@@ -178,7 +172,7 @@ class SignalName(_Section):
         return f"-{self.signal}" if self.sign < 0 else self.signal
 
 
-class SeriesSection(_Section):
+class SeriesSection(Section):
     """``[series]``: how a file of decoded time series is laid out, where it does not say so itself.
 
     ``time`` names the time column, or several: a column belongs to the last of them before it. ``rate_hz`` is for files
@@ -197,7 +191,7 @@ class SeriesSection(_Section):
         return ((self.time,) if self.time else ()) if isinstance(self.time, str) else self.time
 
 
-class VehicleConfig(_Section):
+class VehicleConfig(Section):
     """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need."""
 
     vehicle: VehicleSection = VehicleSection()
@@ -231,7 +225,7 @@ class VehicleConfig(_Section):
         return sensor.latency_s if sensor else 0.0
 
 
-class SoilSection(_Section):
+class SoilSection(Section):
     """``[soil]``: the laboratory's values, in the units of the paper's Tab. 1."""
 
     name: str
@@ -244,7 +238,7 @@ class SoilSection(_Section):
     unit_weight_kn_m3: Positive | None = None
 
 
-class UncertaintySection(_Section):
+class UncertaintySection(Section):
     """``[uncertainty]``: relative one-sigma per key (friction angle: of tan phi), or a covariance.
 
     ``covariance`` is 6 x 6 in the order of `SOIL_KEYS`, in the units of ``[soil]`` (friction angle in degrees).
@@ -267,14 +261,14 @@ class UncertaintySection(_Section):
         return value
 
 
-class TerrainConfig(_Section):
+class TerrainConfig(Section):
     """terrain.toml."""
 
     soil: SoilSection
     uncertainty: UncertaintySection | None = None
 
 
-class RutReading(_Section):
+class RutReading(Section):
     """``[[run.rut]]``: the depth of the rut that the run left, by a ruler, at a time, a distance or a position."""
 
     depth_m: NonNegative
@@ -294,7 +288,7 @@ class RutReading(_Section):
         return self
 
 
-class RunInfo(_Section):
+class RunInfo(Section):
     """``[[run]]``: what is known of one run besides its frames."""
 
     file: str = ""
@@ -310,87 +304,10 @@ class RunInfo(_Section):
         return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
-class RunsConfig(_Section):
+class RunsConfig(Section):
     """runs.toml."""
 
     run: tuple[RunInfo, ...] = ()
-
-
-class ChannelZero(_Section):
-    """``[zero.channels."Message.Signal"]``: y0 = offset + cos * cos(psi) + sin * sin(psi), in the unit of the DBC.
-
-    ``cos``, ``sin``, ``rotating_sigma`` and ``twice`` (amplitude of twice per revolution) are of a spin only.
-    """
-
-    offset: Finite
-    offset_sigma: NonNegative
-    cos: Finite | None = None
-    sin: Finite | None = None
-    rotating_sigma: NonNegative | None = None
-    twice: NonNegative | None = None
-    unit: str
-
-    @model_validator(mode="after")
-    def _whole(self) -> Self:
-        if len({self.cos is None, self.sin is None, self.rotating_sigma is None}) > 1:
-            raise ValueError("cos, sin and rotating_sigma go together")
-        return self
-
-    @property
-    def amplitude(self) -> float:
-        """Amplitude of the rotating part, 0 where there is none."""
-        return hypot(self.cos or 0.0, self.sin or 0.0)
-
-
-class Determination(_Section):
-    """``[[zero]]``: one determination.
-
-    ``angle_offset_deg`` and ``angle_direction`` are those of vehicle.toml that psi was counted with; ``angle_deg`` is
-    psi of a standstill, where it is known. ``speed_radps`` is that of the spin.
-    """
-
-    time_utc: AwareDatetime
-    recording: str
-    sha256: str
-    method: Literal["spin", "standstill"]
-    frame: Literal["vehicle", "wheel"]
-    on_ground: bool = False
-    start_s: Finite = 0.0
-    duration_s: NonNegative = 0.0
-    revolutions: Annotated[int, Field(ge=0)] = 0
-    speed_radps: Finite | None = None
-    angle_deg: Finite | None = None
-    angle_offset_deg: Finite = 0.0
-    angle_direction: Literal[1, -1] = 1
-    temperature_degc: Finite | None = None
-    channels: dict[str, ChannelZero] = Field(default_factory=dict)
-
-    @property
-    def time_ns(self) -> int:
-        """UTC nanoseconds of the middle of what was used."""
-        since = self.time_utc - datetime(1970, 1, 1, tzinfo=UTC)
-        return ((since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds) * 1000
-
-    @property
-    def holds_outboard_weight(self) -> bool:
-        """Whether subtracting this zero also subtracts the outboard weight, so that the reading is the ground force."""
-        return self.frame == "vehicle" or self.method == "spin"
-
-    @property
-    def kind(self) -> tuple[object, ...]:
-        """What two determinations must share to be compared, or interpolated between."""
-        return self.method, self.frame, self.on_ground, self.angle_offset_deg, self.angle_direction
-
-
-class ZeroConfig(_Section):
-    """zero.toml."""
-
-    zero: tuple[Determination, ...] = ()
-
-    def plus(self, *others: Determination) -> ZeroConfig:
-        """Return the file with more determinations, in order of time; of the same samples the newest stays."""
-        new = {(one.sha256, one.method, one.start_s): one for one in (*self.zero, *others)}
-        return ZeroConfig(zero=tuple(sorted(new.values(), key=lambda one: one.time_utc)))
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
@@ -485,46 +402,3 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
         if found is not None:
             return found
     return None
-
-
-def load_zeros(path: Path) -> ZeroConfig:
-    """Read zero.toml.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault at once.
-    """
-    return load_toml(path, ZeroConfig)
-
-
-def parse_zeros(content: bytes, where: str) -> ZeroConfig:
-    """Parse a zero.toml that a recording carries; see `load_zeros`."""
-    return parse_toml(content.decode("utf-8", errors="replace"), ZeroConfig, where)
-
-
-def zeros_toml(zeros: ZeroConfig) -> bytes:
-    """Return the text of zero.toml."""
-    import tomli_w
-
-    tables = zeros.model_dump(exclude_none=True)
-    return (_HEAD + tomli_w.dumps(tables)).encode()
-
-
-def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
-    """Return the zero file that vehicle.toml names, by that name, for a recording to carry.
-
-    Empty where vehicle.toml names none, and where there is none yet: the first one is determined from a recording that
-    was made without it.
-
-    Raises
-    ------
-    ConfigError
-        It is there and is wrong.
-    """
-    name = vehicle.transducer.zero_file
-    path = folder / name
-    if not name or not path.exists():
-        return {}
-    load_zeros(path)
-    return {name: path.read_bytes()}

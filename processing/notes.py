@@ -54,6 +54,8 @@ class RunCode(StrEnum):
     STATUS_NEVER_CAME = "status_never_came"
     STATUS_UNKNOWN = "status_unknown"
     """count, total"""
+    ENDS_LOST = "ends_lost"
+    """begin_s, first (the role that begins last), end_s, last (the role that ends first)"""
     DISTANCE_BRIDGED = "distance_bridged"
     """length_m"""
     ZERO_TAKEN_OFF = "zero_taken_off"

@@ -11,3 +11,6 @@ from .run import Configuration as Configuration
 from .run import Run as Run
 from .run import terrain_from_file as terrain_from_file
 from .run import vehicle_from_file as vehicle_from_file
+from .signals import MessageFacts as MessageFacts
+from .signals import SignalFacts as SignalFacts
+from .signals import SignalTally as SignalTally

@@ -16,13 +16,14 @@ from daq.can.databases import Database, load_database, load_for_vehicle, message
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.channels import ROLES, Channel
-from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, carried_zeros, load_toml, parse_toml
+from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.notes import Note, RecordingCode
 from daq.recording import RunRecording
 from daq.series.blocks import Series, SeriesBlock
 from daq.series.formats import read_series
+from daq.zero_file import carried_zeros
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -53,6 +53,8 @@ from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
+_NOTABLE_END_S = 1.0
+
 Base = tuple[int, FloatArray]
 """UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
 
@@ -184,7 +186,8 @@ def process_stream(
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
     cutoff_hz, lowered = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
-    base = _time_base(samples, cutoff_hz, options)
+    base, ends = _time_base(samples, cutoff_hz, options)
+    notes += ends
     roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
     roles, left = at_soil(roles, wheel, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
     notes += left
@@ -269,14 +272,21 @@ def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str
     return dead
 
 
-def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> Base:
+def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> tuple[Base, list[Note]]:
+    """Return the time base, over everything that was received, and a note where one channel ends before others."""
     kernel_s = kernel_sigma_s(cutoff_hz)
     spans = {
         role: received_span_ns(samples[role], gap_limit_s(samples[role], kernel_s, options))
         for role in MODEL_ROLES
         if role in samples
     }
-    return make_time_base(spans, options.rate_hz)
+    base = make_time_base(spans, options.rate_hz)
+    first, last = max(spans, key=lambda role: spans[role][0]), min(spans, key=lambda role: spans[role][1])
+    begin_s = (spans[first][0] - min(span[0] for span in spans.values())) * 1e-9
+    end_s = (max(span[1] for span in spans.values()) - spans[last][1]) * 1e-9
+    if max(begin_s, end_s) < _NOTABLE_END_S:
+        return base, []
+    return base, [Note(RunCode.ENDS_LOST, values={"begin_s": begin_s, "first": first, "end_s": end_s, "last": last})]
 
 
 def _put_all(

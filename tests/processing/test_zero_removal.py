@@ -11,8 +11,9 @@ import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, speeds, stamps, vehicle
 
 from daq.channels import Channel
-from daq.config import ChannelZero, Determination, TransducerSection, VehicleConfig, WheelSection
+from daq.config import TransducerSection, VehicleConfig, WheelSection
 from daq.errors import ConfigError
+from daq.zero_file import ChannelZero, Determination
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun
 from processing.transducer_zero import RunZeros, drift_between

@@ -13,7 +13,8 @@ from scipy.stats import binomtest
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
 from daq.can.databases import shipped_dbc
-from daq.config import ChannelZero, Determination, VehicleConfig, ZeroConfig, load_zeros, parse_toml, parse_zeros
+from daq.config import VehicleConfig, parse_toml
+from daq.zero_file import ChannelZero, Determination, ZeroConfig, load_zeros, parse_zeros
 from processing.transducer_zero.parts import fit_harmonics
 
 WHEEL = Bench(frame="wheel", angle_offset_deg=40.0)

@@ -14,9 +14,9 @@ from zero_support import Bench, write_lifted
 
 from daq.can.databases import shipped_dbc
 from daq.channels import Channel
-from daq.config import load_zeros
 from daq.recording import Recording, RecordingWriter
 from daq.runs.run import vehicle_from_file
+from daq.zero_file import load_zeros
 from model.simulation import TransducerSetup, VirtualRun, VirtualSetup
 from processing.processed_run import ProcessedRun
 from wheelsoil.simulation.campaign import to_toml

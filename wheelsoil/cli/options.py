@@ -135,7 +135,11 @@ ModelFile = Annotated[
 ]
 MinSpeed = Annotated[
     float | None,
-    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle)."),
+    typer.Option(
+        "--min-speed",
+        metavar="M/S",
+        help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle).",
+    ),
 ]
 
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
@@ -266,6 +270,7 @@ def chosen(
     slip_threshold: float | None = None,
     min_speed: float | None = None,
     cutoff: float | None = None,
+    max_gap: float | None = None,
 ) -> Choice:
     """Return the choice of a file, overridden by the options of the command line.
 
@@ -283,6 +288,7 @@ def chosen(
         slip_threshold=slip_threshold,
         min_speed_mps=min_speed,
         cutoff_hz=cutoff,
+        max_gap_s=max_gap,
     )
 
 

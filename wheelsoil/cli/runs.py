@@ -47,6 +47,9 @@ def process_command(
         float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
     ] = None,
     min_speed: options.MinSpeed = None,
+    max_gap: Annotated[
+        float | None, typer.Option(metavar="S", help="Longest gap that is bridged (default: by the filter).")
+    ] = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     choice: options.ChoiceFile = None,
@@ -59,7 +62,7 @@ def process_command(
     from wheelsoil.workflows.runs import Files, open_and_process
 
     target = check_output(output, force=force) if output else None
-    by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff)
+    by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
     files = Files(vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc)
     processed = open_and_process(runs, by_hand.process_options(rate_hz=rate), files, choice=by_hand)
     if target:

@@ -31,7 +31,7 @@ from wheelsoil.workflows.runs import Files
 
 _TRIES = 3
 
-_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
+_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "max_gap_s", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""
 
 _Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)

@@ -60,6 +60,12 @@ def _rolling(v: Values) -> str:
     return f"{said}: check the units of both speeds{unit} and [wheel] radius_m"
 
 
+def _ends(v: Values) -> str:
+    lost = [(v["begin_s"], f"the first {v['begin_s']:.1f} s, until {v['first']} begins")]
+    lost.append((v["end_s"], f"the last {v['end_s']:.1f} s, after {v['last']} ends"))
+    return f"not used: {' and '.join(text for length_s, text in lost if length_s >= 0.1)}"
+
+
 def _cutoff(v: Values) -> str:
     asked = f" instead of {v['asked_hz']:g} Hz" if v["asked_hz"] else ""
     return f"{v['role']} comes at {v['rate_hz']:.3g} Hz: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
@@ -167,6 +173,7 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.STATUS_UNKNOWN: (
         "of {count:,} of {total:,} samples the transducer's status is not known, for it did not come: they are used"
     ),
+    RunCode.ENDS_LOST: _ends,
     RunCode.DISTANCE_BRIDGED: "distance: {length_m:.1f} m were not seen and are bridged with the speeds around them",
     RunCode.ZERO_TAKEN_OFF: _taken_off,
     RunCode.ZERO_OLD: lambda v: f"the zero was taken {age_text(v['age_s'])}: take one before and after every run",

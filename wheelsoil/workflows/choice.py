@@ -35,6 +35,7 @@ _EXPECTED = {
     "slip_threshold": "a slip from 0 to below 1",
     "cutoff_hz": "a positive number of Hz",
     "min_speed_mps": "a positive number of m/s",
+    "max_gap_s": "a positive number of seconds",
     "sinkage": '"balanced" or "literal"',
     "channels": 'some of ["dp", "t", "z"]',
     "soil_prior": "true or false",
@@ -75,7 +76,7 @@ class Choice:
 
     Attributes
     ----------
-    slip_threshold, cutoff_hz, min_speed_mps, sinkage, channels, soil_prior
+    slip_threshold, cutoff_hz, min_speed_mps, max_gap_s, sinkage, channels, soil_prior
         See `wheelsoil.workflows.fit.FitChoices` and `processing.options.ProcessOptions`.
     effects : tuple of str
         Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
@@ -88,6 +89,7 @@ class Choice:
     slip_threshold: float | None = None
     cutoff_hz: float | None = None
     min_speed_mps: float | None = None
+    max_gap_s: float | None = None
     sinkage: Reading | None = None
     channels: tuple[str, ...] | None = None
     soil_prior: bool | None = None
@@ -112,8 +114,7 @@ class Choice:
         ConfigError
             See `ProcessOptions`.
         """
-        given = {} if self.min_speed_mps is None else {"min_speed_mps": self.min_speed_mps}
-        return ProcessOptions(rate_hz=rate_hz, cutoff_hz=self.cutoff_hz, purpose=purpose, **given)
+        return ProcessOptions(rate_hz, self.cutoff_hz, self.min_speed_mps, self.max_gap_s, purpose)
 
     def fit_choices(self, extended: ExtendedModel | None = None) -> FitChoices:
         """Return how models are fitted; `extended` is the model that a diagnosis left."""
@@ -129,8 +130,7 @@ class Choice:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds; what was not chosen is left out."""
-        named = ("slip_threshold", "cutoff_hz", "min_speed_mps", "sinkage", "channels", "soil_prior", "effects")
-        values = {name: getattr(self, name) for name in named}
+        values = {name: getattr(self, name) for name in _Head.model_fields if name != "schema_"}
         chosen = {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in values.items()
@@ -220,6 +220,7 @@ class _Head(BaseModel):
     slip_threshold: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)] | None = None
     cutoff_hz: Positive | None = None
     min_speed_mps: Positive | None = None
+    max_gap_s: Positive | None = None
     sinkage: Reading | None = None
     channels: Annotated[tuple[Literal["dp", "t", "z"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = (
         None

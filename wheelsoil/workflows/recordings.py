@@ -24,9 +24,8 @@ from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, coverage
 from daq.logger import is_being_recorded
 from daq.logs import LogReading, LogReport, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
-from daq.runs import LENIENT_KEY, Run
+from daq.runs import LENIENT_KEY, MessageFacts, Run, SignalTally
 from daq.series import Series, SeriesReport, write_frame
-from wheelsoil.workflows.signals import MessageFacts, SignalTally
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
 """Bus, name, time stamps, values and units of a message."""

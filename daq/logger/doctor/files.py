@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator
 
 from daq.channels import TRANSDUCER_ROLES
-from daq.config import ZERO_FILE, load_zeros
 from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.watched_messages import unknown_names
+from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0

@@ -8,7 +8,7 @@ from math import nan
 
 import numpy as np
 
-from daq import FloatArray, IntArray
+from daq.arrays import FloatArray, IntArray
 
 _STEPS = 4096
 """Intervals of a message from which its usual one is taken."""
