@@ -1,26 +1,20 @@
-"""candump -L text, read and written a block of lines at a time.
-
-One regular expression is the grammar. It is matched against one line; all lines of the same length that have the
-same characters in its fixed places, digits where it has digits and hexadecimal digits where it has those, are then
-taken apart as columns. A log has a few dozen such shapes at most. Writing goes the same way back.
-"""
+"""candump -L text, read and written a block of lines at a time (see `daq.logs.shapes`)."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from string import hexdigits
 from typing import BinaryIO
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from daq.arrays import BoolArray, IndexArray, IntArray
+from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
 from daq.errors import DataError, RecordingError
 from daq.logs.report import LogReport
+from daq.logs.shapes import Nibbles, Varying, data_bytes, number, read_lines
 
 LINE = re.compile(
     rb"\s*\((?P<seconds>\d{1,10})\.(?P<fraction>\d{1,9})\)"
@@ -34,198 +28,57 @@ LINE = re.compile(
 )
 """One frame: ``(seconds) bus id#data``, ``id##flags data`` for CAN FD, ``id#R`` and a length for a remote frame."""
 
-BLOCK_BYTES = 4 << 20
-_LONGEST_LINE = 1024
-_LONGEST_CARRY = 1 << 20
 _ERROR_BIT = 0x2000_0000
 _LAST_SECOND = 9_000_000_000
-_SHAPES_A_LENGTH = 8
-
-Rows = IndexArray
-"""Line numbers within a block, ascending."""
-Part = tuple[Rows, str, FrameArray]
-"""Frames of one shape: the rows they come from, their bus, and themselves."""
-
-_NIBBLES = bytes(int(chr(code), 16) if chr(code) in hexdigits else 0xFF for code in range(256))
-"""Value of each hexadecimal digit."""
-
 _HEX = np.frombuffer(b"0123456789ABCDEF", np.uint8)
 _LINES = 65_536
+_LARGEST = {"seconds": 9, "fraction": 9, "remote": 8, "id": 15, "fd": 15, "data": 15, "fd_data": 15}
+
+
+class _Candump:
+    """The grammar of ``candump -L``."""
+
+    match = staticmethod(LINE.match)
+
+    def varying(self, match: re.Match[bytes]) -> list[Varying]:
+        return [Varying(*match.span(name), largest) for name, largest in _LARGEST.items()]
+
+    def bus(self, match: re.Match[bytes]) -> str:
+        return match["bus"].decode("utf-8", "replace")
+
+    def kind_of(self, line: bytes) -> str | None:
+        return "" if line.startswith((b"#", b";", b"//")) else None
+
+    def frames(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
+        is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
+        frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
+        seconds, can_id = number(nibbles, match.span("seconds"), 10), number(nibbles, match.span("id"), 16)
+        fraction = number(nibbles, match.span("fraction"), 10)
+        frames["time_ns"] = seconds * 10**9 + fraction * 10 ** (9 - len(match["fraction"]))
+        frames["can_id"] = can_id & 0x1FFF_FFFF
+        if (match["direction"] or b"r").lower() == b"t":
+            frames["flags"] |= np.uint8(FrameFlag.TRANSMITTED)
+        extended = len(match["id"]) > 3
+        if extended:
+            frames["flags"] |= np.where(can_id & _ERROR_BIT, FrameFlag.ERROR, FrameFlag.EXTENDED).astype(np.uint8)
+        if is_fd:
+            fd_flags = nibbles[:, match.start("fd")]
+            frames["flags"] |= np.uint8(FrameFlag.FD) | (fd_flags & 1) * np.uint8(FrameFlag.BITRATE_SWITCH)
+            frames["flags"] |= (fd_flags >> 1 & 1) * np.uint8(FrameFlag.ERROR_STATE)
+        if is_remote:
+            frames["flags"] |= np.uint8(FrameFlag.REMOTE)
+            frames["length"] = number(nibbles, match.span("remote"), 10)
+        else:
+            start, end = match.span("fd_data" if is_fd else "data")
+            spans = [(at, at + 2) for at in range(start, end, 2)]
+            frames["length"] = len(spans)
+            frames["data"][:, : len(spans)] = data_bytes(nibbles, spans)
+        return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
 
 
 def read_candump(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of a candump log, a few megabytes of text at a time."""
-    carry = b""
-    first_line = 1
-    while block := file.read(BLOCK_BYTES):
-        block = carry + block
-        end = block.rfind(b"\n") + 1
-        if not end and len(block) < _LONGEST_CARRY:
-            carry = block
-            continue
-        end = end or len(block)  # this is no text; it is not gathered for ever
-        carry = block[end:]
-        first_line = yield from _frames_of(block[:end], first_line, report)
-    if carry:
-        yield from _frames_of(carry + b"\n", first_line, report)
-
-
-def _frames_of(block: bytes, first_line: int, report: LogReport) -> Generator[FrameBatch, None, int]:
-    """Yield the frames of whole lines; return the number of the line after them."""
-    lines = _Lines(block)
-    parts: list[Part] = []
-    unread: list[Rows] = []
-    for rows in _by_length(lines.length):
-        found, left = _read_equally_long(lines, rows)
-        parts.extend(found)
-        unread.append(left)
-    _note_unread(lines, unread, first_line, report)
-    if parts:
-        yield _join(parts, lines, first_line, report)
-    return first_line + len(lines.start)
-
-
-class _Lines:
-    """The lines of a block: where they start, how long they are, and the value of each hexadecimal digit."""
-
-    def __init__(self, block: bytes) -> None:
-        self.text = np.frombuffer(block, np.uint8)
-        self.nibbles = np.frombuffer(block.translate(_NIBBLES), np.uint8)
-        ends = np.flatnonzero(self.text == ord("\n"))
-        if not len(ends) or ends[-1] != len(block) - 1:
-            ends = np.append(ends, len(block))
-        self.start = np.concatenate(([0], ends[:-1] + 1))
-        self.length = ends - self.start
-
-    def line(self, row: int) -> bytes:
-        start = self.start[row]
-        return self.text[start : start + self.length[row]].tobytes()
-
-
-def _by_length(length: Rows) -> Iterator[Rows]:
-    order = np.argsort(length, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(length[order])) + 1):
-        if length[rows[0]]:
-            yield rows
-
-
-def _read_equally_long(lines: _Lines, rows: Rows) -> tuple[list[Part], Rows]:
-    """Return the frames of lines of one length, and the rows that are no frames."""
-    parts: list[Part] = []
-    if lines.length[rows[0]] > _LONGEST_LINE:
-        return parts, rows
-    for _ in range(_SHAPES_A_LENGTH):
-        match = LINE.match(lines.line(int(rows[0])))
-        if match is None:
-            break
-        part, rows = _read_shape(lines, rows, match)
-        parts.append(part)
-        if not len(rows):
-            return parts, rows
-    shapes: dict[object, tuple[re.Match[bytes], list[int]]] = {}
-    unread: list[int] = []
-    for row in rows.tolist():  # unusual lines: each is matched by itself
-        match = LINE.match(lines.line(row))
-        if match is None:
-            unread.append(row)
-        else:
-            shapes.setdefault((match.regs, match["bus"], match["direction"]), (match, []))[1].append(row)
-    for match, alike in shapes.values():
-        part, refused = _read_shape(lines, np.array(alike), match)
-        parts.append(part)
-        unread.extend(refused.tolist())
-    return parts, np.array(unread, np.intp)
-
-
-def _read_shape(lines: _Lines, rows: Rows, match: re.Match[bytes]) -> tuple[Part, Rows]:
-    """Return the frames of the rows that look like `match`, and the other rows."""
-    template = np.frombuffer(match.string, np.uint8)
-    largest = _largest_nibbles(match)
-    fixed = largest == 255
-    text = sliding_window_view(lines.text, len(template))[lines.start[rows]]
-    nibbles = sliding_window_view(lines.nibbles, len(template))[lines.start[rows]]
-    differs = (nibbles > largest) | ((text != template) & fixed)
-    alike = ~differs.any(axis=1) if differs.any() else np.ones(len(rows), bool)  # the second is rare, and slow
-    frames, sane = _columns(nibbles if alike.all() else nibbles[alike], match)
-    chosen = rows[alike]
-    bad = np.sort(np.concatenate((rows[~alike], chosen[~sane])))
-    return (chosen[sane], match["bus"].decode("utf-8", "replace"), frames[sane]), bad
-
-
-def _largest_nibbles(match: re.Match[bytes]) -> NDArray[np.uint8]:
-    """Return what each column may hold: a digit, a hexadecimal digit, or (255) just the template's character."""
-    largest = np.full(len(match.string), 255, np.uint8)
-    limits = {"seconds": 9, "fraction": 9, "remote": 8, "id": 15, "fd": 15, "data": 15, "fd_data": 15}
-    for name, limit in limits.items():
-        largest[slice(*match.span(name))] = limit
-    return largest
-
-
-def _columns(nibbles: NDArray[np.uint8], match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
-    """Return the frames of equally shaped lines, and which of them are possible."""
-    is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
-    frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
-    seconds, can_id = _number(nibbles, match.span("seconds"), 10), _number(nibbles, match.span("id"), 16)
-    fraction = _number(nibbles, match.span("fraction"), 10)
-    frames["time_ns"] = seconds * 10**9 + fraction * 10 ** (9 - len(match["fraction"]))
-    frames["can_id"] = can_id & 0x1FFF_FFFF
-    if (match["direction"] or b"r").lower() == b"t":
-        frames["flags"] |= np.uint8(FrameFlag.TRANSMITTED)
-    extended = len(match["id"]) > 3
-    if extended:
-        frames["flags"] |= np.where(can_id & _ERROR_BIT, FrameFlag.ERROR, FrameFlag.EXTENDED).astype(np.uint8)
-    if is_fd:
-        fd_flags = nibbles[:, match.start("fd")]
-        frames["flags"] |= np.uint8(FrameFlag.FD) | (fd_flags & 1) * np.uint8(FrameFlag.BITRATE_SWITCH)
-        frames["flags"] |= (fd_flags >> 1 & 1) * np.uint8(FrameFlag.ERROR_STATE)
-    if is_remote:
-        frames["flags"] |= np.uint8(FrameFlag.REMOTE)
-        frames["length"] = _number(nibbles, match.span("remote"), 10)
-    else:
-        start, end = match.span("fd_data" if is_fd else "data")
-        data = nibbles[:, start:end:2] << 4 | nibbles[:, start + 1 : end : 2]
-        frames["length"] = data.shape[1]
-        frames["data"][:, : data.shape[1]] = data
-    return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
-
-
-def _number(nibbles: NDArray[np.uint8], span: tuple[int, int], base: int) -> IntArray:
-    """Return the numbers in some columns; four digits at a time fit 16 bits, which is quicker."""
-    total = np.zeros(len(nibbles), np.int64)
-    for start in range(span[0], span[1], 4):
-        end = min(start + 4, span[1])
-        four = nibbles[:, start].astype(np.uint16)
-        for column in range(start + 1, end):
-            four *= np.uint16(base)
-            four += nibbles[:, column]
-        total *= base ** (end - start)
-        total += four
-    return total
-
-
-def _join(parts: list[Part], lines: _Lines, first_line: int, report: LogReport) -> FrameBatch:
-    """Put the frames of all shapes back into the order of their lines."""
-    taken = np.zeros(len(lines.start), bool)
-    for rows, _, _ in parts:
-        taken[rows] = True
-    position = np.cumsum(taken) - 1
-    wide = any(frames.dtype == FD_DTYPE for _, _, frames in parts)
-    joined = np.empty(int(taken.sum()), FD_DTYPE if wide else CLASSIC_DTYPE)
-    for rows, bus, frames in sorted(parts, key=lambda part: int(part[0][0]) if len(part[0]) else 0):
-        if len(rows):
-            frames["bus"] = report.bus(bus)
-            joined[position[rows]] = FrameBatch(frames, ()).widened().frames if wide else frames
-    numbers = np.flatnonzero(taken)
-    report.note_frames(joined, lambda i: f"line {first_line + numbers[i]}")
-    return FrameBatch(joined, tuple(report.buses))
-
-
-def _note_unread(lines: _Lines, unread: list[Rows], first_line: int, report: LogReport) -> None:
-    for row in np.sort(np.concatenate([*unread, np.zeros(0, np.intp)])).tolist():
-        line = lines.line(row).strip()
-        if line and not line.startswith((b"#", b";", b"//")):
-            shown = line[:80].decode("ascii", "backslashreplace")
-            report.note_bad(f"line {first_line + row}", shown)
+    return read_lines(file, _Candump(), report)
 
 
 def write_candump(batches: Iterable[FrameBatch], path: str | Path) -> int:

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from daq.can.frames import FrameBatch, concatenate, split
 from daq.errors import Fault, RecordingError, nearest
+from daq.logs.asc import read_asc
 from daq.logs.blf import read_blf
 from daq.logs.candump import LINE, read_candump
 from daq.logs.mf4 import read_mf4
 from daq.logs.report import LogReport
-from daq.logs.text import read_asc, read_csv, read_trc
+from daq.logs.text import read_csv
+from daq.logs.trc import read_trc
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

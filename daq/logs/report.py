@@ -24,6 +24,8 @@ class LogReport:
         Frames read so far.
     absolute_time : bool or None
         Whether ``time_ns`` is UTC; False where the log counts from a zero of its own. None before the first frame.
+    local_time : bool
+        Whether the dates are local time of the computer that recorded, which is taken for UTC.
     bad : int
         Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
     out_of_order : int
@@ -40,6 +42,7 @@ class LogReport:
     format: str
     frames: int = 0
     absolute_time: bool | None = None
+    local_time: bool = False
     bad: int = 0
     first_bad: str = ""
     out_of_order: int = 0
@@ -90,6 +93,8 @@ class LogReport:
         lines = []
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
+        if self.local_time:
+            lines.append("dates are local time of the computer that recorded: they are taken for UTC")
         if self.damage:
             lines.append(f"after frame {self.frames}: {self.damage}")
         if self.bad:

@@ -14,9 +14,9 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import daq.logs.shapes as shapes_module
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames, split
 from daq.errors import DataError, RecordingError
-from daq.logs import candump as candump_module
 from daq.logs import read_log, write_candump
 from daq.logs.candump import candump_text, read_candump
 from daq.logs.report import LogReport
@@ -143,7 +143,7 @@ def test_blocks_of_any_size_read_the_same(monkeypatch: pytest.MonkeyPatch) -> No
     text = candump_text(some_frames(np.random.default_rng(5), 300, buses=BUSES)) + b"broken\n(1.0) can0 1#"
     whole, report = parsed(text)
     for size in (1, 7, 100, 4096):
-        monkeypatch.setattr(candump_module, "BLOCK_BYTES", size)
+        monkeypatch.setattr(shapes_module, "BLOCK_BYTES", size)
         pieces, again = parsed(text)
         assert content(pieces) == content(whole)
         assert again.remarks() == report.remarks()

@@ -205,7 +205,7 @@ BAD: list[tuple[str, bytes | None, str, str]] = [
     ("drive.mf4.gz", gzip.compress(b"MDF     4.11"), "a gzipped MF4 file", "gunzip"),
     ("what.ever", b"hello\n", "neither its suffix nor its content", "it is not PEAK TRC"),
     ("relative.asc", an_asc().replace("absolute", "relative").encode(), "relative to the line before", "absolute"),
-    ("old.trc", b";$FILEVERSION=2.0\n 1 2.0 DT 0100 Rx 1 00\n", "no frame could be read as PEAK TRC", "unreadable"),
+    ("old.trc", b";$FILEVERSION=2.0\n 1 2.0 DT 0100 Rx 1 00\n", "this version of TRC", "FILEVERSION 2.0"),
 ]
 
 
