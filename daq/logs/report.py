@@ -9,9 +9,12 @@ import numpy as np
 
 from daq.can.frames import FrameArray
 from daq.errors import RecordingError
+from daq.limits import MOST_BUSES, MOST_KINDS
 
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
+
+_LISTED = 8  # lost parts of a file
 
 
 @dataclass
@@ -24,6 +27,8 @@ class LogReport:
         Frames read so far.
     absolute_time : bool or None
         Whether ``time_ns`` is UTC; False where the log counts from a zero of its own. None before the first frame.
+    lost : list of str
+        Parts of the file that are dropped whole, such as a damaged container: where, why and how much.
     bad : int
         Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
     out_of_order : int
@@ -40,6 +45,7 @@ class LogReport:
     format: str
     frames: int = 0
     absolute_time: bool | None = None
+    lost: list[str] = field(default_factory=list)
     bad: int = 0
     first_bad: str = ""
     out_of_order: int = 0
@@ -52,8 +58,8 @@ class LogReport:
     def bus(self, name: str) -> int:
         """Return the position of a bus, adding its name when it is new."""
         if name not in self.buses:
-            if len(self.buses) == 256:
-                raise RecordingError.of("more than 256 different buses", self.path, f"{name!r} is the 257th")
+            if len(self.buses) == MOST_BUSES:
+                raise RecordingError.of(f"more than {MOST_BUSES} different buses", self.path, f"the next is {name!r}")
             self.buses.append(name)
         return self.buses.index(name)
 
@@ -63,8 +69,14 @@ class LogReport:
             self.first_bad = f"{where}: {why}"
         self.bad += count
 
+    def note_lost(self, where: str, why: str) -> None:
+        """Keep a part of the file that is dropped whole."""
+        self.lost.append(f"{where}: {why}")
+
     def note_skipped(self, kind: str, count: int = 1) -> None:
-        """Count what is no CAN frame."""
+        """Count what is no CAN frame; beyond `MOST_KINDS` kinds they are counted together."""
+        if kind not in self.skipped and len(self.skipped) >= MOST_KINDS:
+            kind = "of other kinds"
         self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def note_frames(self, frames: FrameArray, where: Callable[[int], str]) -> None:
@@ -92,6 +104,9 @@ class LogReport:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.damage:
             lines.append(f"after frame {self.frames}: {self.damage}")
+        lines.extend(f"lost: {part}" for part in self.lost[:_LISTED])
+        if len(self.lost) > _LISTED:
+            lines.append(f"lost: {len(self.lost) - _LISTED} more parts, to {self.lost[-1]}")
         if self.bad:
             lines.append(f"{self.bad} unreadable, skipped; the first is {self.first_bad}")
         if self.out_of_order:
