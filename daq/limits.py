@@ -13,3 +13,9 @@ MOST_BUSES = 256
 
 MOST_KINDS = 64
 """Kinds of objects or lines that a report lists by name. BLF defines 130, a log has fewer than ten."""
+
+MF4_PATIENCE_S, MF4_BYTES_PER_S = 25.0, 10e6
+"""How long asammdf may give nothing: for any file, and how fast it reads a large one before it gives the first frame."""
+
+MF4_MEMORY_BYTES = 2 << 30
+"""Address space for asammdf beside twice the size of the file; its libraries take 0.4 GB of it, frames are read in pieces."""

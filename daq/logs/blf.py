@@ -317,7 +317,9 @@ def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Ite
         if isinstance(content, bytes):
             yield content
         else:
-            damaged.append(_Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0))
+            damaged.append(
+                _Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0)
+            )
             if len(damaged) > MOST_DAMAGED_PARTS:
                 report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest is skipped")
                 return

@@ -238,6 +238,7 @@ def test_groups_of_containers_join_to_the_same_frames(monkeypatch: pytest.Monkey
 
 def test_ten_microsecond_ticks_and_short_objects() -> None:
     """An object in 10 us ticks and one that is too short for its type, packed by hand."""
+
     def an_object(kind: int, flags: int, ticks: int, body: bytes) -> bytes:
         return struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), kind, flags, 0, 0, ticks) + body
 
