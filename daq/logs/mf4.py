@@ -41,7 +41,7 @@ _FLAG_CHANNELS = {
 
 
 class _Piece(NamedTuple):
-    """What the process answers: frames; the reason why there are none; or, as the last, the frames that the file states."""
+    """What the process answers: frames; why there are none; or, as the last, how many the file states."""
 
     frames: FrameArray | None = None
     buses: tuple[str, ...] = ()
@@ -139,14 +139,14 @@ def _answer(path: str) -> None:
     """Write the pieces of a file to stdout; what asammdf prints goes to stderr."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    report, stated = LogReport(path, "MF4"), 0
-    answer: dict[str, object]
+    report = LogReport(path, "MF4")
+    answer: dict[str, object] = {"stated": 0}
     try:
         for stated, frames in _all_frames(path, report):
             head = {"frames": len(frames), "fd": frames.dtype == FD_DTYPE, "buses": report.buses}
             out.write(json.dumps(head).encode() + b"\n" + frames.tobytes())
             out.flush()
-        answer = {"stated": stated}
+            answer = {"stated": stated}
     except MemoryError:
         answer = {"error": f"it takes more than {_memory_bytes(path) / 1e9:.1f} GB of memory"}
     except Exception as error:  # noqa: BLE001  asammdf raises what it likes; the other process says it
