@@ -1,3 +1,4 @@
+from .export import draft_of as draft_of
 from .export import write_blocks as write_blocks
 from .export import write_frame as write_frame
 from .export import write_table as write_table

@@ -79,11 +79,12 @@ def export_command(
         )
     output.mkdir(exist_ok=True)
     written: list[Path] = []
+    taken: set[str] = set()
     for run in progress(opened, "exporting", len(opened)):
         if decode:
-            written.append(export_recording(run, output, overwrite=force))
+            written.append(export_recording(run, output, overwrite=force, taken=taken))
         else:
-            written += export_tables(run, output, kind.value, signal, overwrite=force)
+            written += export_tables(run, output, kind.value, signal, overwrite=force, taken=taken)
     if json:
         print_json({"files": written})
     else:
