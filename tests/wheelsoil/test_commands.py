@@ -250,7 +250,7 @@ def test_export_gives_each_bus_a_file_of_its_own(tmp_path):
 def test_an_export_that_is_interrupted_leaves_no_file(campaign, tmp_path, monkeypatch):
     from daq.recording import RecordingWriter
 
-    def interrupted(self, batch):
+    def interrupted(_self, _batch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(RecordingWriter, "write_frames", interrupted)
