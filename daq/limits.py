@@ -17,6 +17,9 @@ MOST_DAMAGED_PARTS = 1000
 MOST_BUSES = 256
 """Buses of a log: the number of a bus is one byte of each frame. Vehicles have fewer than 30."""
 
+MOST_IDS = 10_000
+"""Identifiers without a message in a DBC that are counted one by one; a vehicle's buses have hundreds."""
+
 MOST_KINDS = 64
 """Kinds of objects or lines that a report lists by name. BLF defines 130, a log has fewer than ten."""
 

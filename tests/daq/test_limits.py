@@ -13,9 +13,11 @@ import pytest
 import zstandard
 
 from daq.can.databases import load_database
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can.identify import Coverage, coverage
 from daq.config import RunsConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError, DataError, RecordingError, WheelsoilError, every_error_as
-from daq.limits import LARGEST_CHUNK_BYTES, MOST_COLUMNS, MOST_RUNS
+from daq.limits import LARGEST_CHUNK_BYTES, MOST_COLUMNS, MOST_IDS, MOST_RUNS
 from daq.logs import read_log
 from daq.recording.chunks import DamagedError, PackedChunk, unpacked
 from daq.series.tables import read_table
@@ -135,7 +137,6 @@ print(frames, len(found.loss), peak_rss_mb())
 @pytest.mark.parametrize("compression", ["zstd", pytest.param("lz4", marks=pytest.mark.slow)])
 def test_chunks_that_unpack_to_gigabytes_take_little_memory(compression: str, tmp_path: Path) -> None:
     """Twelve chunks with one frame each beside 150 MB of nothing, and one that is larger than any may be."""
-    from daq.can.frames import CLASSIC_DTYPE, FrameBatch
     from daq.config import RunInfo
     from daq.recording import RecordingWriter
 
@@ -189,6 +190,19 @@ def test_a_line_that_no_frame_can_hold_is_an_error_or_a_remark(line: str, tmp_pa
         assert reading.report.bad
     except RecordingError as error:
         assert str(path) in str(error)
+
+
+def test_identifiers_without_end_are_counted_together() -> None:
+    frames = np.zeros(30_000, CLASSIC_DTYPE)
+    frames["can_id"], frames["flags"] = np.arange(len(frames)) + 1000, FrameFlag.EXTENDED
+    frames["can_id"][-10:] = 1000
+    database = load_database(DBC.format(**USUAL).replace("BO_ 256", f"BO_ {0x80000000 + 30_000}").encode())
+    whole = Coverage()
+    for part in np.array_split(frames, 3):
+        whole = whole + coverage(FrameBatch(part, ("can0",)), {"can0": (database,)})
+    assert len(whole.ids) == MOST_IDS + 1
+    assert (whole.known, whole.unknown) == (1, 29_999)
+    assert whole.ids[0].frames == 11
 
 
 def test_errors_of_ours_pass_a_boundary_and_others_get_file_and_place() -> None:

@@ -276,6 +276,8 @@ def _print_ids(facts: FileFacts, limit: int | None) -> None:
     if len(ids) > len(shown):
         rest = sum(row.frames for row in ids[len(shown) :])
         print(f"... and {len(ids) - len(shown)} more identifiers with {rest:,} frames (--all-ids)")
+    if facts.coverage.further_frames:
+        print(f"... and {facts.coverage.further_frames:,} frames of further unknown identifiers")
 
 
 def recover_command(
