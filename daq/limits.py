@@ -8,7 +8,7 @@ LARGEST_CHUNK_BYTES = 256 << 20
 LARGEST_BATCH_BYTES = 256 << 20
 """Of chunks that are held in memory together until there are frames enough for a batch."""
 
-LARGEST_BLF_CONTAINER_BYTES = 64 << 20
+LARGEST_BLF_CONTAINER_BYTES = 16 << 20
 """Of a BLF container, packed or unpacked. Vector's tools and python-can write 128 KiB."""
 
 MOST_DAMAGED_PARTS = 1000

@@ -5,6 +5,7 @@ Layout after Toby Lorenz' vector_blf, as python-can uses it.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -32,6 +33,8 @@ _CONTAINER_HEADER = struct.Struct("<4sHHLLH6xL4x")
 _CONTAINER = 10
 _UNCOMPRESSED, _ZLIB = 0, 2
 _GROUP_BYTES = 1 << 20
+_CONTAINER_BEGIN = re.compile(rb"LOBJ\x10\0..[\0-\xff]{4}\x0a\0\0\0[\0\x02]\0", re.DOTALL)
+_SEARCHED_BYTES = 1 << 20
 _PADDING = 4
 _YEARS = (1970, 2261)
 _LATEST_NS = (1 << 63) - 1
@@ -291,39 +294,75 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     return int(start.timestamp()) * 10**9 + millisecond * 10**6
 
 
+class _Source:
+    """A file that takes back what was read too far; `at` is the place in it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._ahead = b""
+        self.at = file.tell()
+
+    def read(self, size: int) -> bytes:
+        data, self._ahead = self._ahead[:size], self._ahead[size:]
+        if len(data) < size:
+            data += self._file.read(size - len(data))
+        self.at += len(data)
+        return data
+
+    def put_back(self, data: bytes) -> None:
+        self._ahead = data + self._ahead
+        self.at -= len(data)
+
+    def find_container(self) -> bool:
+        """Go on to where the next container seems to begin; return whether there is one."""
+        while len(block := self.read(_SEARCHED_BYTES)) >= _CONTAINER_HEADER.size:
+            if found := _CONTAINER_BEGIN.search(block):
+                self.put_back(block[found.start() :])
+                return True
+            if len(block) == _SEARCHED_BYTES:
+                self.put_back(block[-_CONTAINER_HEADER.size :])
+        return False
+
+
 def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Iterator[bytes | None]:
     """Yield what is in each container, None for one that is lost, which goes into `damaged`."""
-    while True:
-        where = f"byte {file.tell()} of the file"
-        head = file.read(_CONTAINER_HEADER.size)
+    source = _Source(file)
+    while len(damaged) <= MOST_DAMAGED_PARTS:
+        where = f"byte {source.at} of the file"
+        head = source.read(_CONTAINER_HEADER.size)
         if not head.strip(b"\0"):
             return
-        if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
-            report.note_bad(where, "no container starts here; the rest of the file is skipped")
-            return
-        _, _, _, size, kind, method, unpacked = _CONTAINER_HEADER.unpack(head)
-        if not len(head) <= size <= LARGEST_BLF_CONTAINER_BYTES:
-            report.note_bad(where, f"the length of this container is {size}; the rest of the file is skipped")
-            return
-        body = file.read(size - len(head))
+        why = "no container starts here"
+        if len(head) == _CONTAINER_HEADER.size and head.startswith(MAGIC):
+            _, _, _, size, kind, method, unpacked = _CONTAINER_HEADER.unpack(head)
+            why = "" if len(head) <= size <= LARGEST_BLF_CONTAINER_BYTES else f"the length of this container is {size}"
+        if why:
+            begin = source.at - len(head)
+            source.put_back(head[1:])
+            skipped = f"{source.at - begin:,} bytes are" if source.find_container() else "the rest of the file is"
+            report.note_bad(where, f"{why}; {skipped} skipped")
+            yield None
+            continue
+        body = source.read(size - len(head))
         missing = size - len(head) - len(body)
-        file.read(size % _PADDING)
         if kind != _CONTAINER:
             report.note_skipped(f"object of type {kind} outside of a container")
+            source.read(size % _PADDING)
             continue
         content = _unpack(method, body, unpacked)
         if missing:
             content = f"the file ends within this container: {missing} bytes are missing"
         if isinstance(content, bytes):
+            source.read(size % _PADDING)
             yield content
+            continue
+        damaged.append(_Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0))
+        if another := _CONTAINER_BEGIN.search(body):  # its length is what is damaged
+            source.put_back(body[another.start() :])
         else:
-            damaged.append(
-                _Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0)
-            )
-            if len(damaged) > MOST_DAMAGED_PARTS:
-                report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest is skipped")
-                return
-            yield None
+            source.read(size % _PADDING)
+        yield None
+    report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest of the file is skipped")
 
 
 def _unpack(method: int, body: bytes, size: int) -> bytes | str:

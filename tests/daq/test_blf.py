@@ -156,6 +156,20 @@ def test_a_container_that_is_cut_short_is_dropped_whole(level: int, bytes_kept: 
     assert f"byte {start} of the file" in report.lost[0]
 
 
+@pytest.mark.parametrize("size", [10, 33, 200, 5000, 1 << 20, 1 << 31])
+@pytest.mark.parametrize("level", [0, 6])
+def test_a_damaged_length_costs_only_its_container(size: int, level: int) -> None:
+    batch = numbered(300)
+    whole = bytearray(written(batch, max_container_size=2000, compression_level=level))
+    start, _ = container_places(bytes(whole))[2]
+    whole[start + 8 : start + 12] = size.to_bytes(4, "little")
+    back, report = parsed(bytes(whole))
+    assert never_recorded(back, batch) == 0
+    assert 300 - len(back) <= 2000 // 48 + 2
+    assert report.bad or report.lost
+    assert f"byte {start} of the file" in (report.first_bad + "".join(report.lost))
+
+
 def test_no_frame_is_put_together_over_a_missing_container() -> None:
     batch = numbered(300)
     whole = written(batch, max_container_size=2000)
@@ -174,8 +188,8 @@ def with_container(unpacked: int, packed: bytes) -> bytes:
 
 
 def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_memory() -> None:
-    bomb = zlib.compress(bytes(60 << 20))
-    for stated, why in ((100, "holds 100 bytes, and holds more"), (4 << 30 - 1, ""), ((61 << 20), "holds 62914560")):
+    bomb = zlib.compress(bytes(15 << 20))
+    for stated, why in ((100, "holds 100 bytes, and holds more"), (4 << 30 - 1, ""), ((16 << 20), "holds 15728640")):
         back, report = parsed(with_container(min(stated, 2**32 - 1), bomb))
         assert len(back) == 0
         assert why in report.lost[0]
