@@ -228,7 +228,7 @@ def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     A container is dropped whole unless its stream ends where it should and has the stated size, and no object is put
     together from bytes before and after a container that is damaged, or missing where the rest does not fit by chance.
     """
-    start_ns = _start_ns(file, report)
+    start_ns, stated_bytes = _file_header(file, report)
     damaged: list[_Damaged] = []
     carry, done = b"", 0
     room = np.empty(2 * _GROUP_BYTES, np.uint8)
@@ -252,6 +252,8 @@ def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
         if len(carry) > LARGEST_BLF_CONTAINER_BYTES:
             report.note_bad(_where(done), f"no object ends within {len(carry)} bytes")
             carry, done = b"", done + len(carry)
+    if file.tell() < stated_bytes:
+        report.damage = f"the file is cut off: {file.tell():,} of {stated_bytes:,} bytes are there"
     if MAGIC in carry:
         report.note_bad(_where(done), "the file ends within this object")
     for container in damaged:
@@ -273,8 +275,8 @@ class _Damaged(NamedTuple):
         return f"about {max(round(self.unpacked * frames / data_bytes), 1):,} frames are lost"
 
 
-def _start_ns(file: BinaryIO, report: LogReport) -> int:
-    """Read the file header; return the start of the measurement (python-can, too, takes it for UTC)."""
+def _file_header(file: BinaryIO, report: LogReport) -> tuple[int, int]:
+    """Return the start of the measurement (python-can, too, takes it for UTC) and the stated size of the file."""
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size:
         what, found = "the BLF file ends within its header", f"{len(head)} bytes"
@@ -283,15 +285,15 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     file.read(min(max(fields[1] - len(head), 0), LARGEST_BLF_CONTAINER_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])
     if not any(fields[6:14]):
-        return 0
+        return 0, fields[2]
     try:
         start = datetime(year, month, day, hour, minute, second, millisecond * 1000, tzinfo=UTC)
         if not _YEARS[0] <= year <= _YEARS[1]:
             raise ValueError
     except ValueError:
         report.note_bad("the file header", f"it begins at no date that can be: year {year}, month {month}, day {day}")
-        return 0
-    return int(start.timestamp()) * 10**9 + millisecond * 10**6
+        return 0, fields[2]
+    return int(start.timestamp()) * 10**9 + millisecond * 10**6, fields[2]
 
 
 class _Source:
@@ -316,11 +318,11 @@ class _Source:
     def find_container(self) -> bool:
         """Go on to where the next container seems to begin; return whether there is one."""
         while len(block := self.read(_SEARCHED_BYTES)) >= _CONTAINER_HEADER.size:
-            if found := _CONTAINER_BEGIN.search(block):
-                self.put_back(block[found.start() :])
+            found = _CONTAINER_BEGIN.search(block)
+            if found or len(block) == _SEARCHED_BYTES:
+                self.put_back(block[found.start() if found else -_CONTAINER_HEADER.size :])
+            if found:
                 return True
-            if len(block) == _SEARCHED_BYTES:
-                self.put_back(block[-_CONTAINER_HEADER.size :])
         return False
 
 
@@ -343,24 +345,19 @@ def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Ite
             report.note_bad(where, f"{why}; {skipped} skipped")
             yield None
             continue
-        body = source.read(size - len(head))
-        missing = size - len(head) - len(body)
+        body = source.read(size - len(head) + size % _PADDING)
         if kind != _CONTAINER:
             report.note_skipped(f"object of type {kind} outside of a container")
-            source.read(size % _PADDING)
             continue
-        content = _unpack(method, body, unpacked)
-        if missing:
+        content = _unpack(method, body[: size - len(head)], unpacked)
+        if (missing := size - len(head) - len(body)) > 0:
             content = f"the file ends within this container: {missing} bytes are missing"
         if isinstance(content, bytes):
-            source.read(size % _PADDING)
             yield content
             continue
         damaged.append(_Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0))
         if another := _CONTAINER_BEGIN.search(body):  # its length is what is damaged
             source.put_back(body[another.start() :])
-        else:
-            source.read(size % _PADDING)
         yield None
     report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest of the file is skipped")
 
@@ -373,6 +370,8 @@ def _unpack(method: int, body: bytes, size: int) -> bytes | str:
         return f"this container states that it holds {size} bytes"
     if method == _UNCOMPRESSED:
         content = body
+        if _CONTAINER_BEGIN.search(body):
+            return "this container holds the beginning of another one"
     else:
         stream = inflate.decompressobj()
         try:
@@ -432,8 +431,7 @@ def _parts_in_line(text: NDArray[np.uint8], starts: IndexArray, parts: list[byte
     return len(parts)
 
 
-_Faults = list[tuple[str, str]]
-"""Where in the data an object cannot be read, and why."""
+_Faults = list[tuple[str, str]]  # where in the data an object cannot be read, and why
 
 
 def _object_starts(text: NDArray[np.uint8], done: int) -> tuple[IndexArray, int, _Faults]:
