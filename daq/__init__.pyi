@@ -44,6 +44,7 @@ from .errors import Fault as Fault
 from .errors import HardwareError as HardwareError
 from .errors import RecordingError as RecordingError
 from .errors import WheelsoilError as WheelsoilError
+from .errors import every_error_as as every_error_as
 from .errors import nearest as nearest
 from .formatting import file_name as file_name
 from .formatting import number as number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,7 +20,8 @@ from pydantic import (
 )
 
 from daq.channels import ROLES
-from daq.errors import ConfigError, Fault, nearest
+from daq.errors import ConfigError, Fault, every_error_as, nearest, shortened
+from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -40,6 +42,8 @@ Brakes = Literal["held", "released", "unknown"]
 """What holds the vehicle at a standstill; `unknown` is taken for held."""
 
 ConfigT = TypeVar("ConfigT", bound=BaseModel)
+
+_DEEP_KEY = re.compile(rf"""(?<![\w.-])(?:["']?[\w-]+["']?[ \t]*\.[ \t]*){{{DEEPEST_KEY}}}""")
 
 
 class Section(BaseModel):
@@ -66,7 +70,7 @@ class WheelSection(Section):
     outboard_inertia_kgm2: NonNegative = 0.0
     tyre: Literal["smooth", "lugged"] | None = None
     lug_height_m: NonNegative | None = None
-    lug_count: Annotated[int, Field(ge=0)] | None = None
+    lug_count: Annotated[int, Field(ge=0, le=10_000)] | None = None
 
     @model_validator(mode="after")
     def _lugs_agree(self) -> Self:
@@ -294,7 +298,7 @@ class RunInfo(Section):
     file: str = ""
     id: str = ""
     direction: Literal["out", "back"] = "out"
-    pass_number: Annotated[int, Field(ge=1)] = 1
+    pass_number: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     added_load_kg: Finite = 0.0
     inflation_kpa: Positive | None = None
     rut: tuple[RutReading, ...] = ()
@@ -307,7 +311,7 @@ class RunInfo(Section):
 class RunsConfig(Section):
     """runs.toml."""
 
-    run: tuple[RunInfo, ...] = ()
+    run: Annotated[tuple[RunInfo, ...], Field(max_length=MOST_RUNS)] = ()
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
@@ -328,18 +332,26 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
 
 
 def _toml_mapping(text: str, where: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError.of("not valid TOML", where, str(error), next_step="correct the line named above") from None
+    if len(text) > LARGEST_TOML_BYTES:
+        step = "check that this is the right file"
+        raise ConfigError.of("a TOML file that is too large", where, "", f"at most {LARGEST_TOML_BYTES:,} bytes", step)
+    if deep := _DEEP_KEY.search(text):
+        found = shortened(deep[0])
+        raise ConfigError.of("a key of too many parts", where, found, f"at most {DEEPEST_KEY}, as in vehicle.name")
+    with every_error_as(ConfigError, "the TOML cannot be read", lambda: where):
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError.of("not valid TOML", where, str(error), "", "correct the line named above") from None
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
     """Check what a TOML or JSON file holds; see `parse_toml`."""
-    try:
-        return kind.model_validate(raw)
-    except ValidationError as error:
-        raise ConfigError(*_faults(error, kind, where)) from None
+    with every_error_as(ConfigError, "the values cannot be checked", lambda: where):
+        try:
+            return kind.model_validate(raw)
+        except ValidationError as error:
+            raise ConfigError(*_faults(error, kind, where)) from None
 
 
 def load_toml(path: Path, kind: type[ConfigT]) -> ConfigT:
@@ -356,7 +368,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         There is no such file, or it is no TOML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            text = file.read(LARGEST_TOML_BYTES + 1).decode()
     except FileNotFoundError:
         raise ConfigError.of("no such file", path, next_step="check the path") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -366,7 +379,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[Fault]:
     faults = []
-    for item in error.errors():
+    for item in error.errors()[:MOST_FAULTS]:
         location = ".".join(str(part) for part in item["loc"])
         message = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
@@ -379,7 +392,9 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
             expected = item["ctx"]["expected"].replace("'", '"')
             faults.append(Fault(what, where, found, expected, next_step="write one of these"))
         else:
-            faults.append(Fault(f"{location}: {message}", where, found=repr(item["input"])))
+            faults.append(Fault(f"{location}: {message}", where, found=shortened(repr(item["input"]))))
+    if error.error_count() > MOST_FAULTS:
+        faults.append(Fault(f"{error.error_count() - MOST_FAULTS} more faults", where))
     return faults
 
 

@@ -6,13 +6,17 @@ exception, so that ``except ValueError`` and ``except OSError`` keep working.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 _LISTED_AT_MOST = 3
 """Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
+
+_LONGEST_FOUND = 200
+_WHOLE_FILE = "check that the file is whole; report it with the file if it is, so that it can be read"
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,36 @@ def _render(faults: tuple[Fault, ...]) -> str:
         return str(faults[0])
     numbered = [f"{i}. {fault}".replace("\n", "\n   ") for i, fault in enumerate(faults, 1)]
     return "\n".join([f"{len(faults)} faults:", *numbered])
+
+
+@contextlib.contextmanager
+def every_error_as(
+    kind: type[WheelsoilError], what: str, where: Callable[[], object], next_step: str = _WHOLE_FILE
+) -> Iterator[None]:
+    """Raise whatever goes wrong in here as an error of ours: the boundary around a reader of foreign files.
+
+    A damaged file makes a reader, ours or a library's, fail in ways that nobody listed. Only a file's outermost reader
+    stands in here; errors of ours pass.
+
+    Parameters
+    ----------
+    what : str
+        Of the fault, such as "the log cannot be read".
+    where : callable
+        Returns file and place at the time of the failure.
+    """
+    try:
+        yield
+    except WheelsoilError:
+        raise
+    except Exception as error:
+        found = shortened(f"{type(error).__name__}: {error}".rstrip(": ").split("\n")[0])
+        raise kind.of(what, where(), found, next_step=next_step) from error
+
+
+def shortened(found: str) -> str:
+    """Return a found value for a message; of a long one the beginning and its length."""
+    return found if len(found) <= _LONGEST_FOUND else f"{found[:_LONGEST_FOUND]}... ({len(found):,} characters)"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

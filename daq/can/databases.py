@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -13,19 +14,23 @@ from typing import Any
 
 from daq.can.bits import Message, RawKind, Signal
 from daq.config import VehicleConfig
-from daq.errors import DatabaseError, Fault, nearest
+from daq.errors import DatabaseError, Fault, every_error_as, nearest, shortened
+from daq.limits import LARGEST_DBC_BYTES, LONGEST_MESSAGE_BYTES
 
 _MESSAGE_LINE = re.compile(r"^\s*BO_\s+(\d+)\s+(\S+?)\s*:", re.MULTILINE)
 _DANGLING = re.compile(r"^\s*((?:VAL_|SIG_VALTYPE_) \d+ \w+)\s*$", re.MULTILINE)
 _OVERLONG = re.compile(r"(Standard|Extended) frame id 0x[0-9a-f]+ is more than (\d+) bits")
 _SYNTAX = re.compile(r"[Ii]nvalid syntax at line (\d+), column (\d+)")
 _IN_MESSAGE = re.compile(r"^The signals? (\w+)(?: and (\w+) are overlapping| does not fit) in message (\w+)")
+_LENGTH = re.compile(r"^\s*BO_\s+\d+\s+\S+?\s*:\s*(\d+)")
+_BITS = re.compile(r"^\s*SG_\s+[^:\n]*:\s*(\d+)\s*\|\s*(\d+)")
 _MULTIPLEXER = re.compile(r"\s*SG_\s+\S+\s+(?:m\d+)?M\s*:")
 _WITH_SEMICOLON = ("VAL_", "CM_", "BA_", "SIG_VALTYPE_", "VAL_TABLE_", "SIG_GROUP_", "BO_TX_BU_", "SG_MUL_VAL_")
 _STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
 
 LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was excluded is listed)"
 MAX_SIGNAL_BITS = 64
+_MOST_BITS = 8 * LONGEST_MESSAGE_BYTES
 _SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
 
@@ -48,7 +53,7 @@ class BadLine:
 
     def __str__(self) -> str:
         more = f" (and the {self.end - self.number} lines behind it)" if self.end > self.number else ""
-        return f"line {self.number}: {self.text.strip()}: {self.why}{more}"
+        return f"line {self.number}: {shortened(self.text.strip())}: {self.why}{more}"
 
 
 def decode_text(content: bytes) -> str:
@@ -218,9 +223,19 @@ def load_database(source: Path | str | bytes, name: str = "", *, lenient: bool =
         content, where = source, name or "DBC"
     else:
         content, where = _read(Path(source)), str(source)
+    if len(content) > LARGEST_DBC_BYTES:
+        found, expected = f"{len(content):,} bytes", f"at most {LARGEST_DBC_BYTES:,}"
+        raise DatabaseError.of("a DBC that is too large", where, found, expected, "check that this is the right file")
     text = decode_text(content)
-    parsed, notes = _parse_lenient(text, where) if lenient else (_parse_strict(text, where), [])
-    messages = [_message(message, parsed) for message in parsed.messages]
+    messages: list[Message] = []
+    parsed = None
+
+    def place() -> str:
+        return where if parsed is None else f"{where}, message {parsed.messages[len(messages)].name}"
+
+    with every_error_as(DatabaseError, "the DBC cannot be used", place):
+        parsed, notes = _parse_lenient(text, where) if lenient else (_parse_strict(text, where), [])
+        messages.extend(_message(message, parsed) for message in parsed.messages)
     messages, more = _without_doubles(messages, where, lenient=lenient)
     return Database(name or Path(where).name, content, tuple(messages), (*notes, *more), lenient)
 
@@ -264,22 +279,45 @@ def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
         return None, str(error.e_dbc or error)
 
 
+def _too_long(text: str) -> list[BadLine]:
+    """Return the lines of messages and signals that no bus can carry; cantools would take gigabytes for them."""
+    lines = text.split("\n")
+    found = []
+    for i, line in enumerate(lines, 1):
+        length, bits = _LENGTH.match(line), _BITS.match(line)
+        if length and _beyond(length[1], LONGEST_MESSAGE_BYTES):
+            why = f"a message of {shortened(length[1])} bytes; at most {LONGEST_MESSAGE_BYTES} are possible"
+            found.append(BadLine(i, line, why, _block_end(lines, i)))
+        elif bits and any(_beyond(number, _MOST_BITS) for number in bits.groups()):
+            why = f"a signal beyond bit {_MOST_BITS}, the last of the longest message"
+            found.append(BadLine(i, line, why, i))
+    return found
+
+
+def _beyond(digits: str, limit: int) -> bool:
+    return len(digits.lstrip("0")) > len(str(limit)) or int(digits[-20:]) > limit
+
+
 def _parse_strict(text: str, where: str) -> Any:
-    parsed, complaint = _parse(text, strict=True)
+    bad = _too_long(text)
+    parsed, complaint = (None, "") if bad else _parse(text, strict=True)
     if parsed is not None:
         return parsed
-    bad = bad_lines(text, complaint)
+    bad = bad or bad_lines(text, complaint)
     if not bad:
         raise DatabaseError.of("cantools cannot load this DBC", where, complaint, next_step="correct the file")
-    texts = [(f"cantools refuses this DBC: {line.why}", f"line {line.number}: {line.text.strip()}") for line in bad]
+    texts = [
+        (f"this DBC is refused: {line.why}", f"line {line.number}: {shortened(line.text.strip())}") for line in bad
+    ]
     raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
+    left_out = _too_long(text)
+    text = without(text, left_out)
     parsed, complaint = _parse(text, strict=True)
     if parsed is not None:
-        return parsed, []
-    left_out: list[BadLine] = []
+        return parsed, [f"excluded {line}" for line in left_out]
     parsed, complaint = _parse(text, strict=False)
     while parsed is None and text.strip():
         bad = bad_lines(text, complaint)
@@ -335,15 +373,26 @@ def _message(message: Any, parsed: Any) -> Message:
         extended=message.is_extended_frame,
         length=message.length,
         signals=tuple(_signal(signal) for signal in message.signals),
-        cycle_time_s=message.cycle_time * 1e-3 if message.cycle_time else None,
+        cycle_time_s=_cycle_time_s(message.cycle_time),
         j1939=j1939,
         fd=message.is_fd,
         comment=message.comment or "",
     )
 
 
+def _cycle_time_s(value: object) -> float | None:
+    """Return GenMsgCycleTime, in ms, as seconds; some files define it as a text or leave it 0."""
+    try:
+        milliseconds = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return milliseconds * 1e-3 if 0 < milliseconds < math.inf else None
+
+
 def _signal(signal: Any) -> Signal:
     scale, offset = signal.scale, signal.offset
+    if not (math.isfinite(scale) and math.isfinite(offset)):
+        raise ValueError(f"signal {signal.name} has the scale {scale} and the offset {offset}")
     if not signal.is_float and float(scale).is_integer() and float(offset).is_integer():
         scale, offset = int(scale), int(offset)
     kind = RawKind.FLOAT if signal.is_float else RawKind.SIGNED if signal.is_signed else RawKind.UNSIGNED

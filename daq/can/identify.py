@@ -20,6 +20,7 @@ from daq.arrays import BoolArray, IndexArray
 from daq.can.bits import Message
 from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.limits import MOST_IDS
 
 UNKNOWN = 0
 """Code of a frame that is no message: unknown identifier, error frame or remote request."""
@@ -141,14 +142,17 @@ class Coverage:
     Attributes
     ----------
     ids : tuple of IdCount
-        Sorted by bus and identifier.
+        Sorted by bus and identifier; of those that no DBC knows the first ones, up to `MOST_IDS`.
     error_frames, remote_frames : int
         Not counted in `ids`.
+    further_frames : int
+        Unknown frames whose identifiers are not in `ids`.
     """
 
     ids: tuple[IdCount, ...] = ()
     error_frames: int = 0
     remote_frames: int = 0
+    further_frames: int = 0
 
     @property
     def known(self) -> int:
@@ -158,14 +162,14 @@ class Coverage:
     @property
     def unknown(self) -> int:
         """Frames whose identifier no DBC knows."""
-        return sum(row.frames for row in self.ids if row.message is None)
+        return sum(row.frames for row in self.ids if row.message is None) + self.further_frames
 
     def __add__(self, other: Coverage) -> Coverage:
         counts: Counter[tuple[str, bool, int, str | None]] = Counter()
         for row in (*self.ids, *other.ids):
             counts[row.bus, row.extended, row.can_id, row.message] += row.frames
         errors, remotes = self.error_frames + other.error_frames, self.remote_frames + other.remote_frames
-        return _coverage(counts, errors, remotes)
+        return _coverage(counts, errors, remotes, self.further_frames + other.further_frames)
 
 
 def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> Coverage:
@@ -190,7 +194,7 @@ def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> 
     for row, code, number in zip(samples, identifier.codes(samples, batch.buses), numbers.tolist(), strict=True):
         name = named[code - 1][1] if code != UNKNOWN else None
         counts[batch.buses[row["bus"]], bool(row["flags"] & FrameFlag.EXTENDED), int(row["can_id"]), name] = number
-    return _coverage(counts, errors, remotes)
+    return _coverage(counts, errors, remotes, 0)
 
 
 def _one_of_each(frames: FrameArray) -> tuple[FrameArray, IndexArray]:
@@ -211,6 +215,8 @@ def _one_of_each(frames: FrameArray) -> tuple[FrameArray, IndexArray]:
     return samples, np.concatenate([every[short_keys], long_numbers])
 
 
-def _coverage(counts: Counter[tuple[str, bool, int, str | None]], errors: int, remotes: int) -> Coverage:
+def _coverage(counts: Counter[tuple[str, bool, int, str | None]], errors: int, remotes: int, further: int) -> Coverage:
+    for key in [key for key in counts if key[3] is None][MOST_IDS:]:
+        further += counts.pop(key)
     rows = (IdCount(*key, frames=counts[key]) for key in sorted(counts, key=lambda key: key[:3]))
-    return Coverage(tuple(rows), errors, remotes)
+    return Coverage(tuple(rows), errors, remotes, further)

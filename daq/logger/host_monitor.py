@@ -58,7 +58,7 @@ class DiskState:
     def text(self) -> str:
         """Return it as a sentence."""
         lasts = "" if math.isnan(self.minutes) else f", {self.minutes:.0f} minutes at {self.bytes_per_s / _MB:.2f} MB/s"
-        return f"{self.free_bytes / _MB:,.0f} MB free, {self.reserve_bytes / _MB:,.0f} MB of them in reserve{lasts}"
+        return f"{megabytes(self.free_bytes)} MB free, {megabytes(self.reserve_bytes)} MB of them in reserve{lasts}"
 
 
 class DiskGuard:
@@ -73,7 +73,7 @@ class DiskGuard:
     def __init__(self, folder: Path, *, warn_min: float, reserve_mb: float) -> None:
         self._folder = folder
         self._warn_min = warn_min
-        self._reserve_bytes = int(reserve_mb * _MB)
+        self._reserve_bytes = round(reserve_mb * _MB)
         self._history: deque[tuple[float, int]] = deque()
         self._warned = False
         self._free = self._reserve_bytes + 1
@@ -102,13 +102,18 @@ class DiskGuard:
         return Level.AMBER if self._warned else Level.GREEN
 
 
+def megabytes(size: int) -> str:
+    """Return a size in MB: whole ones from 10 on, else as many digits as it was given with."""
+    return f"{size / _MB:,.0f}" if size >= 10 * _MB else f"{size / _MB:.6g}"
+
+
 def disk_fault(folder: Path, state: DiskState) -> Fault:
     """Return the fault of a disk that is full up to the reserve."""
     return Fault(
         "the disk is full up to the reserve",
         str(folder),
-        f"{state.free_bytes / _MB:,.0f} MB free",
-        f"more than [logger] disk_reserve_mb = {state.reserve_bytes / _MB:,.0f}",
+        f"{megabytes(state.free_bytes)} MB free",
+        f"more than [logger] disk_reserve_mb = {megabytes(state.reserve_bytes)}",
         "free the disk, or record elsewhere: --out",
     )
 
@@ -200,6 +205,7 @@ class HostMonitor:
             self._steps_reported += 1
             text = f"the host's clock was set by {step.step_s:+.6f} s; time in the recording advances evenly"
             events.append(("clock", text, "warning"))
+        events += [("logger", text, "warning") for text in self._silences()]
         if self.disk.level is not self._disk_reported:
             self._disk_reported = self.disk.level
             events.append(("disk", self.disk.text(), "info" if self.disk.level is Level.GREEN else "warning"))
@@ -208,6 +214,25 @@ class HostMonitor:
             text = "the disk is slow: frames are recorded, but not decoded" if behind else "frames are decoded again"
             events.append(("logger", text, "warning" if behind else "info"))
         return events
+
+    def _silences(self) -> list[str]:
+        """Return a sentence for each time in which sources were not read; those of several buses are joined."""
+        found: list[tuple[int, int, str]] = []
+        for one in self._listeners:
+            while one.silences:
+                found.append((*one.silences.popleft(), one.source.name))
+        joined: list[tuple[int, int, list[str]]] = []
+        for begin_ns, end_ns, bus in sorted(found):
+            if joined and begin_ns < joined[-1][1]:
+                begin_ns, until_ns, buses = joined.pop()
+                joined.append((begin_ns, max(until_ns, end_ns), [*buses, bus]))
+            else:
+                joined.append((begin_ns, end_ns, [bus]))
+        return [
+            f"{', '.join(dict.fromkeys(buses))} not read for {(end_ns - begin_ns) * 1e-9:.1f} s: the logger was "
+            "stopped, the machine slept or a driver hung; what the kernel could not keep of this time is lost"
+            for begin_ns, end_ns, buses in joined
+        ]
 
 
 def _resident_bytes() -> int:

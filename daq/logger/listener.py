@@ -13,11 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from daq.can.frames import FrameBatch, concatenate
-from daq.host_clock import HostClock, StampTracker
+from daq.host_clock import HostClock, StampTracker, monotonic_ns
 from daq.sources.can_source import BusStatus
 from daq.sources.reconnect import ReconnectingSource
 
 T = TypeVar("T")
+
+SILENCE_S = 2.0
+"""A thread without a turn for so long was held: the process was stopped, the machine slept, or a driver hung.
+A turn takes `_READ_TIMEOUT_S` and a rest."""
 
 _READ_TIMEOUT_S = 0.1
 _WAIT_FOR_ROOM_S = 0.1
@@ -30,6 +34,7 @@ _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
 _OPENING_S = 60.0
 """What opening an interface may take."""
+_SILENCES_KEPT = 100
 _LAST_FETCHES_S = 2.0
 """A source that is never empty is left then: what comes later came after the end."""
 
@@ -118,6 +123,8 @@ class Listener(threading.Thread):
         Frames that were read so far.
     unwritten : int
         Those of them that were never recorded, known when the recording is closed.
+    silences : deque of (int, int)
+        Monotonic times, ns, between which it took no turn, longer than `SILENCE_S`; taken by `HostMonitor`.
     """
 
     def __init__(
@@ -134,6 +141,8 @@ class Listener(threading.Thread):
         self.alive_at = time.monotonic()
         self.fetched = 0
         self.unwritten = 0
+        self.silences: deque[tuple[int, int]] = deque(maxlen=_SILENCES_KEPT)
+        self._turn_ns = monotonic_ns()
         self._number = number
         self._buses = buses
         self._stamps = StampTracker(clock, source.name)
@@ -166,6 +175,7 @@ class Listener(threading.Thread):
 
     def run(self) -> None:
         """Fetch frames."""
+        self._turn_ns = monotonic_ns()
         while not self._asked_to_stop.is_set():
             count = self._fetch(_READ_TIMEOUT_S)
             if count:
@@ -183,8 +193,15 @@ class Listener(threading.Thread):
         self._wanted.wait(rest_s)
         self._wanted.clear()
 
-    def _fetch(self, timeout_s: float) -> int:
+    def _turn(self) -> None:
+        """Note that it runs, and since when it had not."""
+        before_ns, self._turn_ns = self._turn_ns, monotonic_ns()
         self.alive_at = time.monotonic()
+        if self._turn_ns - before_ns > SILENCE_S * 1e9 and self.source.fault is None:  # that one has its own events
+            self.silences.append((before_ns, self._turn_ns))
+
+    def _fetch(self, timeout_s: float) -> int:
+        self._turn()
         self._stamps.before_read()
         batch = self._stamps.after_read(self.source.read(timeout_s))
         if not len(batch):
@@ -195,7 +212,7 @@ class Listener(threading.Thread):
             FrameBatch(batch.frames, self._buses), self.source.name, self._stamps.realtime_minus_monotonic_ns
         )
         while not self._queue.put(arrival, batch.frames.nbytes, _WAIT_FOR_ROOM_S):
-            self.alive_at = time.monotonic()
+            self._turn()
             if self._abandoned:
                 break
         return len(batch)

@@ -5,11 +5,11 @@ Layout after Toby Lorenz' vector_blf, as python-can uses it.
 
 from __future__ import annotations
 
+import re
 import struct
-import zlib
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from daq.arrays import IndexArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
+from daq.limits import LARGEST_BLF_CONTAINER_BYTES, MOST_DAMAGED_PARTS
 from daq.logs.report import LogReport
+
+try:
+    from isal import isal_zlib as inflate  # an extra: unpacks 1.7 times as fast
+except ImportError:
+    import zlib as inflate
 
 MAGIC = b"LOBJ"
 _MAGIC_NUMBER = int.from_bytes(MAGIC, "little")
@@ -27,8 +33,12 @@ _CONTAINER_HEADER = struct.Struct("<4sHHLLH6xL4x")
 _CONTAINER = 10
 _UNCOMPRESSED, _ZLIB = 0, 2
 _GROUP_BYTES = 1 << 20
-_LARGEST_BYTES = 64 << 20
+_CONTAINER_BEGIN = re.compile(rb"LOBJ\x10\0..[\0-\xff]{4}\x0a\0\0\0[\0\x02]\0", re.DOTALL)
+_SEARCHED_BYTES = 1 << 20
 _PADDING = 4
+_YEARS = (1970, 2261)
+_LATEST_NS = (1 << 63) - 1
+"""Times in nanoseconds end in the year 2262."""
 
 
 def _layout(itemsize: int, /, **fields: tuple[int, str]) -> np.dtype[np.void]:
@@ -82,7 +92,7 @@ def structures(text: NDArray[np.uint8], starts: IndexArray, layout: np.dtype[np.
         text = np.concatenate((text, np.zeros(size, np.uint8)))
     windows = sliding_window_view(text, size)
     step = int(starts[1] - starts[0]) if len(starts) > 1 else 1
-    if (np.diff(starts) == step).all():
+    if step and (np.diff(starts) == step).all():
         return windows[starts[0] : starts[-1] + 1 : step].view(layout)[:, 0]
     return windows[starts].view(layout)[:, 0]
 
@@ -92,17 +102,17 @@ def frames_of(
 ) -> Iterator[FrameBatch]:
     """Yield the objects that are CAN frames (at most one batch); `done` bytes came before `text`."""
     header = structures(text, starts, HEADER)
-    kinds = _different(header["type"])
+    kinds = {kind: chosen for kind in _LAYOUTS if (chosen := header["type"] == kind).any()}
+    if sum(map(np.count_nonzero, kinds.values())) < len(header):
+        others, counts = np.unique(header["type"][~np.isin(header["type"], list(kinds))], return_counts=True)
+        for kind, count in zip(others.tolist(), counts.tolist(), strict=True):
+            report.note_skipped(f"object of type {kind}", count)
     head_size = _head_size(header["version"])
     room = header["size"].astype(np.intp) - head_size
     wide = any(kind in _FD_KINDS for kind in kinds)
     frames = np.zeros(len(starts), FD_DTYPE if wide else CLASSIC_DTYPE)
     channel = np.full(len(starts), -1, np.int32)
-    for kind in kinds:
-        chosen = header["type"] == kind
-        if kind not in _LAYOUTS:
-            report.note_skipped(f"object of type {kind}", int(chosen.sum()))
-            continue
+    for kind, chosen in kinds.items():
         short = chosen & ((room < _least_size(kind)) | (head_size == 0))
         if short.any():
             where = f"byte {done + int(starts[short][0])} of the uncompressed data"
@@ -116,7 +126,15 @@ def frames_of(
             target[at] = column
         channel[at] = rows["channel"]
     frames["time_ns"] = header["ticks"]
-    frames["time_ns"][header["flags"] == _TICK_IS_TEN_US] *= 10_000
+    in_ten_us = header["flags"] == _TICK_IS_TEN_US
+    if int(header["ticks"].max(initial=0)) > (_LATEST_NS - start_ns) // 10_000:  # else no time can be out of range
+        latest = np.where(in_ten_us, (_LATEST_NS - start_ns) // 10_000, _LATEST_NS - start_ns).astype(np.uint64)
+        late = (header["ticks"] > latest) & (channel >= 0)
+        channel[late] = -1
+        if late.any():
+            where = f"byte {done + int(starts[late][0])} of the uncompressed data"
+            report.note_bad(where, "the time of this object is beyond the year 2262", int(late.sum()))
+    frames["time_ns"][in_ten_us] *= 10_000
     frames["time_ns"] += start_ns
     if channel.min(initial=0) < 0:
         frames, channel = frames[channel >= 0], channel[channel >= 0]
@@ -205,93 +223,183 @@ def _flag(column: NDArray[np.uint32], mask: int, flag: FrameFlag) -> NDArray[np.
 
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
-    """Yield the frames of a BLF file, a megabyte of objects at a time."""
-    start_ns = _start_ns(file, report)
+    """Yield the frames of a BLF file, a megabyte of objects at a time.
+
+    A container is dropped whole unless its stream ends where it should and has the stated size, and no object is put
+    together from bytes before and after a container that is damaged, or missing where the rest does not fit by chance.
+    """
+    start_ns, stated_bytes = _file_header(file, report)
+    damaged: list[_Damaged] = []
     carry, done = b"", 0
     room = np.empty(2 * _GROUP_BYTES, np.uint8)
-    for after_a_gap, pieces in _grouped(_containers(file, report), report):
-        carry = b"" if after_a_gap else carry
-        text, room = _joined([carry, *pieces], room)
-        starts, end = _object_starts(text, done, report)
-        yield from frames_of(text, starts, start_ns, done, report)
-        carry, done = text[end:].tobytes(), done + end
-        if len(carry) > _LARGEST_BYTES:
+    for after_a_gap, pieces in _grouped(_contents(file, report, damaged)):
+        parts = pieces if after_a_gap else [carry, *pieces]
+        done, carry = (done + len(carry), b"") if after_a_gap else (done, carry)
+        while parts:
+            text, room = _joined(parts, room)
+            starts, end, faults = _object_starts(text, done)
+            in_line = _parts_in_line(text, starts, parts)
+            if in_line < len(parts):
+                text = text[: sum(map(len, parts[:in_line]))]
+                starts, end, faults = _object_starts(text, done)
+            for fault in faults:
+                report.note_bad(*fault)
+            yield from frames_of(text, starts, start_ns, done, report)
+            carry, done, parts = text[end:].tobytes(), done + end, parts[in_line:]
+            if parts:
+                report.note_bad(_where(done), "this object does not go on in the next container")
+                carry, done = b"", done + len(carry)
+        if len(carry) > LARGEST_BLF_CONTAINER_BYTES:
             report.note_bad(_where(done), f"no object ends within {len(carry)} bytes")
             carry, done = b"", done + len(carry)
+    if file.tell() < stated_bytes:
+        report.damage = f"the file is cut off: {file.tell():,} of {stated_bytes:,} bytes are there"
     if MAGIC in carry:
         report.note_bad(_where(done), "the file ends within this object")
+    for container in damaged:
+        report.note_lost(container.where, f"{container.why}; {container.amount(done, report.frames)}")
 
 
-def _start_ns(file: BinaryIO, report: LogReport) -> int:
-    """Read the file header; return the start of the measurement (python-can, too, takes it for UTC)."""
+class _Damaged(NamedTuple):
+    """A container that is dropped; `unpacked` is the size that it states, 0 if that cannot be."""
+
+    where: str
+    why: str
+    packed: int
+    unpacked: int
+
+    def amount(self, data_bytes: int, frames: int) -> str:
+        """Return how much is lost, from the bytes of data per frame elsewhere in the file."""
+        if not self.unpacked or not frames:
+            return f"its {self.packed:,} bytes are lost"
+        return f"about {max(round(self.unpacked * frames / data_bytes), 1):,} frames are lost"
+
+
+def _file_header(file: BinaryIO, report: LogReport) -> tuple[int, int]:
+    """Return the start of the measurement (python-can, too, takes it for UTC) and the stated size of the file."""
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size:
         what, found = "the BLF file ends within its header", f"{len(head)} bytes"
         raise RecordingError.of(what, report.path, found, next_step="copy it again")
     fields = _FILE_HEADER.unpack(head)
-    file.read(min(max(fields[1] - len(head), 0), _LARGEST_BYTES))
+    file.read(min(max(fields[1] - len(head), 0), LARGEST_BLF_CONTAINER_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])
+    if not any(fields[6:14]):
+        return 0, fields[2]
     try:
-        start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+        start = datetime(year, month, day, hour, minute, second, millisecond * 1000, tzinfo=UTC)
+        if not _YEARS[0] <= year <= _YEARS[1]:
+            raise ValueError
     except ValueError:
-        return 0
-    return int(start.timestamp()) * 10**9 + millisecond * 10**6
+        report.note_bad("the file header", f"it begins at no date that can be: year {year}, month {month}, day {day}")
+        return 0, fields[2]
+    return int(start.timestamp()) * 10**9 + millisecond * 10**6, fields[2]
 
 
-def _containers(file: BinaryIO, report: LogReport) -> Iterator[tuple[str, int, bytes]]:
-    """Yield where each container is, its compression method and its content."""
-    while True:
-        where = f"byte {file.tell()} of the file"
-        head = file.read(_CONTAINER_HEADER.size)
+class _Source:
+    """A file that takes back what was read too far; `at` is the place in it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._ahead = b""
+        self.at = file.tell()
+
+    def read(self, size: int) -> bytes:
+        data, self._ahead = self._ahead[:size], self._ahead[size:]
+        if len(data) < size:
+            data += self._file.read(size - len(data))
+        self.at += len(data)
+        return data
+
+    def put_back(self, data: bytes) -> None:
+        self._ahead = data + self._ahead
+        self.at -= len(data)
+
+    def find_container(self) -> bool:
+        """Go on to where the next container seems to begin; return whether there is one."""
+        while len(block := self.read(_SEARCHED_BYTES)) >= _CONTAINER_HEADER.size:
+            found = _CONTAINER_BEGIN.search(block)
+            if found or len(block) == _SEARCHED_BYTES:
+                self.put_back(block[found.start() if found else -_CONTAINER_HEADER.size :])
+            if found:
+                return True
+        return False
+
+
+def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Iterator[bytes | None]:
+    """Yield what is in each container, None for one that is lost, which goes into `damaged`."""
+    source = _Source(file)
+    while len(damaged) <= MOST_DAMAGED_PARTS:
+        where = f"byte {source.at} of the file"
+        head = source.read(_CONTAINER_HEADER.size)
         if not head.strip(b"\0"):
             return
-        if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
-            report.note_bad(where, "no container starts here; the rest of the file is skipped")
-            return
-        _, _, _, size, kind, method, _ = _CONTAINER_HEADER.unpack(head)
-        if not len(head) <= size <= _LARGEST_BYTES:
-            report.note_bad(where, f"the length of this container is {size}; the rest of the file is skipped")
-            return
-        body = file.read(size - len(head))
-        missing = size - len(head) - len(body)
-        file.read(size % _PADDING)
-        if missing > 0:
-            report.note_bad(where, f"the file ends within this container: {missing} bytes are missing")
-        if kind == _CONTAINER:
-            yield where, method, body
-        else:
+        why = "no container starts here"
+        if len(head) == _CONTAINER_HEADER.size and head.startswith(MAGIC):
+            _, _, _, size, kind, method, unpacked = _CONTAINER_HEADER.unpack(head)
+            why = "" if len(head) <= size <= LARGEST_BLF_CONTAINER_BYTES else f"the length of this container is {size}"
+        if why:
+            begin = source.at - len(head)
+            source.put_back(head[1:])
+            skipped = f"{source.at - begin:,} bytes are" if source.find_container() else "the rest of the file is"
+            report.note_bad(where, f"{why}; {skipped} skipped")
+            yield None
+            continue
+        body = source.read(size - len(head) + size % _PADDING)
+        if kind != _CONTAINER:
             report.note_skipped(f"object of type {kind} outside of a container")
+            continue
+        content = _unpack(method, body[: size - len(head)], unpacked)
+        if (missing := size - len(head) - len(body)) > 0:
+            content = f"the file ends within this container: {missing} bytes are missing"
+        if isinstance(content, bytes):
+            yield content
+            continue
+        damaged.append(_Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0))
+        if another := _CONTAINER_BEGIN.search(body):  # its length is what is damaged
+            source.put_back(body[another.start() :])
+        yield None
+    report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest of the file is skipped")
 
 
-def _unpack(method: int, body: bytes) -> bytes | str:
-    """Return what is in a container, or why it is lost."""
-    if method == _UNCOMPRESSED:
-        return body
-    if method != _ZLIB:
+def _unpack(method: int, body: bytes, size: int) -> bytes | str:
+    """Return what is in a container that states this unpacked size, or why it is lost."""
+    if method not in (_UNCOMPRESSED, _ZLIB):
         return f"this container has an unknown compression method, {method}"
-    try:
-        return zlib.decompressobj().decompress(body, _LARGEST_BYTES)
-    except zlib.error as error:
-        return f"this container cannot be decompressed ({error})"
+    if size > LARGEST_BLF_CONTAINER_BYTES:
+        return f"this container states that it holds {size} bytes"
+    if method == _UNCOMPRESSED:
+        content = body
+        if _CONTAINER_BEGIN.search(body):
+            return "this container holds the beginning of another one"
+    else:
+        stream = inflate.decompressobj()
+        try:
+            content = stream.decompress(body, size + 1)
+        except inflate.error as error:
+            return f"this container cannot be decompressed ({error})"
+        if not stream.eof and len(content) <= size:
+            return f"this container breaks off after {len(content)} of {size} bytes"
+    if len(content) != size:
+        more = "more" if len(content) > size else f"{len(content)}"
+        return f"this container states that it holds {size} bytes, and holds {more}"
+    return content
 
 
-def _grouped(containers: Iterator[tuple[str, int, bytes]], report: LogReport) -> Iterator[tuple[bool, list[bytes]]]:
+def _grouped(contents: Iterator[bytes | None]) -> Iterator[tuple[bool, list[bytes]]]:
     """Yield the contents of containers together, so that the price of a numpy call is paid for thousands of objects.
 
     The flag says whether a container just before them is lost.
     """
     pending: list[bytes] = []
     after_a_gap = False
-    for where, method, body in containers:
-        piece = _unpack(method, body)
-        if isinstance(piece, bytes):
+    for piece in contents:
+        if piece is not None:
             pending.append(piece)
             if sum(map(len, pending)) < _GROUP_BYTES:
                 continue
-        else:
-            report.note_bad(where, piece)
         yield after_a_gap, pending
-        pending, after_a_gap = [], isinstance(piece, str)
+        pending, after_a_gap = [], piece is None
     yield after_a_gap, pending
 
 
@@ -307,12 +415,32 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
     return room[:size], room
 
 
-def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
-    """Return where the complete objects start, and up to where the bytes have been used."""
+def _parts_in_line(text: NDArray[np.uint8], starts: IndexArray, parts: list[bytes]) -> int:
+    """Return how many parts follow on one another: an object over a seam must be followed by one, or by the end.
+
+    Else what a part begins with is not the rest of the object that the part before ends with.
+    """
+    seams = np.cumsum([len(part) for part in parts])[:-1]
+    over = np.searchsorted(starts, seams) - 1
+    known = over >= 0
+    ends = starts[over[known]] + structures(text, starts[over[known]], HEADER)["size"].astype(np.intp)
+    for number, seam, end in zip(np.flatnonzero(known) + 1, seams[known], ends, strict=True):
+        behind = text[end : end + _PADDING + len(MAGIC) - 1].tobytes()
+        if end > seam and len(behind) >= len(MAGIC) and MAGIC not in behind:
+            return int(number)
+    return len(parts)
+
+
+_Faults = list[tuple[str, str]]  # where in the data an object cannot be read, and why
+
+
+def _object_starts(text: NDArray[np.uint8], done: int) -> tuple[IndexArray, int, _Faults]:
+    """Return where the complete objects start, up to where the bytes have been used, and what is wrong."""
     equal = _equally_long(text)
     used = int(equal[1]) * len(equal) if len(equal) > 1 else 0
-    others, end = _search(text[used:], done + used, report)
-    return np.concatenate((equal if used else equal[:0], others + used)), end + used
+    faults: _Faults = []
+    others, end = _search(text[used:], done + used, faults)
+    return np.concatenate((equal if used else equal[:0], others + used)), end + used, faults
 
 
 def _equally_long(text: NDArray[np.uint8]) -> IndexArray:
@@ -328,7 +456,7 @@ def _equally_long(text: NDArray[np.uint8]) -> IndexArray:
     return starts if same.all() else starts[: int(np.argmin(same))]
 
 
-def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
+def _search(text: NDArray[np.uint8], done: int, faults: _Faults) -> tuple[IndexArray, int]:
     """Look for the magic bytes that an object starts with; see `_object_starts`."""
     found = np.flatnonzero(text[: max(len(text) - HEADER.itemsize + 1, 0)] == MAGIC[0])
     for offset in range(1, len(MAGIC)):
@@ -338,7 +466,7 @@ def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Inde
     ends = found + structures(text, found, HEADER)["size"].astype(np.intp)
     gaps = found - np.concatenate(([0], ends[:-1]))
     if gaps.min() < 0 or gaps.max() > _PADDING or (ends - found).min() < HEADER.itemsize:
-        found, ends = _walk(found, ends, done, report)
+        found, ends = _walk(found, ends, done, faults)
         if not len(found):
             return found, len(text)
     if ends[-1] > len(text):
@@ -346,20 +474,20 @@ def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Inde
     return found, int(ends[-1])
 
 
-def _walk(found: IndexArray, ends: IndexArray, done: int, report: LogReport) -> tuple[IndexArray, IndexArray]:
+def _walk(found: IndexArray, ends: IndexArray, done: int, faults: _Faults) -> tuple[IndexArray, IndexArray]:
     """Go from object to object: a payload may hold the magic bytes, and a damaged object has no right length."""
     chain: list[int] = []
     i, expected = 0, 0
     while i < len(found):
         size = int(ends[i] - found[i])
         if found[i] - expected > _PADDING:
-            report.note_bad(_where(done + expected), "no object starts here")
-        if HEADER.itemsize <= size <= _LARGEST_BYTES:
+            faults.append((_where(done + expected), "no object starts here"))
+        if HEADER.itemsize <= size <= LARGEST_BLF_CONTAINER_BYTES:
             chain.append(i)
             expected = int(ends[i])
             i = int(np.searchsorted(found, expected))
         else:
-            report.note_bad(_where(done + int(found[i])), f"the length of this object is {size}")
+            faults.append((_where(done + int(found[i])), f"the length of this object is {size}"))
             i += 1
             expected = int(found[i]) if i < len(found) else expected
     return found[chain], ends[chain]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from daq.can.frames import FrameBatch, concatenate, split
-from daq.errors import Fault, RecordingError, nearest
+from daq.errors import Fault, RecordingError, every_error_as, nearest
 from daq.logs.asc import read_asc
 from daq.logs.blf import read_blf
 from daq.logs.candump import LINE, read_candump
@@ -266,7 +266,10 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
 
     def batches() -> Iterator[FrameBatch]:
         file, _ = open_log(place)
-        with file:
+        with (
+            file,
+            every_error_as(RecordingError, "the log cannot be read", lambda: f"{place}, after frame {report.frames}"),
+        ):
             yield from _regrouped(_guarded(known.read(file, report), file, report), batch_frames)
         if not report.frames:
             raise _nothing_readable(report)

@@ -9,9 +9,12 @@ import numpy as np
 
 from daq.can.frames import FrameArray
 from daq.errors import RecordingError
+from daq.limits import MOST_BUSES, MOST_KINDS
 
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
+
+_LISTED = 8  # lost parts of a file
 
 
 @dataclass
@@ -26,6 +29,8 @@ class LogReport:
         Whether ``time_ns`` is UTC; False where the log counts from a zero of its own. None before the first frame.
     local_time : bool
         Whether the dates are local time of the computer that recorded, which is taken for UTC.
+    lost : list of str
+        Parts of the file that are dropped whole, such as a damaged container: where, why and how much.
     bad : int
         Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
     out_of_order : int
@@ -43,6 +48,7 @@ class LogReport:
     frames: int = 0
     absolute_time: bool | None = None
     local_time: bool = False
+    lost: list[str] = field(default_factory=list)
     bad: int = 0
     first_bad: str = ""
     out_of_order: int = 0
@@ -55,8 +61,8 @@ class LogReport:
     def bus(self, name: str) -> int:
         """Return the position of a bus, adding its name when it is new."""
         if name not in self.buses:
-            if len(self.buses) == 256:
-                raise RecordingError.of("more than 256 different buses", self.path, f"{name!r} is the 257th")
+            if len(self.buses) == MOST_BUSES:
+                raise RecordingError.of(f"more than {MOST_BUSES} different buses", self.path, f"the next is {name!r}")
             self.buses.append(name)
         return self.buses.index(name)
 
@@ -66,8 +72,14 @@ class LogReport:
             self.first_bad = f"{where}: {why}"
         self.bad += count
 
+    def note_lost(self, where: str, why: str) -> None:
+        """Keep a part of the file that is dropped whole."""
+        self.lost.append(f"{where}: {why}")
+
     def note_skipped(self, kind: str, count: int = 1) -> None:
-        """Count what is no CAN frame."""
+        """Count what is no CAN frame; beyond `MOST_KINDS` kinds they are counted together."""
+        if kind not in self.skipped and len(self.skipped) >= MOST_KINDS:
+            kind = "of other kinds"
         self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def note_frames(self, frames: FrameArray, where: Callable[[int], str]) -> None:
@@ -97,6 +109,9 @@ class LogReport:
             lines.append("dates are local time of the computer that recorded: they are taken for UTC")
         if self.damage:
             lines.append(f"after frame {self.frames}: {self.damage}")
+        lines.extend(f"lost: {part}" for part in self.lost[:_LISTED])
+        if len(self.lost) > _LISTED:
+            lines.append(f"lost: {len(self.lost) - _LISTED} more parts, to {self.lost[-1]}")
         if self.bad:
             lines.append(f"{self.bad} unreadable, skipped; the first is {self.first_bad}")
         if self.out_of_order:

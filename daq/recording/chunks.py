@@ -12,11 +12,9 @@ from typing import BinaryIO, Literal, NamedTuple, Self, get_args
 from mcap.opcode import Opcode
 
 from daq.errors import ConfigError, nearest
+from daq.limits import LARGEST_CHUNK_BYTES
 
 Compression = Literal["zstd", "lz4", "none"]
-
-LARGEST_CHUNK_BYTES = 1 << 30
-"""A chunk that claims more than this when unpacked is taken for damaged."""
 
 RECORD = struct.Struct("<BQ")
 """Opcode and length of a record's body."""
@@ -149,7 +147,7 @@ def read_chunk(file: BinaryIO, entry: ChunkEntry) -> bytes:
 def unpacked(chunk: PackedChunk) -> bytes:
     """Unpack and check a chunk; see `read_chunk`."""
     if chunk.unpacked_size > LARGEST_CHUNK_BYTES:
-        raise DamagedError(f"a chunk claims {chunk.unpacked_size} bytes")
+        raise DamagedError(f"a chunk states {chunk.unpacked_size} bytes; at most {LARGEST_CHUNK_BYTES} are read")
     content = _decompressed(chunk)
     if len(content) != chunk.unpacked_size:
         raise DamagedError("a chunk has another size than it says")
@@ -176,7 +174,11 @@ def _decompressed(chunk: PackedChunk) -> bytes:
         try:
             if lz4.frame.get_frame_info(chunk.data)["content_size"] not in (0, chunk.unpacked_size):
                 raise DamagedError("a chunk contradicts itself about its size")
-            return bytes(lz4.frame.decompress(chunk.data))
+            stream = lz4.frame.LZ4FrameDecompressor()
+            content = bytes(stream.decompress(chunk.data, max_length=chunk.unpacked_size + 1))
+            if not stream.eof:
+                raise DamagedError("a chunk has another size than it says")
+            return content
         except (RuntimeError, ValueError, MemoryError, EOFError) as error:
             raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
     raise DamagedError(f"a chunk is packed as {chunk.compression!r}, which we do not know")

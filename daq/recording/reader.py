@@ -19,7 +19,8 @@ from pydantic import ValidationError
 
 from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
 from daq.config import RunInfo
-from daq.errors import DataError, RecordingError, nearest
+from daq.errors import DataError, RecordingError, every_error_as, nearest
+from daq.limits import LARGEST_BATCH_BYTES
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
 from daq.recording.contents import Contents, Loss, parsed, read_contents, read_record, unreadable
 from daq.recording.events import Event, read_events
@@ -69,14 +70,16 @@ def raw_batches(
     `damaged` is called with each chunk that cannot be read, and the reason.
     """
     gathered: dict[int, list[FrameArray]] = {}
-    count = 0
+    count = held_bytes = 0
     try:
         with path.open("rb") as file:
             for entry in chunks:
-                count += _gather(file, entry, channels, gathered, damaged)
-                if count >= BATCH_FRAMES:
+                frames, content_bytes = _gather(file, entry, channels, gathered, damaged)
+                count += frames
+                held_bytes += content_bytes if frames else 0
+                if count >= BATCH_FRAMES or held_bytes >= LARGEST_BATCH_BYTES:
                     yield _merged(gathered, channels, buses)
-                    gathered, count = {}, 0
+                    gathered, count, held_bytes = {}, 0, 0
             if count:
                 yield _merged(gathered, channels, buses)
     except OSError as error:
@@ -107,9 +110,9 @@ def _gather(
     channels: dict[int, RawChannel],
     gathered: dict[int, list[FrameArray]],
     damaged: Callable[[ChunkEntry, str], None],
-) -> int:
-    """Add the frames of one chunk to `gathered`; return how many there were."""
-    count = 0
+) -> tuple[int, int]:
+    """Add the frames of one chunk to `gathered`; return how many there were, and the bytes that they keep in memory."""
+    count, content = 0, b""
     try:
         content = read_chunk(file, entry)
         for opcode, start, length in content_records(content):
@@ -123,7 +126,7 @@ def _gather(
                 count += len(frames)
     except (DamagedError, ValueError) as error:
         damaged(entry, str(error))
-    return count
+    return count, len(content)
 
 
 def _merged(
@@ -184,7 +187,8 @@ class Recording:
         RecordingError
             If there is no such file, or it is no MCAP file.
         """
-        return cls(read_contents(Path(path)))
+        with every_error_as(RecordingError, "the recording cannot be read", lambda: path):
+            return cls(read_contents(Path(path)))
 
     @property
     def path(self) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 
 from daq.arrays import FloatArray, IntArray
 
+MOST_MESSAGES = 5000
 _STEPS = 4096
 """Intervals of a message from which its usual one is taken."""
 _REGULAR = 0.25
@@ -62,9 +63,11 @@ class SignalTally:
     def take(
         self, bus: str, name: str, time_ns: IntArray, values: Mapping[str, FloatArray], units: Mapping[str, str]
     ) -> None:
-        """Take a piece of one message; its signals come with every piece."""
+        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over."""
         message = self._messages.get((bus, name))
         if message is None:
+            if len(self._messages) == MOST_MESSAGES:
+                return
             message = self._messages[bus, name] = _Message(dict(units))
         message.take(time_ns, values)
 

@@ -1,6 +1,7 @@
 from .blocks import Series as Series
 from .blocks import SeriesBlock as SeriesBlock
 from .blocks import SeriesReport as SeriesReport
+from .export import draft_of as draft_of
 from .export import write_blocks as write_blocks
 from .export import write_frame as write_frame
 from .export import write_table as write_table

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,7 +50,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     Parameters
     ----------
     path : str or Path
-        A file that is there is replaced.
+        A file that is there is replaced when the new one is whole.
     blocks : iterable of mapping str -> array, shape (n,)
         One at least, all with the same columns. Numbers, truth values or text.
     units : mapping str -> str, optional
@@ -77,7 +79,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     checked = (_checked(block, units) for block in blocks)
     first = next(checked)
     try:
-        with target.open("wb") as file:
+        with draft_of(target) as draft, draft.open("wb") as file:
             write(file, first, checked, units)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         raise ConfigError.of(
@@ -88,6 +90,18 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
             "the table cannot be written", target, error.strerror or str(error), next_step="free the disk"
         ) from None
     return target
+
+
+@contextlib.contextmanager
+def draft_of(target: Path) -> Iterator[Path]:
+    """Give a file beside `target` to write, which takes its place when all is written; else nothing is left of it."""
+    target = target.resolve()  # a link stays one
+    draft = target.with_name(f".wheelsoil-{os.getpid()}{target.suffix}")
+    try:
+        yield draft
+        draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def _checked(columns: Columns, units: Mapping[str, str]) -> Columns:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -18,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from daq.arrays import FloatArray
-from daq.errors import ConfigError, DataError, Fault, nearest
+from daq.errors import ConfigError, DataError, Fault, every_error_as, nearest
+from daq.limits import MOST_COLUMNS
 
 MISSING = frozenset({"", "nan", "na", "n/a", "-"})
 """Cells that hold no number, in lower case."""
@@ -191,17 +193,19 @@ class Table:
         if name not in self.columns:
             yield "", self
             return
-        for value in dict.fromkeys(self.columns[name]):
-            yield value, self.kept([cell == value for cell in self.columns[name]])
+        rows: dict[str, list[int]] = {}
+        for row, value in enumerate(self.columns[name]):
+            rows.setdefault(value, []).append(row)
+        for value, chosen in rows.items():
+            yield value, self._rows(chosen)
 
     def kept(self, rows: Sequence[bool]) -> Table:
         """Return the table with only the rows that are True."""
-        columns = {
-            name: tuple(cell for cell, keep in zip(cells, rows, strict=True) if keep)
-            for name, cells in self.columns.items()
-        }
-        lines = tuple(line for line, keep in zip(self.lines, rows, strict=True) if keep)
-        return Table(self.source, columns, lines, self.factors)
+        return self._rows([row for row, keep in enumerate(rows) if keep])
+
+    def _rows(self, rows: Sequence[int]) -> Table:
+        columns = {name: tuple(cells[row] for row in rows) for name, cells in self.columns.items()}
+        return Table(self.source, columns, tuple(self.lines[row] for row in rows), self.factors)
 
     def _absent(self, name: str) -> Fault:
         found, step = ", ".join(self.columns), f"name the column that holds it: --rename {name}=COLUMN"
@@ -245,7 +249,7 @@ def read_table(
         Rows that are longer or shorter than the head, or no row at all.
     """
     table = _renamed(_parsed(path), rename or {})
-    return _chosen(table, where or {}) if where else table
+    return _chosen(table, where) if where else table
 
 
 def column_names(path: Path) -> tuple[str, ...]:
@@ -254,6 +258,11 @@ def column_names(path: Path) -> tuple[str, ...]:
 
 
 def _parsed(path: Path) -> Table:
+    with every_error_as(DataError, "the table cannot be read", lambda: path):
+        return _read(path)
+
+
+def _read(path: Path) -> Table:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -265,6 +274,10 @@ def _parsed(path: Path) -> Table:
     if not numbered:
         raise DataError.of("the table is empty", path, next_step="give a CSV file with a line of column names")
     delimiter = max(",;\t", key=numbered[0][1].count)
+    columns = numbered[0][1].count(delimiter) + 1
+    if columns > MOST_COLUMNS:
+        where, expected = f"{path}, line {numbered[0][0]}", f"at most {MOST_COLUMNS:,}, a row for each sample"
+        raise DataError.of("the table has too many columns", where, f"{columns:,}", expected, "transpose the table")
     try:
         rows = [next(csv.reader([line], delimiter=delimiter, strict=True)) for _, line in numbered]
     except csv.Error as error:
@@ -281,7 +294,7 @@ def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
     head, body = rows[0], rows[1:]
     while head and not head[-1]:  # a delimiter at the end of each line
         head.pop()
-    faults = [Fault(f"column {n!r} is there twice", source) for n in sorted({n for n in head if head.count(n) > 1})]
+    faults = [Fault(f"column {n!r} is there twice", source) for n, count in sorted(Counter(head).items()) if count > 1]
     for row, line in zip(body, lines[1:], strict=True):
         while len(row) > len(head) and not row[-1]:
             row.pop()

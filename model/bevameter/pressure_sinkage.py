@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, FloatArray, Note
+from daq import ConfigError, DataError, FloatArray, Note, every_error_as
 from daq.series import PlateTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
@@ -177,6 +177,7 @@ class PressureSinkage:
         return "cohesive_modulus" in self.joint
 
 
+@every_error_as(DataError, "the plate tests cannot be fitted", str, "check the numbers of the table and their units")
 def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | None = None) -> PressureSinkage:
     """Fit k_c, k_phi and n to plate tests of one terrain.
 

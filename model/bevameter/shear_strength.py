@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, DataError, FloatArray, Note
+from daq import ConfigError, DataError, FloatArray, Note, every_error_as
 from daq.series import ShearTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
@@ -181,6 +181,7 @@ class ShearStrength:
         return "cohesion_pa" in self.joint
 
 
+@every_error_as(DataError, "the shear tests cannot be fitted", str, "check the numbers of the table and their units")
 def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")) -> ShearStrength:
     """Fit c, tan phi and K to shear tests of one terrain.
 

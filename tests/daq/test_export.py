@@ -120,3 +120,28 @@ def test_a_full_disk_is_reported(tmp_path, suffix):
             write_table(tmp_path / f"t{suffix}", columns)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv", "mat"])
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, OSError, DataError])
+def test_a_table_that_is_not_finished_leaves_what_was_there(tmp_path, suffix, failure):
+    def blocks():
+        yield {"a": np.arange(5.0)}
+        raise failure("in the middle")
+
+    path = tmp_path / f"t.{suffix}"
+    for before in (None, b"an older table"):
+        if before is not None:
+            path.write_bytes(before)
+        with pytest.raises(HardwareError if failure is OSError else failure):
+            write_blocks(path, blocks())
+        assert [one.read_bytes() for one in tmp_path.iterdir()] == ([] if before is None else [before])
+
+
+def test_a_table_is_written_through_a_link(tmp_path):
+    (tmp_path / "there").mkdir()
+    link = tmp_path / "t.csv"
+    link.symlink_to(tmp_path / "there" / "real.csv")
+    assert write_table(link, {"a": np.arange(2)}) == link
+    assert link.is_symlink()
+    assert (tmp_path / "there" / "real.csv").read_text() == '"a"\n0\n1\n'

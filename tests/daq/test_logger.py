@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from logger_support import Handset, Recorder, virtual_bus, wait_until
 from daq.config import BusSection, VehicleConfig
 from daq.errors import ConfigError, HardwareError
 from daq.logger.field_logger import log
+from daq.logger.listener import SILENCE_S
 from daq.recording import Recording
 from daq.sources.can_source import Sink
 from daq.sources.interfaces import open_sink
@@ -79,10 +82,7 @@ def test_recordings_of_one_second_get_different_names(tmp_path: Path) -> None:
     assert all(path.name.startswith("Unimog-U-400_") for path in paths)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_a_closed_recording(tmp_path: Path, number: signal.Signals) -> None:
-    (tmp_path / "run.py").write_text(
-        """
+LOGGER = """
 import json, sys, threading
 import can
 from daq.config import BusSection, VehicleConfig
@@ -96,15 +96,24 @@ first = []
 done = log(vehicle, sys.argv[1], progress=lambda seen: first or (first.append(1), send(seen)))
 print(json.dumps([done.ended_by, done.signal_number, done.frames["x"]]))
 bus.shutdown()
-""",
-        encoding="utf-8",
-    )
+"""
+
+
+def logging(folder: Path) -> subprocess.Popen[str]:
+    """Return a logger in a process of its own that has recorded some frames."""
+    (folder / "run.py").write_text(LOGGER, encoding="utf-8")
     process = subprocess.Popen(
-        [sys.executable, tmp_path / "run.py", tmp_path / "run.mcap"], stdout=subprocess.PIPE, text=True
+        [sys.executable, folder / "run.py", folder / "run.mcap"], stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
-    wait_until(lambda: sum(Recording.open(tmp_path / "run.mcap").frame_counts.values()) > 5)
+    wait_until(lambda: sum(Recording.open(folder / "run.mcap").frame_counts.values()) > 5)
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_closed_recording(tmp_path: Path, number: signal.Signals) -> None:
+    process = logging(tmp_path)
     os.kill(process.pid, number)
     said, _ = process.communicate(timeout=20)
     assert process.returncode == 0
@@ -114,6 +123,23 @@ bus.shutdown()
     assert recording.loss == ()
     assert recording.metadata["run_end"]["exit_status"] == "interrupted"
     assert 5 < len(recording.frames()) == count
+
+
+def test_a_logger_that_was_stopped_says_for_how_long(tmp_path: Path) -> None:
+    process = logging(tmp_path)
+    os.kill(process.pid, signal.SIGSTOP)
+    stopped_at = time.monotonic()
+    time.sleep(SILENCE_S + 0.5)
+    os.kill(process.pid, signal.SIGCONT)
+    stopped_s = time.monotonic() - stopped_at
+    time.sleep(1.0)
+    os.kill(process.pid, signal.SIGTERM)
+    process.communicate(timeout=20)
+    silences = [event for event in Recording.open(tmp_path / "run.mcap").events() if "not read for" in event.text]
+    assert [event.severity for event in silences] == ["warning"]
+    said = re.match(r"x not read for (\d+\.\d) s: the logger was stopped", silences[0].text)
+    assert said
+    assert stopped_s - 0.1 <= float(said[1]) < stopped_s + 2.0
 
 
 def test_what_cannot_be_opened_is_reported_at_once_and_nothing_is_written(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.logger.field_logger import log
+from daq.logger.host_monitor import DiskGuard
 from daq.logger.inspection import Inspection
 from daq.logger.session_monitor import LogSummary
 from daq.recording import PartWriter, Recording
@@ -250,6 +251,15 @@ def test_a_disk_without_its_reserve_is_reported_before_a_file_is_made(tmp_path: 
         log(vehicle, tmp_path, duration_s=1.0, opener=Opener("x"))
     assert caught.value.exit_code == 4
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reserve_below_a_megabyte_is_shown_as_it_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = type("Usage", (), {"free": 150_000})
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    with pytest.raises(HardwareError) as caught:
+        DiskGuard(tmp_path, warn_min=10.0, reserve_mb=0.2)
+    fault = caught.value.faults[0]
+    assert (fault.found, fault.expected) == ("0.15 MB free", "more than [logger] disk_reserve_mb = 0.2")
 
 
 def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(

@@ -225,6 +225,40 @@ def test_export_writes_each_message_with_units(campaign, tmp_path):
     assert wrong.code == 2 and "nearest: GNSS_2.Speed" in wrong.err
 
 
+def test_export_gives_each_bus_a_file_of_its_own(tmp_path):
+    """Two buses whose names are the same in a file's name, in two runs with the same id."""
+    for folder, first in (("a", 0), ("b", 100)):
+        (tmp_path / folder).mkdir()
+        lines = "".join(
+            f"({1_700_000_000 + i}.000000) {bus} 01#{first + number + i:02X}\n"
+            for i in range(3)
+            for number, bus in enumerate(("can.0", "CAN.0", "can/0", "can-0"), 1)
+        )
+        (tmp_path / folder / "run.log").write_text(lines.replace(" 01#", " 001#"))
+    (tmp_path / "m.dbc").write_text('VERSION ""\n\nBU_: A\n\nBO_ 1 M: 1 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n')
+    buses = "".join(f'[[bus]]\nchannel = "{bus}"\ndbc = ["m.dbc"]\n' for bus in ("can.0", "CAN.0", "can/0", "can-0"))
+    (tmp_path / "vehicle.toml").write_text(f"[wheel]\nradius_m = 0.5\nwidth_m = 0.2\n{buses}")
+    logs = [tmp_path / "a" / "run.log", tmp_path / "b" / "run.log"]
+    given = (*logs, "--vehicle", tmp_path / "vehicle.toml", "-o", tmp_path / "out", "--format", "csv")
+    files = ok("export", *given, "--force", "--json").json["files"]
+    firsts = [int(Path(name).read_text().splitlines()[1].split(",")[1]) for name in files]
+    assert sorted(firsts) == [1, 2, 3, 4, 101, 102, 103, 104]
+    assert len({Path(name).name.casefold() for name in files}) == 8
+    assert ok("export", *given, "--force", "--json").json["files"] == files
+
+
+def test_an_export_that_is_interrupted_leaves_no_file(campaign, tmp_path, monkeypatch):
+    from daq.recording import RecordingWriter
+
+    def interrupted(_self, _batch):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RecordingWriter, "write_frames", interrupted)
+    done = invoke("export", campaign / "run-1.mcap", "-o", tmp_path / "out", "--decode")
+    assert done.code == 130
+    assert list((tmp_path / "out").iterdir()) == []
+
+
 def test_export_decode_keeps_every_sample_as_a_topic(campaign, tmp_path):
     ok("export", campaign / "run-1.mcap", "-o", tmp_path / "out", "--decode")
     target = tmp_path / "out" / "run-1.mcap"

@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from live_client import PATIENCE_S, ask, command, page, until
+from live_client import PATIENCE_S, ask, command, events, page, until
 
 from daq.logger.panel import Command
 from wheelsoil.live.panel import PagePanel
@@ -52,6 +52,25 @@ def test_without_the_token_neither_data_nor_action(closed: PagePanel, given: str
     assert answer.status == 401 and "a tractor" not in answer.text  # type: ignore[attr-defined]
     assert command(closed, MARK, Authorization=given) == 401
     assert closed.commands() == []
+
+
+def test_connections_without_the_token_do_not_hold_all_places(closed: PagePanel) -> None:
+    """Those who keep asking for what needs no token, and those who ask for nothing."""
+    strangers = []
+    try:
+        with events(closed) as stream:
+            for number in range(100):
+                strangers.append(socket.create_connection(("127.0.0.1", closed.port), timeout=PATIENCE_S))
+                if number % 2:
+                    strangers[-1].sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{closed.port}\r\n\r\n".encode())
+            assert command(closed, MARK) == 202
+            assert ask(closed, "GET", "/").status == 200
+            assert next(name for name, _ in stream if name != "hello") == ""
+            with events(closed) as another:
+                assert next(another)[0] == "hello"
+    finally:
+        for stranger in strangers:
+            stranger.close()
 
 
 def test_the_empty_page_needs_no_token_and_tells_nothing(closed: PagePanel) -> None:

@@ -80,11 +80,12 @@ def export_command(
         )
     output.mkdir(exist_ok=True)
     written: list[Path] = []
+    taken: set[str] = set()
     for run in progress(opened, "exporting", len(opened)):
         if decode:
-            written.append(export_recording(run, output, overwrite=force))
+            written.append(export_recording(run, output, overwrite=force, taken=taken))
         else:
-            written += export_tables(run, output, kind.value, signal, overwrite=force)
+            written += export_tables(run, output, kind.value, signal, overwrite=force, taken=taken)
     if json:
         print_json({"files": written})
     else:
@@ -317,6 +318,8 @@ def _print_ids(facts: FileFacts, limit: int | None) -> None:
     if len(ids) > len(shown):
         rest = sum(row.frames for row in ids[len(shown) :])
         print(f"... and {len(ids) - len(shown)} more identifiers with {rest:,} frames (--all-ids)")
+    if facts.coverage.further_frames:
+        print(f"... and {facts.coverage.further_frames:,} frames of further unknown identifiers")
 
 
 def recover_command(

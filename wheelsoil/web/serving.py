@@ -42,6 +42,8 @@ _HEADERS = {
 PATIENCE_S = 10.0
 
 _MOST_CONNECTIONS = 64
+_MOST_STRANGERS = 32
+"""Connections on which no token was shown: browsers load the page itself on six each, in a moment."""
 _FAREWELL_S = 1
 
 
@@ -135,6 +137,8 @@ class Guard:
             await send(message)
 
         refusal = self._refusal(scope["method"], scope["path"], Headers(scope=scope))
+        if refusal is None and scope["path"] not in self._open_paths and "connection" in scope.get("state", {}):
+            scope["state"]["connection"].is_known = True
         await (refusal or self._app)(scope, receive, send_safely)
 
     def _refusal(self, method: str, path: str, headers: Headers) -> PlainTextResponse | None:
@@ -176,11 +180,29 @@ def _same_origin(origins: Iterable[str], host: str) -> bool:
 
 
 class Connection(H11Protocol):
-    """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless an answer is pending."""
+    """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless an answer is pending.
+
+    Where there are more than `_MOST_STRANGERS`, the oldest one is closed for a new one, so that connections without a
+    token cannot hold all places.
+
+    Attributes
+    ----------
+    is_known : bool
+        Whether a request for data or a command has been accepted on it; `Guard` sets it.
+    """
+
+    is_known = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """See `asyncio.Protocol`."""
+        self.app_state = {**self.app_state, "connection": self}
+        self._made_at_s = self.loop.time()
         super().connection_made(transport)
+        strangers = [one for one in self.connections if isinstance(one, Connection) and not one.is_known]
+        if len(strangers) > _MOST_STRANGERS:
+            oldest = min(strangers, key=lambda one: one._made_at_s)
+            oldest.transport.abort()
+            self.connections.discard(oldest)  # its end comes later: it must not be counted, nor chosen again
         self._schedule_check()
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from daq.logger import is_being_recorded
 from daq.logs import LogReading, LogReport, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
 from daq.runs import LENIENT_KEY, MessageFacts, Run, SignalTally
-from daq.series import Series, SeriesReport, write_frame
+from daq.series import Series, SeriesReport, draft_of, write_frame
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
 """Bus, name, time stamps, values and units of a message."""
@@ -320,17 +320,26 @@ def _identifiers(batch: FrameBatch) -> Iterator[Sample]:
     frames = batch.frames[(batch.frames["flags"] & (FrameFlag.ERROR | FrameFlag.REMOTE)) == 0]
     extended = frames["flags"] & FrameFlag.EXTENDED
     key = frames["bus"].astype(np.int64) << 40 | extended.astype(np.int64) << 32 | frames["can_id"]
-    for one in np.unique(key).tolist():
-        chosen = frames[key == one]
-        can_id = int(chosen["can_id"][0])
-        name = f"0x{can_id:08X}" if chosen["flags"][0] & FrameFlag.EXTENDED else f"0x{can_id:03X}"
-        yield batch.buses[int(chosen["bus"][0])], name, chosen["time_ns"], {}, {}
+    order = np.argsort(key, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(key[order])) + 1):
+        if len(rows):
+            can_id, bus, is_extended = (int(column[rows[0]]) for column in (frames["can_id"], frames["bus"], extended))
+            name = f"0x{can_id:08X}" if is_extended else f"0x{can_id:03X}"
+            yield batch.buses[bus], name, frames["time_ns"][rows], {}, {}
 
 
 def export_tables(
-    run: Run, folder: Path, suffix: str, signals: Collection[str] | None = None, *, overwrite: bool = False
+    run: Run,
+    folder: Path,
+    suffix: str,
+    signals: Collection[str] | None = None,
+    *,
+    overwrite: bool = False,
+    taken: set[str] | None = None,
 ) -> list[Path]:
     """Write a table for each bus and message of a run: ``<run>.<bus>.<message>.<suffix>``.
+
+    Names that are the same in a file's name (buses ``can/0`` and ``can-0``) are numbered: ``run-1.can-0.Wheel-2.csv``.
 
     The decoded columns of one run are held in memory.
 
@@ -340,6 +349,8 @@ def export_tables(
         ``parquet``, ``csv`` or ``mat``.
     signals : collection of "Message.Signal", optional
         All by default.
+    taken : set of str, optional
+        Names that this export has used, for several runs; those of this run are added.
 
     Raises
     ------
@@ -354,42 +365,59 @@ def export_tables(
         for (bus, name), channel in decoder.decode(batch).items():
             message, _, signal = name.rpartition(".")
             pieces.setdefault((bus, message), {}).setdefault(signal, []).append(channel)
-    targets = {key: folder / f"{file_name(f'{run.id}.{key[0]}.{key[1]}')}.{suffix}" for key in pieces}
-    there = [path for path in targets.values() if path.exists() and not overwrite]
-    if there:
-        raise ConfigError(
-            *(Fault("the output exists already", str(path), next_step="another folder, or --force") for path in there)
-        )
+    taken = set() if taken is None else taken
+    targets = {key: folder / _free_name(f"{run.id}.{key[0]}.{key[1]}", suffix, taken) for key in sorted(pieces)}
+    _refuse_existing(targets.values(), overwrite=overwrite)
     return [_write_table(targets[key], columns) for key, columns in pieces.items()]
 
 
-def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path:
-    """Write a recording with the raw frames and every decoded sample as a topic.
+def _free_name(name: str, suffix: str, taken: set[str]) -> str:
+    """Return a file's name, numbered when it is taken, also where upper and lower case are the same."""
+    plain = free = file_name(name)
+    number = 2
+    while f"{free}.{suffix}".casefold() in taken:
+        free, number = f"{plain}-{number}", number + 1
+    taken.add(f"{free}.{suffix}".casefold())
+    return f"{free}.{suffix}"
+
+
+def export_recording(run: Run, folder: Path, *, overwrite: bool = False, taken: set[str] | None = None) -> Path:
+    """Write a recording with the raw frames and every decoded sample as a topic; `taken` as in `export_tables`.
 
     Raises
     ------
     RecordingError, HardwareError
         The run cannot be read, or the recording cannot be written.
     """
-    target = folder / f"{file_name(run.id)}.mcap"
+    target = folder / _free_name(run.id, "mcap", set() if taken is None else taken)
     if target.exists() and any(target.samefile(file) for file in run.files):
         raise ConfigError.of("the output is the run itself", target, next_step="choose another folder")
-    writer = RecordingWriter(
-        target,
-        run=run.info.model_copy(update={"file": target.name}),
-        attachments=run.attachments,
-        metadata={"source": run.path.name} | ({LENIENT_KEY: "yes"} if run.lenient else {}),
-        flush_every_s=None,
-        sync_every_s=None,
-        decoded_rate_hz=None,
-        overwrite=overwrite,
-    )
-    with writer:
-        view, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
-        for batch in run.frame_batches():
-            writer.write_frames(batch)
-            view.write(decoder.decode(batch))
+    _refuse_existing([target], overwrite=overwrite)
+    with draft_of(target) as draft:
+        writer = RecordingWriter(
+            draft,
+            run=run.info.model_copy(update={"file": target.name}),
+            attachments=run.attachments,
+            metadata={"source": run.path.name} | ({LENIENT_KEY: "yes"} if run.lenient else {}),
+            flush_every_s=None,
+            sync_every_s=None,
+            decoded_rate_hz=None,
+            overwrite=True,
+        )
+        with writer:
+            view, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
+            for batch in run.frame_batches():
+                writer.write_frames(batch)
+                view.write(decoder.decode(batch))
     return target
+
+
+def _refuse_existing(targets: Iterable[Path], *, overwrite: bool) -> None:
+    there = [path for path in targets if path.exists() and not overwrite]
+    if there:
+        raise ConfigError(
+            *(Fault("the output exists already", str(path), next_step="another folder, or --force") for path in there)
+        )
 
 
 def _write_table(path: Path, columns: dict[str, list[Channel]]) -> Path:

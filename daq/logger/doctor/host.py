@@ -22,6 +22,7 @@ import numpy as np
 from daq.clock import fit_clock
 from daq.errors import DataError, HardwareError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
+from daq.logger.host_monitor import megabytes
 from daq.logger.run_files import folder_lock
 
 _FIRST_YEAR, _LAST_YEAR = 2025, 2100
@@ -171,7 +172,8 @@ def space(now: Situation) -> Iterator[Line]:
     found = f"{free / _MB:,.0f} MB free"
     step = "free the disk, or record elsewhere: --out"
     if usable <= 0:
-        yield failed(str(now.folder), f"{found}, and {logger.disk_reserve_mb:.0f} MB are kept in reserve", step)
+        reserve = megabytes(round(logger.disk_reserve_mb * _MB))
+        yield failed(str(now.folder), f"{found}, and {reserve} MB are kept in reserve", step)
     elif not rate:
         yield passed(str(now.folder), f"{found}; nothing was received, so how long that lasts is not known")
     else:
