@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from daq.arrays import BoolArray
+from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
 from daq.logs.report import LogReport
@@ -88,7 +88,7 @@ class _Asc:
         return classic.match(line) or fd.match(line)
 
     def varying(self, match: re.Match[bytes]) -> list[Varying]:
-        found = [Varying(*match.span(name), 9) for name in ("seconds", "fraction")]
+        found = [Varying(*match.span(name), 9) for name in ("seconds", "fraction", "channel")]
         if match["rest"] is not None:
             found.append(Varying(*match.span("rest"), FREE))
         if match["error"] is None:
@@ -98,8 +98,8 @@ class _Asc:
                 found.append(Varying(*match.span("name"), FREE))
         return found
 
-    def bus(self, match: re.Match[bytes]) -> str:
-        return f"can{max(int(match['channel']) - 1, 0)}"
+    def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, IntArray]:
+        return "can", np.maximum(number(nibbles, match.span("channel"), 10) - 1, 0)
 
     def kind_of(self, line: bytes) -> str | None:
         if _HEADER.match(line):

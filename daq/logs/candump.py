@@ -43,8 +43,8 @@ class _Candump:
     def varying(self, match: re.Match[bytes]) -> list[Varying]:
         return [Varying(*match.span(name), largest) for name, largest in _LARGEST.items()]
 
-    def bus(self, match: re.Match[bytes]) -> str:
-        return match["bus"].decode("utf-8", "replace")
+    def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, None]:
+        return match["bus"].decode("utf-8", "replace"), None
 
     def kind_of(self, line: bytes) -> str | None:
         return "" if line.startswith((b"#", b";", b"//")) else None

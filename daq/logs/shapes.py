@@ -65,8 +65,8 @@ class Grammar(Protocol):
     def frames(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
         """Return the frames of lines that look alike, and which of them are possible."""
 
-    def bus(self, match: re.Match[bytes]) -> str:
-        """Return the name of the bus."""
+    def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, IntArray | None]:
+        """Return the name of the bus, or what it begins with and its number in each line."""
 
     def kind_of(self, line: bytes) -> str | None:
         """Return what a line is that is no frame: "" for a comment, header or the like, None for nothing known."""
@@ -151,13 +151,14 @@ def _read_equally_long(lines: Lines, rows: Rows, grammar: Grammar) -> tuple[list
         return parts, rows
     unread: list[int] = []
     for _ in range(_SHAPES_A_LENGTH):
-        match = grammar.match(lines.line(int(rows[0])))
+        middle = len(rows) // 2  # numbers have more digits there than at the begin: most lines look like it
+        match = grammar.match(lines.line(int(rows[middle])))
         if match is None:
-            unread.append(int(rows[0]))
-            rows = rows[1:]
+            unread.append(int(rows[middle]))
+            rows = np.delete(rows, middle)
         else:
-            part, refused, rows = _read_shape(lines, rows, match, grammar)
-            parts.append(part)
+            found, refused, rows = _read_shape(lines, rows, match, grammar)
+            parts.extend(found)
             unread.extend(refused.tolist())
         if not len(rows):
             return parts, np.array(unread, np.intp)
@@ -169,8 +170,8 @@ def _read_equally_long(lines: Lines, rows: Rows, grammar: Grammar) -> tuple[list
         else:
             shapes.setdefault((match.regs, _fixed(match, grammar)), (match, []))[1].append(row)
     for match, alike in shapes.values():
-        part, refused, others = _read_shape(lines, np.array(alike), match, grammar)
-        parts.append(part)
+        found, refused, others = _read_shape(lines, np.array(alike), match, grammar)
+        parts.extend(found)
         unread.extend(np.concatenate((refused, others)).tolist())
     return parts, np.array(unread, np.intp)
 
@@ -183,7 +184,7 @@ def _fixed(match: re.Match[bytes], grammar: Grammar) -> bytes:
     return bytes(line)
 
 
-def _read_shape(lines: Lines, rows: Rows, match: re.Match[bytes], grammar: Grammar) -> tuple[_Part, Rows, Rows]:
+def _read_shape(lines: Lines, rows: Rows, match: re.Match[bytes], grammar: Grammar) -> tuple[list[_Part], Rows, Rows]:
     """Return the frames of the rows that look like `match`, those of them that are impossible, and the other rows.
 
     Eight characters are compared at once. A digit d is too large where d + (127 - largest) reaches the eighth bit.
@@ -198,26 +199,32 @@ def _read_shape(lines: Lines, rows: Rows, match: re.Match[bytes], grammar: Gramm
     template = np.frombuffer(match.string.ljust(width, b"\0"), np.uint8)
     starts = lines.start[rows]
     nibbles = sliding_window_view(lines.nibbles, width)[starts]
-    values = nibbles.view(np.uint64)
+    words = nibbles.view(np.uint64)
     differs = sliding_window_view(lines.text, width)[starts].view(np.uint64)
     differs ^= template.view(np.uint64)
     differs &= fixed.view(np.uint64)
-    wrong = values & _LOW_NIBBLES
+    wrong = words & _LOW_NIBBLES
     wrong += excess.view(np.uint64)
-    wrong |= values
+    wrong |= words
     wrong &= digit.view(np.uint64)
     differs |= wrong
     alike = np.bitwise_or.reduce(differs, axis=1) == 0
-    if alike.all():
-        frames, sane = grammar.frames(nibbles, match)
-        chosen, others = rows, rows[:0]
+    whole = bool(alike.all())
+    values, chosen, others = (nibbles, rows, rows[:0]) if whole else (nibbles[alike], rows[alike], rows[~alike])
+    frames, sane = grammar.frames(values, match)
+    name, numbers = grammar.buses(values, match)
+    if not sane.all():
+        refused, chosen, frames = chosen[~sane], chosen[sane], frames[sane]
+        numbers = None if numbers is None else numbers[sane]
     else:
-        frames, sane = grammar.frames(nibbles[alike], match)
-        chosen, others = rows[alike], rows[~alike]
-    bus = grammar.bus(match)
-    if sane.all():
-        return _Part(chosen, bus, frames), rows[:0], others
-    return _Part(chosen[sane], bus, frames[sane]), chosen[~sane], others
+        refused = rows[:0]
+    if numbers is None:
+        return [_Part(chosen, name, frames)], refused, others
+    found = np.unique(numbers).tolist()
+    if len(found) == 1:
+        return [_Part(chosen, f"{name}{found[0]}", frames)], refused, others
+    parts = [_Part(chosen[numbers == one], f"{name}{one}", frames[numbers == one]) for one in found]
+    return parts, refused, others
 
 
 def number(nibbles: Nibbles, span: Span, base: int) -> IntArray:

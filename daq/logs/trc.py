@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from daq.arrays import BoolArray
+from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
 from daq.logs.report import LogReport
@@ -58,6 +58,7 @@ _FLAGS = {
 _DAYS_TO_1970 = 25_569
 """Days from 1899-12-30, from which PEAK counts."""
 _LAST_DAY = 120_000
+_LONGEST_HEADER = 64 << 10
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,15 @@ class _Trc:
         return None if match is None or match["id"] == _BUS_STATE else match
 
     def varying(self, match: re.Match[bytes]) -> list[Varying]:
-        found = [Varying(*match.span(name), 9) for name in ("number", "ms", "fraction") if match.span(name)[0] >= 0]
+        numbers = [name for name in ("number", "ms", "fraction", "bus") if match.re.groupindex.get(name)]
+        found = [Varying(*match.span(name), 9) for name in numbers if match[name] is not None]
         found += [Varying(*match.span("id"), 15), *(Varying(*span, 15) for span in _tokens(match))]
         return [*found, Varying(*match.span("rest"), FREE)] if match["rest"] is not None else found
 
-    def bus(self, match: re.Match[bytes]) -> str:
-        bus = int(match["bus"]) if "bus" in match.re.groupindex else 1
-        return f"can{max(bus - 1, 0)}"
+    def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, IntArray | None]:
+        if "bus" not in match.re.groupindex:
+            return "can0", None
+        return "can", np.maximum(number(nibbles, match.span("bus"), 10) - 1, 0)
 
     def kind_of(self, line: bytes) -> str | None:
         if line.startswith(b";"):
@@ -142,7 +145,7 @@ def read_trc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
 def _of_header(block: bytes, report: LogReport) -> _Trc:
     """Return the grammar that the comments at the beginning of a file tell."""
     stated: dict[str, str] = {}
-    for line in block.splitlines():
+    for line in block[:_LONGEST_HEADER].splitlines():
         text = line.decode("ascii", "replace").strip().removeprefix("\ufffd" * 3)
         if text and not text.startswith(";"):
             break
