@@ -6,4 +6,6 @@ from .formats import LOG_SUFFIXES as LOG_SUFFIXES
 from .formats import LogFormat as LogFormat
 from .formats import LogReading as LogReading
 from .formats import read_log as read_log
+from .frame_tables import FrameColumns as FrameColumns
+from .frame_tables import parse_columns as parse_columns
 from .report import LogReport as LogReport

@@ -12,7 +12,7 @@ from daq.can.frames import FrameBatch
 from daq.can.identify import Coverage, coverage
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import DataError, Fault
-from daq.logs import LogReport, read_log
+from daq.logs import FrameColumns, LogReport, read_log
 from daq.recording import RecordingWriter
 from daq.recording.decoded_topics import DecodedWriter
 from daq.runs.run import LENIENT_KEY, Configuration
@@ -46,6 +46,7 @@ def import_logs(
     *,
     run: RunInfo,
     rename_buses: Mapping[str, str] | None = None,
+    columns: FrameColumns | None = None,
     view_rate_hz: float | None = 100.0,
     overwrite: bool = False,
     watch: Callable[[int], None] | None = None,
@@ -62,6 +63,8 @@ def import_logs(
         What goes along: vehicle, terrain, DBCs.
     rename_buses : mapping, optional
         Name of a bus in the log to the name that vehicle.toml has for it.
+    columns : FrameColumns, optional
+        Of tables whose header is of no known program.
     view_rate_hz : float or None
         Rate of the decoded topics; None: raw frames only.
     watch : callable, optional
@@ -93,7 +96,7 @@ def import_logs(
             vehicle = known.vehicle or VehicleConfig()
             view = DecodedWriter(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
             decoder = Decoder(known.databases)
-            for batch in _batches(logs, rename, reports):
+            for batch in _batches(logs, rename, columns, reports):
                 writer.write_frames(batch)
                 seen = seen + coverage(batch, known.databases)
                 if view:
@@ -108,9 +111,11 @@ def import_logs(
     return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))
 
 
-def _batches(logs: Sequence[Path], rename: Mapping[str, str], reports: list[LogReport]) -> Iterator[FrameBatch]:
+def _batches(
+    logs: Sequence[Path], rename: Mapping[str, str], columns: FrameColumns | None, reports: list[LogReport]
+) -> Iterator[FrameBatch]:
     for log in logs:
-        reading = read_log(log, batch_frames=_BATCH_FRAMES)
+        reading = read_log(log, batch_frames=_BATCH_FRAMES, columns=columns)
         reports.append(reading.report)
         for batch in reading:
             yield replace(batch, buses=tuple(rename.get(name, name) for name in batch.buses)) if rename else batch

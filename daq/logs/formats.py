@@ -7,6 +7,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
@@ -14,10 +15,11 @@ from daq.can.frames import FrameBatch, concatenate, split
 from daq.errors import Fault, RecordingError, every_error_as, nearest
 from daq.logs.asc import read_asc
 from daq.logs.blf import read_blf
+from daq.logs.busmaster import MARK, read_busmaster
 from daq.logs.candump import LINE, read_candump
+from daq.logs.frame_tables import FrameColumns, is_frame_table, read_frame_table
 from daq.logs.mf4 import read_mf4
 from daq.logs.report import LogReport
-from daq.logs.text import read_csv
 from daq.logs.trc import read_trc
 
 if TYPE_CHECKING:
@@ -94,9 +96,10 @@ LOG_FORMATS = (
     LogFormat("Vector ASC", (".asc",), read_asc),
     LogFormat("PEAK TRC", (".trc",), read_trc),
     LogFormat("MF4 (ASAM MDF 4)", (".mf4",), read_mf4),
-    LogFormat("python-can CSV", (".csv",), read_csv),
+    LogFormat("CSV", (".csv",), read_frame_table),
+    LogFormat("BusMaster text", (".log", ".txt"), read_busmaster),
 )
-_CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV = LOG_FORMATS
+_CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER = LOG_FORMATS
 LOG_SUFFIXES = tuple(suffix for known in LOG_FORMATS for suffix in known.suffixes)
 """Suffixes of logs; each may be followed by ``.gz``, except for MF4."""
 
@@ -117,7 +120,7 @@ _MAGIC: tuple[tuple[bytes, LogFormat | str], ...] = (
 _TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
     (re.compile(rb"\s*;\s*(\$FILEVERSION|#####)"), _TRC),
     (re.compile(rb"(?im)^\s*(date \w+ |base\s+(hex|dec)|begin\s+triggerblock)"), _ASC),
-    (re.compile(rb"timestamp,arbitration_id,extended,remote,error,dlc,data"), _CSV),
+    (MARK, _BUSMASTER),
     (re.compile(rb'\s*(VERSION\s+"|NS_\s*:|BO_ \d)'), "a DBC file"),
     (
         re.compile(rb"(?m)^\s*(\([\d.: -]+\)\s+)?\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]"),
@@ -155,8 +158,8 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
     raise RecordingError.of(f"this looks like {text}", path, named, next_step=advice)
 
 
-def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
-    """Open a log, unpacked where it is gzipped, and find its format.
+def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.BufferedReader, LogFormat]:
+    """Open a log, unpacked where it is gzipped, and find its format: a table of frames where `columns` are given.
 
     Raises RecordingError if there is no such file, it is empty, or is no log.
     """
@@ -175,7 +178,8 @@ def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
     try:
         if not head:
             raise RecordingError.of("the log is empty", path, next_step="record it again")
-        known = chosen_format(path, head)
+        table = LogFormat("CSV", (".csv",), partial(read_frame_table, columns=columns))
+        known = chosen_format(path, head) if columns is None else table
         if packed and known is _MF4:
             raise RecordingError.of("a gzipped MF4 file", path, next_step="unpack it with gunzip")
     except RecordingError:
@@ -205,6 +209,8 @@ def _detected(head: bytes) -> LogFormat | str | None:
             return meaning
     if any(LINE.match(line) for line in head.splitlines()[:500]):
         return _CANDUMP
+    if is_frame_table(head):
+        return _CSV
     for pattern, meaning in _TEXT:
         if pattern.search(head[:4096]):
             return meaning
@@ -231,21 +237,23 @@ class LogReading(Iterator[FrameBatch]):
         return next(self._batches)
 
 
-def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
-    """Read a CAN log: candump -L, BLF, ASC, TRC, MF4 or CSV, the text ones and BLF gzipped too.
+def read_log(path: str | Path, *, batch_frames: int = 65_536, columns: FrameColumns | None = None) -> LogReading:
+    """Read a CAN log: candump -L, BLF, ASC, TRC, MF4, CSV or BusMaster, the text ones and BLF gzipped too.
 
     Times are UTC where the log has a date (ASC, TRC and BLF dates are taken for UTC); otherwise they count from the
     logger's own zero, and ``report.absolute_time`` is False. Frames stay in the order of the file. What cannot be read
     is excluded, and counted in the report.
 
     Buses are called as in the log (candump), ``can0`` for the first channel of BLF, ASC and TRC, as python-can does,
-    ``can<BusChannel>`` in MF4, and ``can0`` in CSV, which names none.
+    ``can<BusChannel>`` in MF4, and as the column of a CSV says, or ``can0``.
 
     Parameters
     ----------
     path : str or Path
     batch_frames : int
         Frames in a batch, at most; small pieces of a log are joined.
+    columns : FrameColumns, optional
+        Of a table whose header is of no known program.
 
     Returns
     -------
@@ -260,12 +268,12 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
         If it is an MF4 file and asammdf is not installed.
     """
     place = Path(path)
-    file, known = open_log(place)
+    file, known = open_log(place, columns)
     file.close()  # opened again when it is read: a reading that nobody starts holds no file open
     report = LogReport(str(place), known.name)
 
     def batches() -> Iterator[FrameBatch]:
-        file, _ = open_log(place)
+        file, _ = open_log(place, columns)
         with (
             file,
             every_error_as(RecordingError, "the log cannot be read", lambda: f"{place}, after frame {report.frames}"),

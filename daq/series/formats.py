@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from daq.can.roles import plain_name
 from daq.config import SeriesSection
 from daq.errors import RecordingError
+from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents
 from daq.recording.reader import raw_channels
 from daq.recording.series_topics import series_topics
@@ -24,7 +24,6 @@ from daq.series.readers.tdms import read_tdms
 
 Reader = Callable[[Path, SeriesSection, SeriesReport], Series]
 _HEAD_BYTES = 4096
-_CAN_TEXT = re.compile(rb"timestamp,arbitration_id,extended,remote,error,dlc,data")
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def series_format(path: Path) -> SeriesFormat | None:
         if known.magic and head.startswith(known.magic):
             return None if known is _MDF and not holds_channels(path) else known
     name = path.name.lower().removesuffix(".gz")
-    is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not _CAN_TEXT.search(head)
+    is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not is_frame_table(head)
     return _TEXT if is_text else None
 
 

@@ -50,6 +50,12 @@ def import_command(
         list[str] | None,
         typer.Option(metavar="OLD=NEW", help="Rename a bus of the log to its name in vehicle.toml; may be repeated."),
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEY=COLUMN,...", help="Columns of a CSV of frames: time=Time,id=MessageID:dec,data=Message."
+        ),
+    ] = None,
     lenient_dbc: options.LenientDbc = False,
     run_id: options.RunId = None,
     direction: options.DirectionOption = options.Direction.out,
@@ -69,7 +75,7 @@ def import_command(
 
     Of decoded series every column is kept at its own rate; [signals] of vehicle.toml names columns instead of signals.
     """
-    from daq.logs import import_logs
+    from daq.logs import import_logs, parse_columns
     from daq.runs import known_beside
     from daq.series import import_series, series_format
 
@@ -79,7 +85,8 @@ def import_command(
     target = check_output(output or Path(f"{name}.mcap"), force=force)
     info = options.run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
     info = _completed(info, context, known, logs[0].name)
-    if all(map(series_format, logs)):
+    frame_columns = parse_columns(columns) if columns else None
+    if frame_columns is None and all(map(series_format, logs)):
         with counter("importing", "rows") as watch:
             _print_series(import_series(logs, target, known, run=info, overwrite=force, watch=watch), json)
         return
@@ -90,6 +97,7 @@ def import_command(
             known,
             run=info,
             rename_buses=dict(options.pairs(bus, "--bus", "OLD=NEW")),
+            columns=frame_columns,
             view_rate_hz=view_rate or None,
             overwrite=force,
             watch=watch,

@@ -1,0 +1,347 @@
+"""CAN frames in delimited tables (CSV): of known programs by their header, of others by columns that a user names."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
+from daq.config import SeriesSection
+from daq.errors import ConfigError, Fault, nearest
+from daq.logs.report import LogReport
+from daq.logs.shapes import text_blocks
+from daq.series.blocks import SeriesReport
+from daq.series.time_stamps import TimeStamps
+
+_DELIMITERS = "\t;,|"
+_SHOWN = 80
+_MOST_BYTES = 64
+_LOOKED_AT = 50
+_HEX_DATA = re.compile(r"(?:0x)?(?:[0-9A-Fa-f]{2}\s?){1,64}$")
+
+
+class Column(NamedTuple):
+    """A column of a table, and how its cells are written."""
+
+    name: str
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class FrameColumns:
+    """Which columns of a table hold what of a frame.
+
+    Attributes
+    ----------
+    time : Column
+        Form: s, ms, us, ns, or empty (by size or by the header).
+    can_id : Column
+        Form: hex or dec; a hexadecimal one may begin with 0x and end with x.
+    data : tuple of Column
+        One with all bytes, form hex or base64; or one for each byte, form hex or dec.
+    others : mapping str -> column
+        ``bus``, ``length``, ``extended``, ``direction``, ``remote``, ``error``, ``fd``, ``brs``, ``esi``.
+    """
+
+    time: Column
+    can_id: Column
+    data: tuple[Column, ...]
+    others: Mapping[str, str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All columns."""
+        return (self.time.name, self.can_id.name, *(one.name for one in self.data), *self.others.values())
+
+
+_OTHERS = ("bus", "length", "extended", "direction", "remote", "error", "fd", "brs", "esi")
+_FORMS = {"time": ("s", "ms", "us", "ns", ""), "id": ("hex", "dec"), "data": ("hex", "dec", "base64")}
+_EXAMPLE = "time=Time,id=MessageID:dec,data=Message"
+
+
+def _hex_columns(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name, "hex") for name in names)
+
+
+PYTHON_CAN = FrameColumns(
+    Column("timestamp", "s"),
+    Column("arbitration_id", "hex"),
+    (Column("data", "base64"),),
+    {"extended": "extended", "remote": "remote", "error": "error", "length": "dlc"},
+)
+SAVVYCAN = FrameColumns(
+    Column("Time Stamp", "us"),
+    Column("ID", "hex"),
+    _hex_columns(*(f"D{i}" for i in range(1, 9))),
+    {"extended": "Extended", "direction": "Dir", "bus": "Bus", "length": "LEN"},
+)
+CSS_ELECTRONICS = FrameColumns(
+    Column("TimestampEpoch", "s"),
+    Column("ID", "hex"),
+    (Column("DataBytes", "hex"),),
+    {"bus": "BusChannel", "extended": "IDE", "length": "DataLength", "direction": "Dir", "fd": "EDL", "brs": "BRS"},
+)
+KNOWN = {"python-can": PYTHON_CAN, "SavvyCAN": SAVVYCAN, "CSS Electronics": CSS_ELECTRONICS}
+"""Headers of programs."""
+
+
+def parse_columns(text: str) -> FrameColumns:
+    """Parse ``time=Time,id=MessageID:dec,data=Message``; a data column for each byte is joined with ``+``.
+
+    Raises
+    ------
+    ConfigError
+        Lists every fault.
+    """
+    faults: list[Fault] = []
+    found: dict[str, str] = {}
+    for part in text.split(","):
+        key, sign, value = (piece.strip() for piece in part.partition("="))
+        if not sign or not value or key not in ("time", "id", "data", *_OTHERS):
+            expected = nearest(key, ("time", "id", "data", *_OTHERS)) if sign else f"e.g. {_EXAMPLE}"
+            faults.append(Fault(f"--columns {part.strip()}: not understood", expected=expected))
+        found[key] = value
+    faults += [
+        Fault(f"--columns has no {key}=", expected=f"e.g. {_EXAMPLE}")
+        for key in ("time", "id", "data")
+        if key not in found
+    ]
+    if faults:
+        raise ConfigError(*faults)
+    time, can_id = (_column(key, found[key]) for key in ("time", "id"))
+    data = tuple(_column("data", one) for one in found["data"].split("+"))
+    return FrameColumns(time, can_id, data, {key: found[key] for key in _OTHERS if key in found})
+
+
+def _column(key: str, text: str) -> Column:
+    name, _, form = text.rpartition(":") if text.rpartition(":")[2] in _FORMS[key] and ":" in text else (text, "", "")
+    default = "" if key == "time" else "hex"
+    return Column(name, form or default)
+
+
+def columns_of(header: Sequence[str]) -> FrameColumns | None:
+    """Return the columns of a program's table by its header, None for one that nobody has described to us."""
+    there = {name.strip().lower() for name in header}
+    for known in KNOWN.values():
+        needed = {known.time.name, known.can_id.name, known.data[0].name}
+        if {name.lower() for name in needed} <= there:
+            return known
+    return None
+
+
+def header_of(head: bytes) -> tuple[str, list[str]]:
+    """Return the delimiter and the cells of the first line."""
+    line = head.removeprefix(b"\xef\xbb\xbf").partition(b"\n")[0].decode("utf-8", "replace").strip("\r")
+    delimiter = max(_DELIMITERS, key=line.count)
+    return delimiter, [cell.strip().strip('"') for cell in line.split(delimiter)]
+
+
+def is_frame_table(head: bytes) -> bool:
+    """Return whether a file is a table of frames: by a header that is known, or by data in hexadecimal digits."""
+    delimiter, header = header_of(head)
+    if columns_of(header):
+        return True
+    guess = _guess(header)
+    if not all(guess.values()):
+        return False
+    lines = head.split(b"\n")[1:_LOOKED_AT]
+    rows = [[cell.strip().strip('"') for cell in line.decode("ascii", "replace").split(delimiter)] for line in lines]
+    cells = [row[header.index(guess["data"])] for row in rows if len(row) == len(header)]
+    alike = sum(bool(_HEX_DATA.match(cell)) for cell in cells)
+    return alike > 0.9 * len(cells) and any(re.search("[A-Fa-f]", cell) for cell in cells)
+
+
+def read_frame_table(file: BinaryIO, report: LogReport, columns: FrameColumns | None = None) -> Iterator[FrameBatch]:
+    """Yield the frames of a table; `columns` says which they are where its header is not known.
+
+    Raises
+    ------
+    ConfigError
+        The header is of no known program and `columns` is not given, or a named column is not there.
+    """
+    rows: _Rows | None = None
+    line = 1
+    for block in text_blocks(file):
+        if rows is None:
+            rows = _rows(block, report, columns)
+            block = block.partition(b"\n")[2]
+            line = 2
+        yield from rows.read(block, line)
+        line += block.count(b"\n")
+
+
+def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Rows:
+    delimiter, header = header_of(block)
+    chosen = columns or columns_of(header)
+    if chosen is None:
+        what, expected = "the header is of no known program", ", ".join(KNOWN)
+        guess = ",".join(f"{key}={name or '?'}" for key, name in _guess(header).items())
+        step = f"say which columns hold what: --columns {guess} (id=...:dec where identifiers are decimal)"
+        raise ConfigError.of(what, report.path, ", ".join(header[:16]), expected, step)
+    places = {name.lower(): i for i, name in enumerate(header)}
+    absent = [name for name in chosen.names if name.lower() not in places]
+    optional = {one.name for one in chosen.data[1:]} | (set() if columns else set(chosen.others.values()))
+    faults = [
+        Fault(f"no column is called {n!r}", report.path, ", ".join(header[:16]), nearest(n, header))
+        for n in absent
+        if n not in optional
+    ]
+    if faults:
+        raise ConfigError(*faults)
+    return _Rows(chosen, places, delimiter, report)
+
+
+def _guess(header: Sequence[str]) -> dict[str, str]:
+    """Return what columns may be, by their names, for a user to correct."""
+    patterns = {
+        "time": r"time|stamp",
+        "id": r"\bid\b|id$|identifier",
+        "data": r"^(?!.*(?:id$|len)).*(?:data|message|payload)",
+    }
+    return {
+        key: next((name for name in header if re.search(pattern, name, re.IGNORECASE)), "")
+        for key, pattern in patterns.items()
+    }
+
+
+class _Frame(NamedTuple):
+    time: str
+    can_id: int
+    flags: int
+    bus: str
+    length: int
+    data: bytes
+    line: int
+
+
+class _Rows:
+    """Takes the rows of a table apart; what is no frame is counted with its line."""
+
+    def __init__(self, columns: FrameColumns, places: Mapping[str, int], delimiter: str, report: LogReport) -> None:
+        self._delimiter, self._report = delimiter, report
+        self._time, self._id = places[columns.time.name.lower()], places[columns.can_id.name.lower()]
+        self._base = 16 if columns.can_id.form == "hex" else 10
+        self._data = [places[one.name.lower()] for one in columns.data if one.name.lower() in places]
+        self._form = columns.data[0].form
+        self._others = {key: places[name.lower()] for key, name in columns.others.items() if name.lower() in places}
+        self._stamps_report = SeriesReport(report.path, "times")
+        self._stamps = TimeStamps(columns.time.name, columns.time.form, SeriesSection(), self._stamps_report)
+        self._numeric: bool | None = None
+        self._ids: dict[str, tuple[int, bool]] = {}
+
+    def read(self, block: bytes, first_line: int) -> Iterator[FrameBatch]:
+        """Yield the frames of whole lines, as one batch."""
+        found: list[_Frame] = []
+        for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
+            text = line.rstrip("\r")
+            if not text.strip():
+                continue
+            try:
+                found.append(self._frame(text, number))
+            except (ValueError, IndexError, KeyError) as error:
+                self._report.note_bad(f"line {number}", f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN])
+        if found:
+            yield from self._batch(found)
+
+    def _frame(self, line: str, number: int) -> _Frame:
+        cells = [cell.strip().strip('"') for cell in line.split(self._delimiter)]
+        can_id, extended = self._identifier(cells[self._id])
+        flags = FrameFlag(0)
+        if self._is("extended", cells) if "extended" in self._others else extended:
+            flags |= FrameFlag.EXTENDED
+        elif can_id > 0x7FF:
+            raise ValueError("an identifier above 7FF that is not extended")
+        for key, flag in _FLAGS.items():
+            if self._is(key, cells):
+                flags |= flag
+        if "direction" in self._others and cells[self._others["direction"]].lower() in ("tx", "1", "t"):
+            flags |= FrameFlag.TRANSMITTED
+        length = int(cells[self._others["length"]]) if "length" in self._others else -1
+        data = b"" if flags & FrameFlag.REMOTE else self._bytes(cells, length)
+        if length < 0 and "length" in self._others:
+            raise ValueError("a negative length")
+        most = _MOST_BYTES if flags & FrameFlag.FD else 8
+        if len(data) > most or (length > len(data) and not flags & (FrameFlag.REMOTE | FrameFlag.ERROR)):
+            raise ValueError(f"{len(data)} bytes of data for a length of {length}")
+        bus = cells[self._others["bus"]] if "bus" in self._others else "0"
+        name = f"can{bus}" if bus.isdecimal() else bus or "can0"
+        return _Frame(
+            cells[self._time], can_id, int(flags), name, min(length, most) if length >= 0 else len(data), data, number
+        )
+
+    def _identifier(self, cell: str) -> tuple[int, bool]:
+        if cell not in self._ids:
+            digits = cell.lower()
+            extended = digits.endswith("x") and self._base == 16 and digits != "0x"
+            digits = digits.removesuffix("x") if extended else digits
+            can_id = int(digits, self._base)
+            if not 0 <= can_id <= 0x1FFF_FFFF:
+                raise ValueError("an identifier beyond 29 bits")
+            self._ids[cell] = (can_id, extended or can_id > 0x7FF)
+        return self._ids[cell]
+
+    def _is(self, key: str, cells: Sequence[str]) -> bool:
+        if key not in self._others:
+            return False
+        return cells[self._others[key]].lower() in ("1", "true", "x", "yes", "e")
+
+    def _bytes(self, cells: Sequence[str], length: int) -> bytes:
+        if len(self._data) > 1:
+            base = 16 if self._form == "hex" else 10
+            own = [cells[place] for place in self._data if place < len(cells) and cells[place]]
+            return bytes(int(cell, base) for cell in (own[:length] if length >= 0 else own))
+        cell = cells[self._data[0]]
+        if self._form == "base64":
+            return base64.b64decode(cell, validate=True)
+        data = bytes.fromhex(cell.removeprefix("0x")) if self._form == "hex" else bytes(map(int, cell.split()))
+        return data[:length] if length >= 0 else data
+
+    def _batch(self, found: list[_Frame]) -> Iterator[FrameBatch]:
+        wide = any(one.flags & FrameFlag.FD for one in found)
+        frames = np.zeros(len(found), FD_DTYPE if wide else CLASSIC_DTYPE)
+        room = frames["data"].shape[1]
+        frames["time_ns"], usable = self._times([one.time for one in found])
+        frames["can_id"] = [one.can_id for one in found]
+        frames["flags"] = [one.flags for one in found]
+        frames["length"] = [one.length for one in found]
+        frames["bus"] = [self._report.bus(one.bus) for one in found]
+        joined = b"".join(one.data.ljust(room, b"\0") for one in found)
+        frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
+        lines = np.array([one.line for one in found])
+        for i in np.flatnonzero(~usable).tolist():
+            self._report.note_bad(f"line {found[i].line}", f"no time: {found[i].time[:_SHOWN]}")
+        frames, lines = frames[usable], lines[usable]
+        self._report.local_time |= self._stamps_report.unzoned
+        if len(frames):
+            self._report.note_frames(frames, lambda i: f"line {lines[i]}")
+            yield FrameBatch(frames, tuple(self._report.buses))
+
+    def _times(self, cells: list[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return nanoseconds, and which are usable: numbers where the first one is a number, else dates."""
+        numbers = [_number(cell) for cell in cells]
+        if self._numeric is None:
+            self._numeric = numbers[0] == numbers[0]
+        if not self._numeric:
+            return self._stamps.of(np.array(cells, object))
+        return self._stamps.of(np.array(numbers))
+
+
+_FLAGS = {
+    "remote": FrameFlag.REMOTE,
+    "error": FrameFlag.ERROR,
+    "fd": FrameFlag.FD,
+    "brs": FrameFlag.BITRATE_SWITCH,
+    "esi": FrameFlag.ERROR_STATE,
+}
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")

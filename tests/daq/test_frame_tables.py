@@ -1,0 +1,171 @@
+"""CAN frames in tables: of known programs by their header, of others by named columns; BusMaster's text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from cli_support import invoke, ok
+from frames_support import content
+from hypothesis import given
+from hypothesis import strategies as st
+from support import data_dir
+
+from daq.can.frames import FrameBatch, FrameFlag, concatenate
+from daq.errors import ConfigError
+from daq.logs import LogReading, parse_columns, read_log
+from daq.recording import RunRecording
+from daq.series.formats import series_format
+
+SAVVYCAN = """\
+Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8
+39747828,000005EB,false,Rx,0,8,E8,45,85,4B,4A,28,36,69,
+39747900,18FEF100,true,Tx,1,3,01,02,03,
+"""
+CSS = """\
+TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes
+1689951599.925001;9;067;0;8;8;0;0;0;0;0;E19462F0C9F66E01
+1660503551.3;2;18FF50E5;1;9;12;0;1;0;0;0;000102030405060708090A0B
+"""
+BUSMASTER = """\
+***BUSMASTER Ver 2.4.0***
+***PROTOCOL CAN***
+***[START LOGGING SESSION]***
+***START DATE AND TIME 8:8:2014 11:49:7:965***
+***HEX***
+***SYSTEM MODE***
+***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
+11:49:12:9420 Rx 1 0x023 s 1 40
+11:49:12:9440 Tx 2 0x18FEF100 x 8 03 E0 00 00 C0 00 00 00
+11:49:12:9441 Rx 1 0x123 sr 0
+11:49:12:9442 Rx 1 0x123 s 3 01 02
+***[STOP LOGGING SESSION]***
+"""
+
+
+def read(path: Path, text: str, **options: object) -> tuple[FrameBatch, LogReading]:
+    path.write_text(text)
+    reading = read_log(path, **options)  # type: ignore[arg-type]
+    return concatenate(list(reading)), reading
+
+
+def test_savvycan(tmp_path: Path) -> None:
+    batch, reading = read(tmp_path / "a.csv", SAVVYCAN)
+    assert batch.frames["time_ns"].tolist() == [39_747_828_000, 39_747_900_000]
+    data = bytes.fromhex("E845854B4A283669")
+    assert content(batch)[0] == ("can0", 0x5EB, 0, 8, data.ljust(64, b"\0"))
+    assert content(batch)[1][:4] == ("can1", 0x18FEF100, FrameFlag.EXTENDED, 3)
+    assert batch.frames["flags"][1] & FrameFlag.TRANSMITTED and not reading.report.bad
+
+
+def test_css_electronics(tmp_path: Path) -> None:
+    batch, reading = read(tmp_path / "a.csv", CSS)
+    assert batch.frames["time_ns"][0] == 1_689_951_599_925_001_000
+    assert content(batch)[0][:4] == ("can9", 0x67, 0, 8)
+    assert content(batch)[1][:4] == ("can2", 0x18FF50E5, FrameFlag.EXTENDED | FrameFlag.FD, 12)
+    assert reading.report.absolute_time and not reading.report.bad
+
+
+def test_busmaster(tmp_path: Path) -> None:
+    batch, reading = read(tmp_path / "a.log", BUSMASTER)
+    assert str(np.datetime64(int(batch.frames["time_ns"][0]), "ns")).startswith("2014-08-08T11:49:12.942")
+    assert [frame[:4] for frame in content(batch)] == [
+        ("can0", 0x23, 0, 1),
+        ("can1", 0x18FEF100, FrameFlag.EXTENDED, 8),
+        ("can0", 0x123, FrameFlag.REMOTE, 0),
+    ]
+    assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 11")
+    assert any("local time" in line for line in reading.report.remarks())
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 3), st.sampled_from(["", "x", "  ", "0x"])
+        ),
+        min_size=1,
+        max_size=20,
+    ),
+    st.sampled_from(["hex", "dec"]),
+    st.sampled_from([",", ";", "\t"]),
+)
+def test_named_columns_come_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    frames: list[tuple[int, bytes, int, str]],
+    base: str,
+    delimiter: str,
+) -> None:
+    rows = [
+        delimiter.join([f"{i * 0.25:.2f}", str(bus), f"{can_id:X}" if base == "hex" else str(can_id), data.hex()])
+        for i, (can_id, data, bus, _) in enumerate(frames)
+    ]
+    head = delimiter.join(["t", "channel", "number", "bytes"])
+    path = tmp_path_factory.mktemp("table") / "log.csv"
+    columns = parse_columns(f"time=t:s,id=number:{base},data=bytes,bus=channel")
+    batch, reading = read(path, "\n".join([head, *rows]), columns=columns)
+    assert [(f[1], f[4][: f[3]], f[0]) for f in content(batch)] == [(i, d, f"can{b}") for i, d, b, _ in frames]
+    assert batch.frames["time_ns"].tolist() == [i * 250_000_000 for i in range(len(frames))]
+    assert not reading.report.bad
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        "inf,0x1,0,0,0,1,AA==",
+        "nan,0x1,0,0,0,1,AA==",
+        "1.0,0x1,0,0,0,-1,AA==",
+        "1.0,0x1,0,0,0,9,AA==",
+        "1.0,0x800,0,0,0,1,AA==",
+        "1.0,0x20000000,1,0,0,1,AA==",
+        "1.0,0x1,0,0,0,1,!",
+        "1.0,0x1",
+        "1e300,0x1,0,0,0,1,AA==",
+    ],
+)
+def test_a_row_that_is_no_frame_is_counted_with_its_line(tmp_path: Path, row: str) -> None:
+    head = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+    good = "1.5,0x2,0,0,0,1,AA=="
+    batch, reading = read(tmp_path / "a.csv", "\n".join([head, good, row, good]))
+    assert len(batch) == 2 and reading.report.bad == 1
+    assert reading.report.first_bad.startswith("line 3")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("time=Time", "--columns has no id="),
+        ("time=Time,id=ID,data=D,buss=B", "nearest: bus"),
+        ("time", "not understood"),
+    ],
+)
+def test_wrong_columns_are_said(text: str, what: str) -> None:
+    with pytest.raises(ConfigError, match=what):
+        parse_columns(text)
+
+
+def test_an_unknown_header_is_shown_with_what_to_type(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("Time,Bus,MessageID,Message\n1.5,0,705,00012cfe0bb20fc2\n")
+    assert series_format(tmp_path / "log.csv") is None
+    result = invoke("import", tmp_path / "log.csv", "-o", tmp_path / "out.mcap")
+    assert result.code == 2 and "--columns time=Time,id=MessageID,data=Message" in result.err
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_real_frames_of_a_table_of_its_own_kind(tmp_path: Path) -> None:
+    path = data_dir("verified-can", "rav4_head.csv")
+    columns = "time=Time,id=MessageID:dec,data=Message,bus=Bus,length=MessageLength"
+    ok("import", path, "--columns", columns, "-o", tmp_path / "drive.mcap")
+    recording = RunRecording.open(tmp_path / "drive.mcap")
+    assert sum(recording.frame_counts.values()) == 12_000
+    assert recording.frames().frames["can_id"][0] == 705
+
+
+def test_what_python_can_writes_is_still_read(tmp_path: Path) -> None:
+    with can.CSVWriter(tmp_path / "a.csv") as writer:
+        for i in range(3):
+            writer.on_message_received(
+                can.Message(timestamp=1.7e9 + i, arbitration_id=i, is_extended_id=False, data=[i])
+            )
+    assert sum(map(len, read_log(tmp_path / "a.csv"))) == 3
