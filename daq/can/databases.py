@@ -31,6 +31,7 @@ _STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
 LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was excluded is listed)"
 MAX_SIGNAL_BITS = 64
 _MOST_BITS = 8 * LONGEST_MESSAGE_BYTES
+_KINDS = {".kcd": "kcd", ".sym": "sym", ".arxml": "arxml"}
 _SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
 
@@ -202,7 +203,7 @@ class Database:
 
 
 def load_database(source: Path | str | bytes, name: str = "", *, lenient: bool = False) -> Database:
-    """Load a DBC file.
+    """Load a DBC file; or KCD, SYM or ARXML, by the suffix of its name.
 
     Parameters
     ----------
@@ -234,7 +235,9 @@ def load_database(source: Path | str | bytes, name: str = "", *, lenient: bool =
         return where if parsed is None else f"{where}, message {parsed.messages[len(messages)].name}"
 
     with every_error_as(DatabaseError, "the DBC cannot be used", place):
-        parsed, notes = _parse_lenient(text, where) if lenient else (_parse_strict(text, where), [])
+        kind = _KINDS.get(Path(name or where).suffix.lower(), "dbc")
+        leniently = lenient and kind == "dbc"
+        parsed, notes = _parse_lenient(text, where) if leniently else (_parse_strict(text, where, kind), [])
         messages.extend(_message(message, parsed) for message in parsed.messages)
     messages, more = _without_doubles(messages, where, lenient=lenient)
     return Database(name or Path(where).name, content, tuple(messages), (*notes, *more), lenient)
@@ -267,14 +270,14 @@ def _read(path: Path) -> bytes:
         raise DatabaseError.of("the DBC file cannot be read", path, str(error)) from None
 
 
-def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
+def _parse(text: str, *, strict: bool, kind: str = "dbc") -> tuple[Any, str]:
     """Return cantools' database, or None and its complaint."""
     import cantools.database
     from cantools.database.errors import UnsupportedDatabaseFormatError
 
     logging.getLogger("cantools").addHandler(_SILENT)
     try:
-        return cantools.database.load_string(text, "dbc", strict=strict), ""
+        return cantools.database.load_string(text, kind, strict=strict), ""
     except UnsupportedDatabaseFormatError as error:
         return None, str(error.e_dbc or error)
 
@@ -298,14 +301,16 @@ def _beyond(digits: str, limit: int) -> bool:
     return len(digits.lstrip("0")) > len(str(limit)) or int(digits[-20:]) > limit
 
 
-def _parse_strict(text: str, where: str) -> Any:
-    bad = _too_long(text)
-    parsed, complaint = (None, "") if bad else _parse(text, strict=True)
+def _parse_strict(text: str, where: str, kind: str) -> Any:
+    bad = _too_long(text) if kind == "dbc" else []
+    parsed, complaint = (None, "") if bad else _parse(text, strict=True, kind=kind)
     if parsed is not None:
         return parsed
-    bad = bad or bad_lines(text, complaint)
+    bad = bad or (bad_lines(text, complaint) if kind == "dbc" else [])
     if not bad:
-        raise DatabaseError.of("cantools cannot load this DBC", where, complaint, next_step="correct the file")
+        raise DatabaseError.of(
+            f"cantools cannot load this {kind.upper()}", where, complaint, next_step="correct the file"
+        )
     texts = [
         (f"this DBC is refused: {line.why}", f"line {line.number}: {shortened(line.text.strip())}") for line in bad
     ]

@@ -1,0 +1,84 @@
+"""KCD, SYM and ARXML databases decode as the DBC that they came from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pytest
+from cli_support import ok
+
+from daq.can.codec import Decoder
+from daq.can.databases import load_database, shipped_dbc
+from daq.errors import DatabaseError
+from daq.runs import open_runs
+
+CLAY = Path(__file__).parents[2] / "recordings" / "clay"
+ARXML = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<AUTOSAR xmlns="http://autosar.org/schema/r4.0"><AR-PACKAGES><AR-PACKAGE><SHORT-NAME>P</SHORT-NAME><ELEMENTS>
+<CAN-CLUSTER><SHORT-NAME>C</SHORT-NAME><CAN-CLUSTER-VARIANTS><CAN-CLUSTER-CONDITIONAL><PHYSICAL-CHANNELS>
+<CAN-PHYSICAL-CHANNEL><SHORT-NAME>Ch</SHORT-NAME><FRAME-TRIGGERINGS><CAN-FRAME-TRIGGERING><SHORT-NAME>FT</SHORT-NAME>
+<FRAME-REF DEST="CAN-FRAME">/P/Forces</FRAME-REF><CAN-ADDRESSING-MODE>STANDARD</CAN-ADDRESSING-MODE>
+<IDENTIFIER>291</IDENTIFIER></CAN-FRAME-TRIGGERING></FRAME-TRIGGERINGS></CAN-PHYSICAL-CHANNEL></PHYSICAL-CHANNELS>
+</CAN-CLUSTER-CONDITIONAL></CAN-CLUSTER-VARIANTS></CAN-CLUSTER>
+<CAN-FRAME><SHORT-NAME>Forces</SHORT-NAME><FRAME-LENGTH>8</FRAME-LENGTH><PDU-TO-FRAME-MAPPINGS><PDU-TO-FRAME-MAPPING>
+<SHORT-NAME>M</SHORT-NAME><PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER>
+<PDU-REF DEST="I-SIGNAL-I-PDU">/P/Pdu</PDU-REF><START-POSITION>0</START-POSITION></PDU-TO-FRAME-MAPPING>
+</PDU-TO-FRAME-MAPPINGS></CAN-FRAME>
+<I-SIGNAL-I-PDU><SHORT-NAME>Pdu</SHORT-NAME><LENGTH>8</LENGTH><I-SIGNAL-TO-PDU-MAPPINGS><I-SIGNAL-TO-I-PDU-MAPPING>
+<SHORT-NAME>S</SHORT-NAME><I-SIGNAL-REF DEST="I-SIGNAL">/P/Fz</I-SIGNAL-REF>
+<PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER><START-POSITION>16</START-POSITION>
+</I-SIGNAL-TO-I-PDU-MAPPING></I-SIGNAL-TO-PDU-MAPPINGS></I-SIGNAL-I-PDU>
+<I-SIGNAL><SHORT-NAME>Fz</SHORT-NAME><LENGTH>12</LENGTH>
+<SYSTEM-SIGNAL-REF DEST="SYSTEM-SIGNAL">/P/FzS</SYSTEM-SIGNAL-REF></I-SIGNAL>
+<SYSTEM-SIGNAL><SHORT-NAME>FzS</SHORT-NAME></SYSTEM-SIGNAL>
+</ELEMENTS></AR-PACKAGE></AR-PACKAGES></AUTOSAR>
+"""
+
+
+@pytest.mark.parametrize("kind", ["kcd", "sym"])
+@pytest.mark.parametrize("name", ["wft.dbc", "wheel_speed.dbc", "gnss.dbc"])
+def test_what_cantools_writes_decodes_alike(tmp_path: Path, kind: str, name: str) -> None:
+    original = load_database(shipped_dbc(name))
+    parsed = cantools.database.load_file(shipped_dbc(name))
+    path = tmp_path / f"copy.{kind}"
+    cantools.database.dump_file(parsed, path)
+    copy = load_database(path)
+    again = load_database(path.read_bytes(), path.name)  # as a recording carries it
+    assert again.messages == copy.messages
+    batch = next(open_runs([CLAY / "run-1.mcap"])[0].frame_batches())
+    ours = Decoder({"can0": (original,)}).decode(batch)
+    theirs = Decoder({"can0": (copy,)}).decode(batch)
+    assert ours.keys() == theirs.keys()
+    for key, channel in ours.items():
+        np.testing.assert_array_equal(theirs[key].values, channel.values)
+        assert theirs[key].unit == channel.unit
+
+
+def test_an_arxml_file_is_a_database(tmp_path: Path) -> None:
+    (tmp_path / "system.arxml").write_text(ARXML)
+    (message,) = load_database(tmp_path / "system.arxml").messages
+    assert (message.name, message.can_id, message.length) == ("Forces", 291, 8)
+    assert [(s.name, s.start_bit, s.length_bits) for s in message.signals] == [("Fz", 16, 12)]
+
+
+def test_a_vehicle_may_name_them(tmp_path: Path) -> None:
+    parsed = cantools.database.load_file(shipped_dbc("wft.dbc"))
+    cantools.database.dump_file(parsed, tmp_path / "wft.kcd")
+    for name in ("wheel_speed.dbc", "gnss.dbc"):
+        (tmp_path / name).write_bytes(shipped_dbc(name).read_bytes())
+    text = (CLAY / "vehicle.toml").read_text().replace('"wft.dbc"', '"wft.kcd"')
+    (tmp_path / "vehicle.toml").write_text(text)
+    facts = ok("info", CLAY / "run-1.mcap", "--vehicle", tmp_path / "vehicle.toml", "--json").json
+    assert facts[0]["unknown_frames"] == 0 and "wft.kcd" in facts[0]["databases"]["can0"]
+
+
+@pytest.mark.parametrize("suffix", [".kcd", ".sym", ".arxml"])
+def test_a_damaged_one_is_our_error(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"broken{suffix}"
+    path.write_text("<NetworkDefinition><Bus ")
+    with pytest.raises(DatabaseError, match="cantools cannot load this") as caught:
+        load_database(path)
+    assert str(path) in str(caught.value)
