@@ -30,10 +30,12 @@ from daq.can.bits import BitField, Message, RawKind, Signal, bit_field, read_raw
 from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.can.identify import UNKNOWN, Identifier
+from daq.can.transport import Payload, Transport
 from daq.channels import Channel
 from daq.errors import DatabaseError, Fault, nearest
 
 _EXACT = 1 << 53
+_CLASSICAL_BYTES = 8
 
 BLOCK = 65_536
 """Frames decoded at once: small enough for the cache, large enough to hide the cost of a call."""
@@ -155,6 +157,7 @@ class Decoder:
                 self._targets.append((bus, name, chosen))
             coded.append((bus, message, len(self._targets) if chosen else UNKNOWN))
         self._identifier = Identifier(coded)
+        self._long = _LongMessages([(bus, m) for bus, _, m in named], coded) if _any_long(named) else None
 
     def decode(self, batch: FrameBatch) -> dict[tuple[str, str], Channel]:
         """Decode a batch.
@@ -171,6 +174,8 @@ class Decoder:
         for number, start in enumerate(blocks):
             part = slice(start, start + BLOCK)
             codes[part] = self._identifier.codes(frames[part], batch.buses)
+            if self._long:
+                self._long.leave_out(frames[part], codes[part])
             counts[number] = np.bincount(codes[part], minlength=counts.shape[1])
         sizes = counts.sum(axis=0)[1:].tolist()
         columns = [_Columns(plans, size) for (_, _, plans), size in zip(self._targets, sizes, strict=True)]
@@ -182,6 +187,14 @@ class Decoder:
         for (bus, name, _), group in zip(self._targets, columns, strict=True):
             if group.size or self._wanted:
                 channels |= {(bus, c.name): c for c in group.channels(name)}
+        if self._long:
+            for code, payloads in self._long.payloads(batch).items():
+                bus, name, plans = self._targets[code - 1]
+                group = _Columns(plans, len(payloads))
+                group.append_payloads(payloads)
+                for channel in group.channels(name):
+                    before = channels.get((bus, channel.name))
+                    channels[bus, channel.name] = _merged(before, channel) if before else channel
         return channels
 
 
@@ -190,6 +203,52 @@ def decode(
 ) -> dict[tuple[str, str], Channel]:
     """Decode one batch; see `Decoder`, which is for many."""
     return Decoder(databases, wanted).decode(batch)
+
+
+def _any_long(named: Sequence[tuple[str, str, Message]]) -> bool:
+    return any(message.length > _CLASSICAL_BYTES for _, _, message in named)
+
+
+def _merged(one: Channel, other: Channel) -> Channel:
+    """Return the samples of both in order of time."""
+    time_ns, values = np.concatenate([one.time_ns, other.time_ns]), np.concatenate([one.values, other.values])
+    order = np.argsort(time_ns, kind="stable")
+    return replace(one, time_ns=time_ns[order], values=values[order])
+
+
+class _LongMessages:
+    """Messages that do not fit a classical frame: their classical frames are pieces, see `daq.can.transport`."""
+
+    def __init__(self, named: Sequence[tuple[str, Message]], coded: Sequence[tuple[str, Message, int]]) -> None:
+        long = [(bus, message) for bus, message in named if message.length > _CLASSICAL_BYTES]
+        iso: dict[str, set[tuple[int, bool]]] = {}
+        for bus, message in long:
+            if not message.j1939:
+                iso.setdefault(bus, set()).add((message.can_id, message.extended))
+        self._transport = Transport(iso, {bus for bus, message in long if message.j1939})
+        self._of_identifier = Identifier(coded)
+        codes = [code for _, message, code in coded if message.length > _CLASSICAL_BYTES and not message.j1939]
+        self._pieces = np.zeros(max((code for _, _, code in coded), default=0) + 1, np.bool_)
+        self._pieces[codes] = True
+        self._pieces[UNKNOWN] = False
+
+    def leave_out(self, frames: FrameArray, codes: NDArray[Any]) -> None:
+        """Take classical frames that are pieces of a message for none, in place."""
+        codes[self._pieces[codes] & ((frames["flags"] & int(FrameFlag.FD)) == 0)] = UNKNOWN
+
+    def payloads(self, batch: FrameBatch) -> dict[int, list[Payload]]:
+        """Return the messages that are complete with a batch, by their code."""
+        found: dict[int, list[Payload]] = {}
+        complete = list(self._transport.take(batch))
+        if complete:
+            heads = np.zeros(len(complete), CLASSIC_DTYPE)
+            heads["can_id"] = [one.can_id for one in complete]
+            heads["flags"] = [int(FrameFlag.EXTENDED) * one.extended for one in complete]
+            heads["bus"] = [batch.buses.index(one.bus) for one in complete]
+            for code, one in zip(self._of_identifier.codes(heads, batch.buses).tolist(), complete, strict=True):
+                if code != UNKNOWN:
+                    found.setdefault(code, []).append(one)
+        return found
 
 
 class _Columns:
@@ -207,6 +266,16 @@ class _Columns:
         self.filled = piece.stop
         self.time_ns[piece] = frames["time_ns"]
         _fill(self.plans, frames["data"], frames["length"], self.values[:, piece])
+
+    def append_payloads(self, payloads: Sequence[Payload]) -> None:
+        """Append messages of any length."""
+        length = np.array([len(one.data) for one in payloads], np.int64)
+        data = np.zeros((len(payloads), max(int(length.max()), max(plan.end_byte for plan in self.plans))), np.uint8)
+        for row, one in zip(data, payloads, strict=True):
+            row[: len(one.data)] = np.frombuffer(one.data, np.uint8)
+        self.time_ns[:] = [one.time_ns for one in payloads]
+        with np.errstate(invalid="ignore", over="ignore"):
+            _fill(self.plans, data, length, self.values)
 
     def channels(self, message: str) -> list[Channel]:
         time_ns, values = self.time_ns, self.values
@@ -231,10 +300,10 @@ def _decode_block(frames: FrameArray, codes: NDArray[Any], counts: IntArray, col
 def _fill(
     plans: Sequence[SignalPlan],
     data: NDArray[np.uint8],
-    length: NDArray[np.uint8],
+    length: NDArray[Any],
     columns: FloatArray,
 ) -> None:
-    shortest = length.min(initial=255)
+    shortest = int(length.min()) if len(length) else 0
     masks: dict[int, BoolArray] = {}
     for plan, out in zip(plans, columns, strict=True):
         if plan.never or plan.end_byte > data.shape[1]:

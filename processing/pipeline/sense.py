@@ -5,6 +5,7 @@ A wrong signal, unit or sign shows as a factor that no soil makes. Nothing here 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import nan
 
 import numpy as np
@@ -19,6 +20,7 @@ _ROLLING = (0.8, 1.25)
 _LEAST_SAMPLES = 50
 _LITTLE_TRACTION = 0.1
 """Share of the load below which a wheel without much slip rolls."""
+_FAST_QUANTILE = 0.75
 _STEADY = 1.5
 """A ratio whose 90 % quantile is more than this times its 10 % quantile is no unit: gears change it."""
 _LIKELY = 0.07
@@ -54,7 +56,15 @@ def sense_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
 def _rolling(run: ProcessedRun) -> list[Note]:
     rim, ground = run.wheel_radius_m * run.wheel_speed_radps, run.ground_speed_mps
     least = least_slip_speed(pace_of(ground, ground))
-    rows = (np.abs(ground) > least) & np.isfinite(rim) & _little_traction(run)
+    rows = (np.abs(ground) > least) & np.isfinite(rim)
+    forces = (run.driving_torque_nm / run.wheel_radius_m, run.drawbar_pull_n)
+    measured = [bool(np.isfinite(force).any()) for force in forces]
+    if all(measured):
+        rows &= _little(run, forces)
+    elif any(measured):  # without torque or without pull nobody can tell slip from a wrong unit
+        return []
+    elif rows.any():  # a wheel slips least where the vehicle is fastest
+        rows &= ground > np.quantile(ground[rows], _FAST_QUANTILE)
     if rows.sum() < _LEAST_SAMPLES:
         return []
     low, ratio, high = np.quantile(rim[rows] / ground[rows], (0.1, 0.5, 0.9))
@@ -62,19 +72,17 @@ def _rolling(run: ProcessedRun) -> list[Note]:
         return []
     steady = low > 0 and high < _STEADY * low
     unit = next((name for name, factor in _UNIT_FACTORS.items() if abs(ratio / factor - 1) < _LIKELY), "")
-    values = {"ratio": float(ratio), "low": float(low), "high": float(high), "steady": steady}
-    return [Note(RunCode.ROLLING_RATIO, Severity.FAULT, values | {"unit": unit if steady else ""})]
+    values = {"ratio": float(ratio), "low": float(low), "high": float(high), "steady": bool(steady)}
+    severity = Severity.FAULT if all(measured) else Severity.DOUBT
+    return [Note(RunCode.ROLLING_RATIO, severity, values | {"unit": unit if steady else ""})]
 
 
-def _little_traction(run: ProcessedRun) -> BoolArray:
-    """Return where neither torque nor pull is much of the load; everywhere where neither is measured."""
+def _little(run: ProcessedRun, forces: Sequence[FloatArray]) -> BoolArray:
+    """Return where none of the forces is much of the load (of its own usual size, where there is no load)."""
     load = _usual(run.vertical_load_n)
-    out = np.ones(len(run.time_s), np.bool_)
-    for force in (run.driving_torque_nm / run.wheel_radius_m, run.drawbar_pull_n):
-        if np.isfinite(force).any():
-            scale = load if load > 0 else _usual(np.abs(force))
-            out &= np.abs(force) < _LITTLE_TRACTION * scale
-    return out
+    scales = [load if load > 0 else _usual(np.abs(force)) for force in forces]
+    small = [np.abs(force) < _LITTLE_TRACTION * scale for force, scale in zip(forces, scales, strict=True)]
+    return np.asarray(small[0] & small[1])
 
 
 def _load(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:

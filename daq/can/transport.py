@@ -1,0 +1,172 @@
+"""Messages longer than a classical frame, put together again: J1939 transport (BAM, RTS/CTS) and ISO-TP.
+
+J1939-21: a connection management frame (group EC00) announces size, packets and group; data transfer frames (EB00)
+carry a number and seven bytes each. ISO 15765-2, normal addressing: the first four bits of a frame tell a single,
+first, consecutive or flow control frame. An interrupted transfer is dropped and counted; nothing is guessed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from daq.can.frames import FrameBatch, FrameFlag
+
+_EXTENDED = int(FrameFlag.EXTENDED)
+_NO_TRANSPORT = int(FrameFlag.ERROR | FrameFlag.REMOTE | FrameFlag.FD)
+_MANAGEMENT, _TRANSFER = 0xEC, 0xEB
+_RTS, _BAM, _ABORT = 16, 32, 255
+_PACKET_BYTES = 7
+_LONGEST_J1939 = 1785
+_PRIORITY = 6
+_PATIENCE_NS = 1_250_000_000
+"""The longest that either standard lets a sender wait between two frames of a transfer."""
+
+
+class Payload(NamedTuple):
+    """A message put together; its time is that of its last frame."""
+
+    time_ns: int
+    bus: str
+    can_id: int
+    extended: bool
+    data: bytes
+
+
+@dataclass
+class _J1939Transfer:
+    can_id: int
+    size: int
+    packets: int
+    time_ns: int
+    parts: dict[int, bytes] = field(default_factory=dict)
+
+
+@dataclass
+class _IsoTransfer:
+    size: int
+    time_ns: int
+    data: bytearray
+    number: int = 1
+
+
+class Transport:
+    """Puts messages together, batch after batch.
+
+    Parameters
+    ----------
+    iso : mapping bus -> set of (identifier, extended)
+        What is sent by ISO-TP.
+    j1939 : collection of str
+        Buses with messages that are sent by J1939's transport.
+
+    Attributes
+    ----------
+    interrupted : Counter
+        Transfers that were not completed, per bus.
+    """
+
+    def __init__(self, iso: Mapping[str, Collection[tuple[int, bool]]], j1939: Collection[str]) -> None:
+        self._iso, self._j1939 = iso, frozenset(j1939)
+        self._of_iso: dict[tuple[str, int, bool], _IsoTransfer] = {}
+        self._of_j1939: dict[tuple[str, int, int], _J1939Transfer] = {}
+        self.interrupted: Counter[str] = Counter()
+
+    def take(self, batch: FrameBatch) -> Iterator[Payload]:
+        """Yield what is complete with the frames of a batch."""
+        frames = batch.frames
+        classical = (frames["flags"] & _NO_TRANSPORT) == 0
+        format_ = (frames["can_id"] >> np.uint32(16)) & np.uint32(0xFF)
+        managed = ((frames["flags"] & _EXTENDED) != 0) & ((format_ == _MANAGEMENT) | (format_ == _TRANSFER))
+        known = np.array(sorted({can_id for ids in self._iso.values() for can_id, _ in ids}), np.uint32)
+        chosen = classical & (managed if self._j1939 else False) | classical & np.isin(frames["can_id"], known)
+        for i in np.flatnonzero(chosen).tolist():
+            frame = frames[i]
+            bus, can_id = batch.buses[frame["bus"]], int(frame["can_id"])
+            extended, time_ns = bool(frame["flags"] & _EXTENDED), int(frame["time_ns"])
+            data = frame["data"][: min(int(frame["length"]), 8)].tobytes()
+            found = None
+            if (can_id, extended) in self._iso.get(bus, ()):
+                found = self._iso_frame((bus, can_id, extended), time_ns, data)
+            elif managed[i] and bus in self._j1939:
+                found = self._j1939_frame(bus, can_id, time_ns, data)
+            if found is not None:
+                yield found
+
+    def _iso_frame(self, key: tuple[str, int, bool], time_ns: int, data: bytes) -> Payload | None:
+        if not data:
+            return None
+        kind, low = data[0] >> 4, data[0] & 15
+        if kind == 0 and 0 < low < len(data):
+            self._end_iso(key)
+            return Payload(time_ns, *key, data[1 : 1 + low])
+        if kind == 1 and len(data) == 8:
+            self._end_iso(key)
+            size = low << 8 | data[1]
+            if size > _PACKET_BYTES:
+                self._of_iso[key] = _IsoTransfer(size, time_ns, bytearray(data[2:]))
+            return None
+        transfer = self._of_iso.get(key)
+        if kind != 2 or transfer is None:
+            return None
+        if low != transfer.number & 15 or not 0 <= time_ns - transfer.time_ns <= _PATIENCE_NS:
+            self._end_iso(key)
+            return None
+        transfer.number += 1
+        transfer.time_ns = time_ns
+        transfer.data += data[1:]
+        if len(transfer.data) < transfer.size:
+            if len(data) < 8:
+                self._end_iso(key)
+            return None
+        del self._of_iso[key]
+        return Payload(time_ns, *key, bytes(transfer.data[: transfer.size]))
+
+    def _end_iso(self, key: tuple[str, int, bool]) -> None:
+        if self._of_iso.pop(key, None) is not None:
+            self.interrupted[key[0]] += 1
+
+    def _j1939_frame(self, bus: str, can_id: int, time_ns: int, data: bytes) -> Payload | None:
+        key = (bus, can_id & 0xFF, can_id >> 8 & 0xFF)
+        if len(data) < 8:
+            return None
+        if can_id >> 16 & 0xFF == _MANAGEMENT:
+            control = data[0]
+            if control in (_RTS, _BAM):
+                self._end_j1939(key)
+                self._begin_j1939(key, time_ns, data)
+            elif control == _ABORT:
+                self._end_j1939(key)
+                self._end_j1939((bus, key[2], key[1]))
+            return None
+        transfer = self._of_j1939.get(key)
+        if transfer is None:
+            return None
+        if not 0 <= time_ns - transfer.time_ns <= _PATIENCE_NS or not 1 <= data[0] <= transfer.packets:
+            self._end_j1939(key)
+            return None
+        transfer.time_ns = time_ns
+        transfer.parts[data[0]] = data[1:]  # a packet may be asked for again
+        if len(transfer.parts) < transfer.packets:
+            return None
+        del self._of_j1939[key]
+        whole = b"".join(transfer.parts[i] for i in range(1, transfer.packets + 1))
+        return Payload(time_ns, bus, transfer.can_id, True, whole[: transfer.size])
+
+    def _begin_j1939(self, key: tuple[str, int, int], time_ns: int, data: bytes) -> None:
+        _, source, destination = key
+        size, packets, group = int.from_bytes(data[1:3], "little"), data[3], int.from_bytes(data[5:8], "little")
+        if not 8 < size <= _LONGEST_J1939 or packets != -(-size // _PACKET_BYTES) or group > 0x3FFFF:
+            self.interrupted[key[0]] += 1
+            return
+        if group >> 8 & 0xFF < 0xF0:
+            group |= destination
+        self._of_j1939[key] = _J1939Transfer(_PRIORITY << 26 | group << 8 | source, size, packets, time_ns)
+
+    def _end_j1939(self, key: tuple[str, int, int]) -> None:
+        if self._of_j1939.pop(key, None) is not None:
+            self.interrupted[key[0]] += 1
