@@ -168,6 +168,7 @@ class Decoder:
             (bus, "Message.Signal") to `Channel`; signals of one message share their ``time_ns`` array. Messages
             without a frame are absent, unless their signals were asked for by name: those are empty channels.
         """
+        long = self._long.payloads(batch) if self._long else {}
         frames, blocks = batch.frames, range(0, len(batch), BLOCK)
         codes = np.empty(len(frames), self._identifier.dtype)
         counts = np.zeros((len(blocks), len(self._targets) + 1), np.int64)
@@ -187,14 +188,13 @@ class Decoder:
         for (bus, name, _), group in zip(self._targets, columns, strict=True):
             if group.size or self._wanted:
                 channels |= {(bus, c.name): c for c in group.channels(name)}
-        if self._long:
-            for code, payloads in self._long.payloads(batch).items():
-                bus, name, plans = self._targets[code - 1]
-                group = _Columns(plans, len(payloads))
-                group.append_payloads(payloads)
-                for channel in group.channels(name):
-                    before = channels.get((bus, channel.name))
-                    channels[bus, channel.name] = _merged(before, channel) if before else channel
+        for code, payloads in long.items():
+            bus, name, plans = self._targets[code - 1]
+            group = _Columns(plans, len(payloads))
+            group.append_payloads(payloads)
+            for channel in group.channels(name):
+                before = channels.get((bus, channel.name))
+                channels[bus, channel.name] = _merged(before, channel) if before else channel
         return channels
 
 
@@ -217,20 +217,18 @@ def _merged(one: Channel, other: Channel) -> Channel:
 
 
 class _LongMessages:
-    """Messages that do not fit a classical frame: their classical frames are pieces, see `daq.can.transport`."""
+    """Messages that do not fit a classical frame, put together from several, see `daq.can.transport`."""
 
     def __init__(self, named: Sequence[tuple[str, Message]], coded: Sequence[tuple[str, Message, int]]) -> None:
         long = [(bus, message) for bus, message in named if message.length > _CLASSICAL_BYTES]
-        iso: dict[str, set[tuple[int, bool]]] = {}
+        iso: dict[str, dict[tuple[int, bool], int]] = {}
         for bus, message in long:
             if not message.j1939:
-                iso.setdefault(bus, set()).add((message.can_id, message.extended))
+                iso.setdefault(bus, {})[message.can_id, message.extended] = message.length
         self._transport = Transport(iso, {bus for bus, message in long if message.j1939})
         self._of_identifier = Identifier(coded)
-        codes = [code for _, message, code in coded if message.length > _CLASSICAL_BYTES and not message.j1939]
+        self._codes = {(bus, m.can_id, m.extended): code for bus, m, code in coded}
         self._pieces = np.zeros(max((code for _, _, code in coded), default=0) + 1, np.bool_)
-        self._pieces[codes] = True
-        self._pieces[UNKNOWN] = False
 
     def leave_out(self, frames: FrameArray, codes: NDArray[Any]) -> None:
         """Take classical frames that are pieces of a message for none, in place."""
@@ -240,6 +238,8 @@ class _LongMessages:
         """Return the messages that are complete with a batch, by their code."""
         found: dict[int, list[Payload]] = {}
         complete = list(self._transport.take(batch))
+        self._pieces[[self._codes[key] for key in self._transport.confirmed]] = True
+        self._pieces[UNKNOWN] = False
         if complete:
             heads = np.zeros(len(complete), CLASSIC_DTYPE)
             heads["can_id"] = [one.can_id for one in complete]

@@ -59,21 +59,25 @@ class Transport:
 
     Parameters
     ----------
-    iso : mapping bus -> set of (identifier, extended)
-        What is sent by ISO-TP.
+    iso : mapping bus -> mapping (identifier, extended) -> bytes
+        What may be sent by ISO-TP, and its longest message.
     j1939 : collection of str
         Buses with messages that are sent by J1939's transport.
 
     Attributes
     ----------
+    confirmed : set of (bus, identifier, extended)
+        What is sent by ISO-TP, for a message of several frames was completed. Before that its frames may as well be
+        messages that are shorter than their database says, and a single frame is taken for none.
     interrupted : Counter
         Transfers that were not completed, per bus.
     """
 
-    def __init__(self, iso: Mapping[str, Collection[tuple[int, bool]]], j1939: Collection[str]) -> None:
+    def __init__(self, iso: Mapping[str, Mapping[tuple[int, bool], int]], j1939: Collection[str]) -> None:
         self._iso, self._j1939 = iso, frozenset(j1939)
         self._of_iso: dict[tuple[str, int, bool], _IsoTransfer] = {}
         self._of_j1939: dict[tuple[str, int, int], _J1939Transfer] = {}
+        self.confirmed: set[tuple[str, int, bool]] = set()
         self.interrupted: Counter[str] = Counter()
 
     def take(self, batch: FrameBatch) -> Iterator[Payload]:
@@ -101,13 +105,13 @@ class Transport:
         if not data:
             return None
         kind, low = data[0] >> 4, data[0] & 15
-        if kind == 0 and 0 < low < len(data):
+        if kind == 0 and 0 < low < len(data) and key in self.confirmed:
             self._end_iso(key)
             return Payload(time_ns, *key, data[1 : 1 + low])
         if kind == 1 and len(data) == 8:
             self._end_iso(key)
             size = low << 8 | data[1]
-            if size > _PACKET_BYTES:
+            if _PACKET_BYTES < size <= self._iso[key[0]][key[1:]]:
                 self._of_iso[key] = _IsoTransfer(size, time_ns, bytearray(data[2:]))
             return None
         transfer = self._of_iso.get(key)
@@ -124,6 +128,7 @@ class Transport:
                 self._end_iso(key)
             return None
         del self._of_iso[key]
+        self.confirmed.add(key)
         return Payload(time_ns, *key, bytes(transfer.data[: transfer.size]))
 
     def _end_iso(self, key: tuple[str, int, bool]) -> None:

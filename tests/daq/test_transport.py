@@ -62,7 +62,7 @@ def batch_of(sent: Sequence[Sent], step_ns: int = 10_000_000) -> FrameBatch:
 
 
 def received(sent: Sequence[Sent], cut: int = 10**9, step_ns: int = 10_000_000) -> tuple[list[Payload], Transport]:
-    transport = Transport({"can0": {(ISO_ID, False)}}, ["can0"])
+    transport = Transport({"can0": {(ISO_ID, False): 4095}}, ["can0"])
     batch = batch_of(sent, step_ns)
     pieces = [batch[start : start + cut] for start in range(0, len(batch), cut)]
     return [one for piece in pieces for one in transport.take(piece)], transport
@@ -100,6 +100,15 @@ def test_a_lost_frame_costs_its_message_and_is_counted(message: bytes, data: st.
         found, transport = received([*frames[:lost], *frames[lost + 1 :], *whole])
         assert [one.data for one in found] == [b"0123456789"]
         assert transport.interrupted["can0"] == (lost > 0)
+
+
+def test_short_frames_of_a_long_message_are_no_pieces() -> None:
+    """A sender may leave out the end of a message: nothing says that it uses ISO-TP before a transfer is complete."""
+    message = long_message("Long", ISO_ID, extended=False, j1939=False)
+    decoder = Decoder({"can0": (Database("x", b"", (message,)),)})
+    decoded = decoder.decode(batch_of([(ISO_ID, False, bytes([5, 1, 0, 0, 0, 0, 0, 0]))] * 3))
+    assert decoded["can0", "Long.First"].values.tolist() == [2 * 0x0105] * 3
+    assert np.isnan(decoded["can0", "Long.Last"].values).all()
 
 
 def test_a_message_that_stalls_is_dropped() -> None:
