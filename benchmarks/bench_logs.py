@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from benchmarks.table import Row, at_least, compared, rate_of
-from benchmarks.timing import side_by_side
+from benchmarks.table import Row, at_least, compared, judged, rate_of
+from benchmarks.timing import median_cpu_seconds, side_by_side
 from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag, messages_from_frames
 from daq.logs import read_log, write_candump
+from daq.series import read_series
 
 FRAMES, TEXT_FRAMES = 300_000, 60_000
 """In a log; fewer in the formats that python-can reads slowly."""
+SERIES_ROWS = 500_000
 ROUNDS = 5
 
 
@@ -27,12 +30,32 @@ def rows() -> list[Row]:
     formats = [
         ("BLF", frames, can.BLFWriter, can.BLFReader, 15),
         ("candump", frames, None, can.CanutilsLogReader, 5),
-        ("ASC", frames[:TEXT_FRAMES], can.ASCWriter, can.ASCReader, 1),
-        ("TRC", frames[:TEXT_FRAMES], can.TRCWriter, can.TRCReader, 1),
+        ("ASC", frames, can.ASCWriter, can.ASCReader, 10),
+        ("TRC", frames, can.TRCWriter, can.TRCReader, 5),
         ("CSV", frames[:TEXT_FRAMES], can.CSVWriter, can.CSVReader, 1),
     ]
     with tempfile.TemporaryDirectory() as folder:
-        return [_row(Path(folder), *one) for one in formats]
+        return [*(_row(Path(folder), *one) for one in formats), *_series(Path(folder))]
+
+
+def _series(folder: Path) -> list[Row]:
+    """Measure decoded series: seven columns of float64 are 56 bytes a row."""
+    rng = np.random.default_rng(0)
+    columns = {"time_s": np.arange(SERIES_ROWS) * 1e-3}
+    columns |= {f"c{i} [N]": rng.normal(size=SERIES_ROWS).round(4) for i in range(6)}
+    found = []
+    for suffix, least in (("csv", 50), ("parquet", 200)):
+        path = folder / f"series.{suffix}"
+        pd.DataFrame(columns).to_csv(path, index=False) if suffix == "csv" else pd.DataFrame(columns).to_parquet(path)
+
+        def read(path: Path = path) -> None:
+            rows = sum(len(block) for blocks in read_series(path).blocks() for block in blocks)
+            if rows != SERIES_ROWS:
+                raise AssertionError(f"{rows} of {SERIES_ROWS} rows")
+
+        rate = SERIES_ROWS * 56 / 1e6 / median_cpu_seconds(read)
+        found.append(judged(f"{suffix} series, decoded bytes", f"{rate:.0f} MB/s", rate, at_least(least, "MB/s")))
+    return found
 
 
 def _bus_load() -> FrameBatch:
