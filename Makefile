@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind golden golden-keep mutants clean
+.PHONY: demo test fast slow study lint bench bench-keep blind fuzz golden golden-keep mutants clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -49,6 +49,11 @@ golden-keep: $(STAMP)
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1
 blind: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m blind.study --out out/blind --report out/blind/results.md $(BLIND)
+
+# Damages files of every format and reads them; prints what is a defect.
+COUNT ?= 20000
+fuzz: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m fuzz.run --count $(COUNT)
 
 # Measures the strength of the tests and writes docs/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
 mutants: $(STAMP)

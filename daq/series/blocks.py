@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daq.arrays import BoolArray, FloatArray, IntArray
+from daq.errors import RecordingError, every_error_as
 from daq.logs.report import EARLIEST_DATE_NS
 
 BLOCK_ROWS = 1 << 16
@@ -171,7 +172,11 @@ class Series:
             The file cannot be read any further, or holds no row that can be used.
         """
         self.report.restart()
-        return self._read()
+        with every_error_as(RecordingError, "the file cannot be read any further", self._place):
+            yield from self._read()
+
+    def _place(self) -> str:
+        return f"{self.report.path}, after row {sum(self.report.rows.values())}"
 
 
 def together(streams: Iterable[Iterator[SeriesBlock]]) -> Iterator[Blocks]:

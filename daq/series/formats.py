@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from daq.can.roles import plain_name
 from daq.config import SeriesSection
-from daq.errors import RecordingError
+from daq.errors import RecordingError, WheelsoilError
 from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents
 from daq.recording.reader import raw_channels
 from daq.recording.series_topics import series_topics
+from daq.series.apart import apart
 from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport, together
 from daq.series.readers.bags import read_bag
 from daq.series.readers.delimited import read_delimited
-from daq.series.readers.matlab import read_hdf5, read_mat
-from daq.series.readers.mdf import holds_channels, read_mdf
 from daq.series.readers.parquet import read_parquet
 from daq.series.readers.rpc3 import read_rpc3
 from daq.series.readers.tdms import read_tdms
@@ -38,13 +38,13 @@ class SeriesFormat:
 
 SERIES_FORMATS = (
     SeriesFormat("Parquet", (".parquet", ".pq"), b"PAR1", read_parquet),
-    SeriesFormat("MATLAB", (".mat",), b"MATLAB", read_mat),
-    SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", read_hdf5),
+    SeriesFormat("MATLAB", (".mat",), b"MATLAB", apart("daq.series.readers.matlab:read_mat")),
+    SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", apart("daq.series.readers.matlab:read_hdf5")),
     SeriesFormat("TDMS", (".tdms",), b"TDSm", read_tdms),
     SeriesFormat("RPC III", (".rsp", ".rpc", ".tim", ".drv"), b"FORMAT", read_rpc3),
     SeriesFormat("ROS 1 bag", (".bag",), b"#ROSBAG", read_bag),
     SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", read_bag),
-    SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", read_mdf),
+    SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", apart("daq.series.readers.mdf:read_mdf")),
     SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited),
 )
 _TEXT = SERIES_FORMATS[-1]
@@ -73,10 +73,20 @@ def series_format(path: Path) -> SeriesFormat | None:
         return next(known for known in SERIES_FORMATS if known.name == ("MATLAB" if path.suffix == ".mat" else "HDF5"))
     for known in SERIES_FORMATS:
         if known.magic and head.startswith(known.magic):
-            return None if known is _MDF and not holds_channels(path) else known
+            return None if known is _MDF and not _holds_channels(path) else known
     name = path.name.lower().removesuffix(".gz")
     is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not is_frame_table(head)
     return _TEXT if is_text else None
+
+
+def _holds_channels(path: Path) -> bool:
+    """Return whether an MF4 file holds decoded channels and no frames; False without asammdf."""
+    if importlib.util.find_spec("asammdf") is None:
+        return False
+    try:
+        return bool(_MDF.read(path, SeriesSection(), SeriesReport(str(path), _MDF.name)).topics)
+    except WheelsoilError:  # the reader of frames says what is wrong
+        return False
 
 
 def _is_foreign(path: Path, head: bytes) -> bool:

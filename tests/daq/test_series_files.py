@@ -21,9 +21,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
+import daq.series.apart as apart_module
 from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
 from daq.config import SeriesSection
-from daq.series.blocks import Series
+from daq.series.blocks import Series, SeriesReport
 from daq.series.formats import read_series, series_format
 
 START_NS = 1_700_000_000_000_000_000
@@ -311,8 +312,6 @@ def test_noise_is_our_error(tmp_path_factory: pytest.TempPathFactory, data: byte
     folder = tmp_path_factory.mktemp("noise")
     heads = (
         b"PAR1",
-        b"MATLAB 5.0 MAT-file",
-        b"\x89HDF\r\n\x1a\n",
         b"TDSm",
         b"FORMAT\0",
         b"#ROSBAG V2.0\n",
@@ -332,3 +331,33 @@ def test_logs_of_frames_are_no_series(tmp_path: Path) -> None:
     assert series_format(log) is None
     assert series_format(tmp_path / "missing.csv") is None
     assert series_format(tmp_path) is None
+
+
+@pytest.mark.parametrize("head", [b"MATLAB 5.0 MAT-file", b"\x89HDF\r\n\x1a\n"])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: bytes, seed: int) -> None:
+    path = tmp_path / "run.mat"
+    path.write_bytes(head + np.random.default_rng(seed).bytes(500))
+    with pytest.raises((RecordingError, DataError)):
+        columns(read(path))
+
+
+@pytest.mark.parametrize(
+    ("crash", "found"),
+    [
+        ("import os; os.abort()", "exit code -6"),
+        ("while True: pass", "it gave nothing for"),
+        ("raise ValueError('the block at 12 is none')", "the block at 12 is none"),
+        ("[bytearray(1 << 30) for _ in range(64)]", "MemoryError"),
+    ],
+)
+def test_a_library_that_breaks_down_is_an_error(
+    tmp_path: Path, crash: str, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "breaking.py").write_text(f"def read(path, layout, report):\n    {crash}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(apart_module, "SERIES_PATIENCE_S", 3.0 if "nothing" in found else 60.0)
+    mat(tmp_path / "run.mat")
+    with pytest.raises(RecordingError, match=found) as caught:
+        apart_module.apart("breaking:read")(tmp_path / "run.mat", SeriesSection(), SeriesReport("run.mat", "MATLAB"))
+    assert "run.mat" in str(caught.value)

@@ -9,24 +9,11 @@ from typing import Any
 import numpy as np
 
 from daq.config import SeriesSection
-from daq.errors import ConfigError, RecordingError
+from daq.errors import ConfigError, DataError, RecordingError, WheelsoilError
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
 
 _BUS_EVENT = 2
 _MASTER_TYPES = (2, 3)
-
-
-def holds_channels(path: Path) -> bool:
-    """Return whether an MDF file holds decoded channels only: no group of bus events. False without asammdf."""
-    try:
-        import asammdf
-    except ImportError:
-        return False
-    try:
-        with asammdf.MDF(path) as mdf:
-            return not any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups) and bool(mdf.groups)
-    except Exception:  # noqa: BLE001  # the reader of frames says what is wrong
-        return False
 
 
 def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
@@ -36,6 +23,8 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     ------
     ConfigError
         asammdf is not installed.
+    DataError
+        It holds frames of a bus.
     RecordingError
         The file cannot be read.
     """
@@ -47,12 +36,16 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     groups: dict[str, tuple[int, dict[str, str]]] = {}
     try:
         with asammdf.MDF(path) as mdf:
+            if any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups):
+                raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
             start_ns = round(mdf.header.start_time.timestamp() * 1e9)
             for index, group in enumerate(mdf.groups):
-                if group.channel_group.cycles_nr and not group.channel_group.flags & _BUS_EVENT:
+                if group.channel_group.cycles_nr:
                     units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
                     if units:
                         groups[group.channel_group.acq_name or f"group_{index}"] = (index, units)
+    except WheelsoilError:
+        raise
     except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file
         raise RecordingError.of("asammdf cannot read this MF4 file", path, str(error)) from None
 
