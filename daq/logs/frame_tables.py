@@ -45,13 +45,17 @@ class FrameColumns:
     data : tuple of Column
         One with all bytes, form hex or base64; or one for each byte, form hex or dec.
     others : mapping str -> column
-        ``bus``, ``length``, ``extended``, ``direction``, ``remote``, ``error``, ``fd``, ``brs``, ``esi``.
+        ``bus``, ``length``, ``extended``, ``direction``, ``remote``, ``error``, ``fd``, ``brs``, ``esi``; or ``flags``
+        with the bits of Kvaser's canlib.
+    first_bus : int
+        Number of the bus that is can0.
     """
 
     time: Column
     can_id: Column
     data: tuple[Column, ...]
     others: Mapping[str, str]
+    first_bus: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,9 +88,19 @@ CSS_ELECTRONICS = FrameColumns(
     Column("TimestampEpoch", "s"),
     Column("ID", "hex"),
     (Column("DataBytes", "hex"),),
-    {"bus": "BusChannel", "extended": "IDE", "length": "DataLength", "direction": "Dir", "fd": "EDL", "brs": "BRS"},
+    {"bus": "BusChannel", "extended": "IDE", "length": "DataLength", "direction": "Dir", "fd": "EDL", "brs": "BRS"}
+    | {"esi": "ESI", "remote": "RTR"},
 )
-KNOWN = {"python-can": PYTHON_CAN, "SavvyCAN": SAVVYCAN, "CSS Electronics": CSS_ELECTRONICS}
+KVASER = FrameColumns(
+    Column("Time", "s"),
+    Column("ID", "dec"),
+    tuple(Column(f"Data{i}", "dec") for i in range(_MOST_BYTES)),
+    {"bus": "Channel", "length": "DLC", "flags": "Flags"},
+    first_bus=1,
+)
+CABANA = FrameColumns(Column("time", "s"), Column("addr", "dec"), (Column("data", "hex"),), {"bus": "bus"})
+KNOWN = {"python-can": PYTHON_CAN, "SavvyCAN": SAVVYCAN, "CSS Electronics": CSS_ELECTRONICS, "Kvaser": KVASER}
+KNOWN["comma.ai Cabana"] = CABANA
 """Headers of programs."""
 
 
@@ -228,6 +242,7 @@ class _Rows:
         self._base = 16 if columns.can_id.form == "hex" else 10
         self._data = [places[one.name.lower()] for one in columns.data if one.name.lower() in places]
         self._form = columns.data[0].form
+        self._first_bus = columns.first_bus
         self._others = {key: places[name.lower()] for key, name in columns.others.items() if name.lower() in places}
         self._stamps_report = SeriesReport(report.path, "times")
         self._stamps = TimeStamps(columns.time.name, columns.time.form, SeriesSection(), self._stamps_report)
@@ -259,6 +274,10 @@ class _Rows:
         for key, flag in _FLAGS.items():
             if self._is(key, cells):
                 flags |= flag
+        bits = int(cells[self._others["flags"]]) if "flags" in self._others else 0
+        for bit, flag in _KVASER_FLAGS.items():
+            if bits & bit:
+                flags |= flag
         if "direction" in self._others and cells[self._others["direction"]].lower() in ("tx", "1", "t"):
             flags |= FrameFlag.TRANSMITTED
         length = int(cells[self._others["length"]]) if "length" in self._others else -1
@@ -269,7 +288,7 @@ class _Rows:
         if len(data) > most or (length > len(data) and not flags & (FrameFlag.REMOTE | FrameFlag.ERROR)):
             raise ValueError(f"{len(data)} bytes of data for a length of {length}")
         bus = cells[self._others["bus"]] if "bus" in self._others else "0"
-        name = f"can{bus}" if bus.isdecimal() else bus or "can0"
+        name = f"can{max(int(bus) - self._first_bus, 0)}" if bus.isdecimal() else bus or "can0"
         return _Frame(
             cells[self._time], can_id, int(flags), name, min(length, most) if length >= 0 else len(data), data, number
         )
@@ -279,7 +298,7 @@ class _Rows:
             digits = cell.lower()
             extended = digits.endswith("x") and self._base == 16 and digits != "0x"
             digits = digits.removesuffix("x") if extended else digits
-            can_id = int(digits, self._base)
+            can_id = int(digits, 16 if digits.startswith("0x") else self._base)
             if not 0 <= can_id <= 0x1FFF_FFFF:
                 raise ValueError("an identifier beyond 29 bits")
             self._ids[cell] = (can_id, extended or can_id > 0x7FF)
@@ -331,6 +350,15 @@ class _Rows:
         return self._stamps.of(np.array(numbers))
 
 
+_KVASER_FLAGS = {
+    0x01: FrameFlag.REMOTE,
+    0x04: FrameFlag.EXTENDED,
+    0x20: FrameFlag.ERROR,
+    0x40: FrameFlag.TRANSMITTED,
+    0x10000: FrameFlag.FD,
+    0x20000: FrameFlag.BITRATE_SWITCH,
+    0x40000: FrameFlag.ERROR_STATE,
+}
 _FLAGS = {
     "remote": FrameFlag.REMOTE,
     "error": FrameFlag.ERROR,

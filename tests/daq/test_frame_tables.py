@@ -68,6 +68,24 @@ def test_css_electronics(tmp_path: Path) -> None:
     assert reading.report.absolute_time and not reading.report.bad
 
 
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [
+        (
+            "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter,AbsTime\n"
+            "0.18916,1,418381679,4,8,137,152,0,0,5,0,255,255,1,2011-07-21 11:07:12\n",
+            ("can0", 0x18EFFF6F, FrameFlag.EXTENDED, "899800000500ffff"),
+        ),
+        ("time,addr,bus,data\n240.479,53,0,0acc0ade0074bf9e\n", ("can0", 53, 0, "0acc0ade0074bf9e")),
+        ("time,addr,bus,data\n15.46,0x440,1,0x4000800000000000\n", ("can1", 0x440, 0, "4000800000000000")),
+    ],
+)
+def test_kvaser_and_cabana(tmp_path: Path, text: str, frame: tuple[str, int, int, str]) -> None:
+    batch, reading = read(tmp_path / "a.csv", text)
+    (found,) = content(batch)
+    assert (*found[:3], found[4][: found[3]].hex()) == frame and not reading.report.bad
+
+
 def test_busmaster(tmp_path: Path) -> None:
     batch, reading = read(tmp_path / "a.log", BUSMASTER)
     assert str(np.datetime64(int(batch.frames["time_ns"][0]), "ns")).startswith("2014-08-08T11:49:12.942")
