@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import base64
+import binascii
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple
+from operator import itemgetter
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _DELIMITERS = "\t;,|"
 _SHOWN = 80
 _MOST_BYTES = 64
 _LOOKED_AT = 50
+_MOST_HEADS = 100_000
 _HEX_DATA = re.compile(r"(?:0x)?(?:[0-9A-Fa-f]{2}\s?){1,64}$")
 
 
@@ -223,14 +225,20 @@ def _guess(header: Sequence[str]) -> dict[str, str]:
     }
 
 
-class _Frame(NamedTuple):
-    time: str
+class _Head(NamedTuple):
+    """A frame without its time and data; a negative length is that of the data."""
+
     can_id: int
     flags: int
-    bus: str
+    bus: int
     length: int
-    data: bytes
-    line: int
+    most: int
+    has_data: bool
+    needs_data: bool
+
+
+_Frame = tuple[str, bytes, int, _Head, int]
+"""Time, data, line, head and length; a plain tuple, for there are millions."""
 
 
 class _Rows:
@@ -247,24 +255,39 @@ class _Rows:
         self._stamps_report = SeriesReport(report.path, "times")
         self._stamps = TimeStamps(columns.time.name, columns.time.form, SeriesSection(), self._stamps_report)
         self._numeric: bool | None = None
-        self._ids: dict[str, tuple[int, bool]] = {}
+        self._head_of: Callable[[Sequence[str]], Any] = itemgetter(self._id, *self._others.values())
+        self._heads: dict[Any, _Head] = {}
 
     def read(self, block: bytes, first_line: int) -> Iterator[FrameBatch]:
         """Yield the frames of whole lines, as one batch."""
         found: list[_Frame] = []
         for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
-            text = line.rstrip("\r")
-            if not text.strip():
+            if not line or line.isspace():
                 continue
             try:
-                found.append(self._frame(text, number))
+                found.append(self._frame(line, number))
             except (ValueError, IndexError, KeyError) as error:
+                text = line.rstrip("\r")
                 self._report.note_bad(f"line {number}", f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN])
         if found:
             yield from self._batch(found)
 
     def _frame(self, line: str, number: int) -> _Frame:
-        cells = [cell.strip().strip('"') for cell in line.split(self._delimiter)]
+        cells = (line.replace('"', "") if '"' in line else line).split(self._delimiter)
+        key = self._head_of(cells)
+        head = self._heads.get(key)
+        if head is None:
+            if len(self._heads) >= _MOST_HEADS:
+                self._heads.clear()
+            head = self._heads[key] = self._head([cell.strip() for cell in cells])
+        data = self._bytes(cells, head.length) if head.has_data else b""
+        length = len(data) if head.length < 0 else head.length
+        if len(data) > head.most or (length > len(data) and head.needs_data):
+            raise ValueError(f"{len(data)} bytes of data for a length of {length}")
+        return cells[self._time], data, number, head, min(length, head.most)
+
+    def _head(self, cells: Sequence[str]) -> _Head:
+        """Return what the cells beside time and data say: there are few such rows, and many frames of each."""
         can_id, extended = self._identifier(cells[self._id])
         flags = FrameFlag(0)
         if self._is("extended", cells) if "extended" in self._others else extended:
@@ -281,28 +304,23 @@ class _Rows:
         if "direction" in self._others and cells[self._others["direction"]].lower() in ("tx", "1", "t"):
             flags |= FrameFlag.TRANSMITTED
         length = int(cells[self._others["length"]]) if "length" in self._others else -1
-        data = b"" if flags & FrameFlag.REMOTE else self._bytes(cells, length)
         if length < 0 and "length" in self._others:
             raise ValueError("a negative length")
-        most = _MOST_BYTES if flags & FrameFlag.FD else 8
-        if len(data) > most or (length > len(data) and not flags & (FrameFlag.REMOTE | FrameFlag.ERROR)):
-            raise ValueError(f"{len(data)} bytes of data for a length of {length}")
         bus = cells[self._others["bus"]] if "bus" in self._others else "0"
         name = f"can{max(int(bus) - self._first_bus, 0)}" if bus.isdecimal() else bus or "can0"
-        return _Frame(
-            cells[self._time], can_id, int(flags), name, min(length, most) if length >= 0 else len(data), data, number
-        )
+        most = _MOST_BYTES if flags & FrameFlag.FD else 8
+        has_data = not flags & FrameFlag.REMOTE
+        needs_data = not flags & (FrameFlag.REMOTE | FrameFlag.ERROR)
+        return _Head(can_id, int(flags), self._report.bus(name), length, most, has_data, needs_data)
 
     def _identifier(self, cell: str) -> tuple[int, bool]:
-        if cell not in self._ids:
-            digits = cell.lower()
-            extended = digits.endswith("x") and self._base == 16 and digits != "0x"
-            digits = digits.removesuffix("x") if extended else digits
-            can_id = int(digits, 16 if digits.startswith("0x") else self._base)
-            if not 0 <= can_id <= 0x1FFF_FFFF:
-                raise ValueError("an identifier beyond 29 bits")
-            self._ids[cell] = (can_id, extended or can_id > 0x7FF)
-        return self._ids[cell]
+        digits = cell.lower()
+        extended = digits.endswith("x") and self._base == 16 and digits != "0x"
+        digits = digits.removesuffix("x") if extended else digits
+        can_id = int(digits, 16 if digits.startswith("0x") else self._base)
+        if not 0 <= can_id <= 0x1FFF_FFFF:
+            raise ValueError("an identifier beyond 29 bits")
+        return can_id, extended or can_id > 0x7FF
 
     def _is(self, key: str, cells: Sequence[str]) -> bool:
         if key not in self._others:
@@ -312,42 +330,48 @@ class _Rows:
     def _bytes(self, cells: Sequence[str], length: int) -> bytes:
         if len(self._data) > 1:
             base = 16 if self._form == "hex" else 10
-            own = [cells[place] for place in self._data if place < len(cells) and cells[place]]
+            own = [cells[place] for place in self._data if place < len(cells) and cells[place].strip()]
             return bytes(int(cell, base) for cell in (own[:length] if length >= 0 else own))
-        cell = cells[self._data[0]]
+        cell = cells[self._data[0]].strip()
         if self._form == "base64":
-            return base64.b64decode(cell, validate=True)
+            return binascii.a2b_base64(cell, strict_mode=True)
         data = bytes.fromhex(cell.removeprefix("0x")) if self._form == "hex" else bytes(map(int, cell.split()))
         return data[:length] if length >= 0 else data
 
     def _batch(self, found: list[_Frame]) -> Iterator[FrameBatch]:
-        wide = any(one.flags & FrameFlag.FD for one in found)
+        times, data, numbers, heads, lengths = zip(*found, strict=True)
+        wide = any(flags & int(FrameFlag.FD) for flags in {head.flags for head in heads})
         frames = np.zeros(len(found), FD_DTYPE if wide else CLASSIC_DTYPE)
         room = frames["data"].shape[1]
-        frames["time_ns"], usable = self._times([one.time for one in found])
-        frames["can_id"] = [one.can_id for one in found]
-        frames["flags"] = [one.flags for one in found]
-        frames["length"] = [one.length for one in found]
-        frames["bus"] = [self._report.bus(one.bus) for one in found]
-        joined = b"".join(one.data.ljust(room, b"\0") for one in found)
+        frames["time_ns"], usable = self._times(times)
+        frames["can_id"] = [head.can_id for head in heads]
+        frames["flags"] = [head.flags for head in heads]
+        frames["bus"] = [head.bus for head in heads]
+        frames["length"] = lengths
+        joined = b"".join([one.ljust(room, b"\0") for one in data])
         frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
-        lines = np.array([one.line for one in found])
+        lines = np.array(numbers)
         for i in np.flatnonzero(~usable).tolist():
-            self._report.note_bad(f"line {found[i].line}", f"no time: {found[i].time[:_SHOWN]}")
+            self._report.note_bad(f"line {numbers[i]}", f"no time: {times[i][:_SHOWN]}")
         frames, lines = frames[usable], lines[usable]
         self._report.local_time |= self._stamps_report.unzoned
         if len(frames):
             self._report.note_frames(frames, lambda i: f"line {lines[i]}")
             yield FrameBatch(frames, tuple(self._report.buses))
 
-    def _times(self, cells: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    def _times(self, cells: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return nanoseconds, and which are usable: numbers where the first one is a number, else dates."""
-        numbers = [_number(cell) for cell in cells]
+        import pyarrow as pa
+
         if self._numeric is None:
-            self._numeric = numbers[0] == numbers[0]
+            self._numeric = _number(cells[0]) == _number(cells[0])
         if not self._numeric:
             return self._stamps.of(np.array(cells, object))
-        return self._stamps.of(np.array(numbers))
+        try:
+            numbers = pa.array(cells, pa.string()).cast(pa.float64()).to_numpy()
+        except pa.ArrowInvalid:
+            numbers = np.array([_number(cell) for cell in cells])
+        return self._stamps.of(numbers)
 
 
 _KVASER_FLAGS = {
