@@ -291,7 +291,7 @@ def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
 
 
-@pytest.mark.parametrize("write", [parquet, mat, hdf5, tdms])
+@pytest.mark.parametrize("write", [parquet, tdms, *(pytest.param(one, marks=pytest.mark.slow) for one in (mat, hdf5))])
 @pytest.mark.parametrize("kept", [0.98, 0.5, 0.05])
 def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Path], None], kept: float) -> None:
     suffix = {parquet: ".parquet", mat: ".mat", hdf5: ".h5", tdms: ".tdms"}[write]
@@ -334,7 +334,7 @@ def test_logs_of_frames_are_no_series(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("head", [b"MATLAB 5.0 MAT-file", b"\x89HDF\r\n\x1a\n"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: bytes, seed: int) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(head + np.random.default_rng(seed).bytes(500))
@@ -346,9 +346,9 @@ def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: byte
     ("crash", "found"),
     [
         ("import os; os.abort()", "exit code -6"),
-        ("while True: pass", "it gave nothing for"),
+        pytest.param("while True: pass", "it gave nothing for", marks=pytest.mark.slow),
         ("raise ValueError('the block at 12 is none')", "the block at 12 is none"),
-        ("[bytearray(1 << 30) for _ in range(64)]", "MemoryError"),
+        pytest.param("[bytearray(1 << 30) for _ in range(64)]", "MemoryError", marks=pytest.mark.slow),
     ],
 )
 def test_a_library_that_breaks_down_is_an_error(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,7 @@ def _by_time(
     else:
         times = [column.name for column in columns if column.name in stated or is_time_name(_leaf(column.name))]
     longest = max(column.length for column in columns)
+    places = {column.name: i for i, column in enumerate(columns)}
     for i, column in enumerate(columns):
         if column.name in times:
             continue
@@ -127,15 +129,7 @@ def _by_time(
         if not possible:
             report.skipped[column.name] = "of another length than the time"
             continue
-        before = [other.name for other in columns[:i]]
-        time = max(
-            possible,
-            key=lambda one: (
-                _common(one, column.name),
-                one in before,
-                before[::-1].index(one) * -1 if one in before else 0,
-            ),
-        )
+        time = max(possible, key=partial(_nearness, column.name, i, places))
         groups.setdefault(time, []).append(column)
     if not groups:
         found = ", ".join(f"{column.name} ({column.length})" for column in columns[:12])
@@ -145,6 +139,12 @@ def _by_time(
 def _topic(time: str) -> str:
     """Return the name of a topic: that of the struct or group whose time it is, else of the time column."""
     return (time.rpartition(".")[0] if _leaf(time).lower() in ("time", "t", "timestamps") else "") or time or "table"
+
+
+def _nearness(name: str, place: int, places: Mapping[str, int], time: str) -> tuple[int, int]:
+    """Return how near a time column is to a column: by what their paths share, then by coming just before it."""
+    at = places.get(time, -1)
+    return _common(time, name), at if at < place else -1
 
 
 def _leaf(name: str) -> str:
