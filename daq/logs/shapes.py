@@ -153,13 +153,14 @@ def _read_equally_long(lines: Lines, rows: Rows, grammar: Grammar) -> tuple[list
     for _ in range(_SHAPES_A_LENGTH):
         middle = len(rows) // 2  # numbers have more digits there than at the begin: most lines look like it
         match = grammar.match(lines.line(int(rows[middle])))
-        if match is None:
-            unread.append(int(rows[middle]))
+        found, refused, others = _read_shape(lines, rows, match, grammar) if match else ([], rows, rows)
+        if match is None or not any(len(part.rows) for part in found):
+            unread.append(int(rows[middle]))  # of an impossible line what looks like it may be read otherwise
             rows = np.delete(rows, middle)
         else:
-            found, refused, rows = _read_shape(lines, rows, match, grammar)
             parts.extend(found)
             unread.extend(refused.tolist())
+            rows = others
         if not len(rows):
             return parts, np.array(unread, np.intp)
     shapes: dict[object, tuple[re.Match[bytes], list[int]]] = {}

@@ -96,6 +96,15 @@ def test_a_damaged_line_costs_itself_at_most_and_is_counted(data: st.DataObject,
     assert found == rest
 
 
+def test_an_impossible_line_takes_none_with_it_that_looks_like_it() -> None:
+    lines = ["      0         0.000 DT  1     0000 Tx -  4 0  00 00 00 00"]
+    lines += [f"      {i}         {i}.000 DT  1     0000 Tx -  4    00 00 00 00" for i in range(1, 4)]
+    for order in (lines, lines[::-1], lines[1:3] + lines[:1] + lines[3:]):
+        head = ";$FILEVERSION=2.1\n;$STARTTIME=43008.9\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+        batch, report = read(".trc", (head + "\n".join(order)).encode())
+        assert (len(batch), report.bad) == (3, 1)
+
+
 @pytest.mark.parametrize(
     ("line", "frames", "bad"),
     [
