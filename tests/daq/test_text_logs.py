@@ -136,6 +136,12 @@ def test_lines_of_an_asc_file(line: str, frames: int, bad: int) -> None:
     assert (len(batch), report.bad) == (frames, bad)
 
 
+def test_a_letter_among_the_digits_of_a_time_makes_a_line_bad() -> None:
+    good, bad = " 0.100000 1 123 Rx d 1 01", " 0.1A0000 1 123 Rx d 1 01"
+    batch, report = read(".asc", "\n".join(["base hex timestamps absolute", good, bad, good, good]).encode())
+    assert len(batch) == 3 and report.bad == 1 and report.first_bad.startswith("line 3")
+
+
 def test_the_base_of_an_asc_file_holds_for_its_data_too() -> None:
     text = "base dec  timestamps absolute\n 0.1 1 291 Rx d 3 1 20 255\n 0.2 1 292 Rx d 1 256\n"
     batch, report = read(".asc", text.encode())
