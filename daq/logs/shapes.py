@@ -33,7 +33,6 @@ _LOOKED_AT = 256
 
 FREE = 255
 """Of a character that may be anything."""
-DECIMAL, HEXADECIMAL = 9, 15
 
 _NIBBLES = bytes(int(chr(code), 16) if chr(code) in hexdigits else 0xFF for code in range(256))
 """Value of each hexadecimal digit."""

@@ -138,8 +138,8 @@ def test_lines_of_an_asc_file(line: str, frames: int, bad: int) -> None:
 
 def test_a_letter_among_the_digits_of_a_time_makes_a_line_bad() -> None:
     good, bad = " 0.100000 1 123 Rx d 1 01", " 0.1A0000 1 123 Rx d 1 01"
-    batch, report = read(".asc", "\n".join(["base hex timestamps absolute", good, bad, good, good]).encode())
-    assert len(batch) == 3 and report.bad == 1 and report.first_bad.startswith("line 3")
+    batch, report = read(".asc", "\n".join(["base hex timestamps absolute", bad, *[good] * 4]).encode())
+    assert len(batch) == 4 and report.bad == 1 and report.first_bad.startswith("line 2")
 
 
 def test_the_base_of_an_asc_file_holds_for_its_data_too() -> None:
