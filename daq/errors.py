@@ -145,6 +145,12 @@ def every_error_as(
         raise kind.of(what, where(), found, next_step=next_step) from error
 
 
+def not_installed(files: str, package: str, where: object, extra: str) -> ConfigError:
+    """Return the error of files that are read through a package of one of our extras."""
+    what = f"{files} are read through {package}, which is not installed"
+    return ConfigError.of(what, where, next_step=f"pip install 'wheelsoil[{extra}]'")
+
+
 def shortened(found: str) -> str:
     """Return a found value for a message; of a long one the beginning and its length."""
     return found if len(found) <= _LONGEST_FOUND else f"{found[:_LONGEST_FOUND]}... ({len(found):,} characters)"

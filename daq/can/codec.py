@@ -157,7 +157,8 @@ class Decoder:
                 self._targets.append((bus, name, chosen))
             coded.append((bus, message, len(self._targets) if chosen else UNKNOWN))
         self._identifier = Identifier(coded)
-        self._long = _LongMessages([(bus, m) for bus, _, m in named], coded) if _any_long(named) else None
+        long = [(bus, message) for bus, _, message in named if message.length > _CLASSICAL_BYTES]
+        self._long = _LongMessages(long, coded, self._identifier) if long else None
 
     def decode(self, batch: FrameBatch) -> dict[tuple[str, str], Channel]:
         """Decode a batch.
@@ -205,10 +206,6 @@ def decode(
     return Decoder(databases, wanted).decode(batch)
 
 
-def _any_long(named: Sequence[tuple[str, str, Message]]) -> bool:
-    return any(message.length > _CLASSICAL_BYTES for _, _, message in named)
-
-
 def _merged(one: Channel, other: Channel) -> Channel:
     """Return the samples of both in order of time."""
     time_ns, values = np.concatenate([one.time_ns, other.time_ns]), np.concatenate([one.values, other.values])
@@ -219,14 +216,15 @@ def _merged(one: Channel, other: Channel) -> Channel:
 class _LongMessages:
     """Messages that do not fit a classical frame, put together from several, see `daq.can.transport`."""
 
-    def __init__(self, named: Sequence[tuple[str, Message]], coded: Sequence[tuple[str, Message, int]]) -> None:
-        long = [(bus, message) for bus, message in named if message.length > _CLASSICAL_BYTES]
+    def __init__(
+        self, long: Sequence[tuple[str, Message]], coded: Sequence[tuple[str, Message, int]], identifier: Identifier
+    ) -> None:
         iso: dict[str, dict[tuple[int, bool], int]] = {}
         for bus, message in long:
             if not message.j1939:
                 iso.setdefault(bus, {})[message.can_id, message.extended] = message.length
         self._transport = Transport(iso, {bus for bus, message in long if message.j1939})
-        self._of_identifier = Identifier(coded)
+        self._identifier = identifier
         self._codes = {(bus, m.can_id, m.extended): code for bus, m, code in coded}
         self._pieces = np.zeros(max((code for _, _, code in coded), default=0) + 1, np.bool_)
 
@@ -245,7 +243,7 @@ class _LongMessages:
             heads["can_id"] = [one.can_id for one in complete]
             heads["flags"] = [int(FrameFlag.EXTENDED) * one.extended for one in complete]
             heads["bus"] = [batch.buses.index(one.bus) for one in complete]
-            for code, one in zip(self._of_identifier.codes(heads, batch.buses).tolist(), complete, strict=True):
+            for code, one in zip(self._identifier.codes(heads, batch.buses).tolist(), complete, strict=True):
                 if code != UNKNOWN:
                     found.setdefault(code, []).append(one)
         return found

@@ -18,7 +18,7 @@ from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
 from daq.logs.report import LogReport
-from daq.logs.shapes import FREE, Nibbles, Span, Varying, data_bytes, frames_of, number, text_blocks
+from daq.logs.shapes import FREE, Nibbles, Varying, byte_spans, data_bytes, frames_of, number, text_blocks
 
 _HEAD = rb"\s*(?P<seconds>\d{1,10})\.(?P<fraction>\d{1,9})\s+"
 _TAIL = rb"(?P<rest>\s.*)?\s*\Z"
@@ -50,7 +50,6 @@ def _patterns(digit: bytes, byte: bytes) -> tuple[re.Pattern[bytes], re.Pattern[
 
 
 _GRAMMARS = {16: _patterns(rb"[0-9A-Fa-f]", rb"[0-9A-Fa-f]{2}"), 10: _patterns(rb"\d", rb"\d{1,3}")}
-_TOKEN = re.compile(rb"\S+")
 _LETTER = re.compile(rb"[ \t]*[A-Za-z]")
 _BASE = re.compile(rb"\s*base\s+(?P<base>hex|dec)\b(?:\s+timestamps\s+(?P<stamps>absolute|relative))?", re.IGNORECASE)
 _DATE = re.compile(
@@ -93,7 +92,7 @@ class _Asc:
             found.append(Varying(*match.span("rest"), FREE))
         if match["error"] is None:
             found.append(Varying(*match.span("id"), self.base - 1))
-            found += [Varying(*span, self.base - 1) for span in _tokens(match)]
+            found += [Varying(*span, self.base - 1) for span in byte_spans(match)]
             if "name" in match.re.groupindex and match["name"]:
                 found.append(Varying(*match.span("name"), FREE))
         return found
@@ -148,7 +147,7 @@ class _Asc:
 
     def _data(self, frames: FrameArray, nibbles: Nibbles, match: re.Match[bytes], length: int) -> BoolArray:
         """Fill in the data; a line with fewer bytes than it says is impossible."""
-        spans = _tokens(match)[:length]
+        spans = byte_spans(match)[:length]
         if len(spans) < length or length > frames["data"].shape[1]:
             return np.zeros(len(frames), np.bool_)
         frames["length"] = length
@@ -160,11 +159,6 @@ class _Asc:
         values = np.stack([number(nibbles, span, 10) for span in spans], axis=1)
         frames["data"][:, :length] = values
         return np.asarray((values <= 255).all(axis=1))
-
-
-def _tokens(match: re.Match[bytes]) -> list[Span]:
-    start, end = match.span("data")
-    return [token.span() for token in _TOKEN.finditer(match.string, start, end)] if start >= 0 else []
 
 
 def read_asc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:

@@ -14,7 +14,7 @@ from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
 from daq.logs.report import LogReport
-from daq.logs.shapes import Nibbles, Varying, data_bytes, frames_of, number, text_blocks
+from daq.logs.shapes import Nibbles, Varying, byte_spans, data_bytes, frames_of, number, text_blocks
 
 MARK = re.compile(rb"\*\*\*BUSMASTER Ver")
 _LINE = re.compile(
@@ -23,7 +23,6 @@ _LINE = re.compile(
     rb"(?P<data>(?:\s+[0-9A-Fa-f]{2}(?=\s|\Z)){0,8})\s*\Z"
 )
 _START = re.compile(rb"\*\*\*START DATE AND TIME (\d+):(\d+):(\d+) (\d+):(\d+):(\d+):(\d+)\s*\*\*\*")
-_TOKEN = re.compile(rb"\S+")
 _HEADER_BYTES = 64 << 10
 
 
@@ -37,8 +36,7 @@ class _BusMaster:
 
     def varying(self, match: re.Match[bytes]) -> list[Varying]:
         found = [Varying(*match.span(n), 9) for n in ("hour", "minute", "second", "fraction", "channel")]
-        tokens = _TOKEN.finditer(match.string, *match.span("data"))
-        return [*found, Varying(*match.span("id"), 15), *(Varying(*token.span(), 15) for token in tokens)]
+        return [*found, Varying(*match.span("id"), 15), *(Varying(*span, 15) for span in byte_spans(match))]
 
     def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, IntArray]:
         return "can", np.maximum(number(nibbles, match.span("channel"), 10) - 1, 0)
@@ -59,7 +57,7 @@ class _BusMaster:
         flags |= FrameFlag.TRANSMITTED if match["direction"] == b"Tx" else FrameFlag(0)
         frames["flags"] = np.uint8(flags)
         length = frames["length"][:] = int(match["length"])
-        spans = [token.span() for token in _TOKEN.finditer(match.string, *match.span("data"))][:length]
+        spans = byte_spans(match)[:length]
         sane = (can_id <= (0x1FFF_FFFF if extended else 0x7FF)) & (minute < 60) & (second < 60)
         if remote:
             return frames, sane

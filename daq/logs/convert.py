@@ -13,7 +13,7 @@ from daq.can.identify import Coverage, coverage
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import DataError, Fault
 from daq.logs import FrameColumns, LogReport, read_log
-from daq.recording import RecordingWriter
+from daq.recording import whole_recording
 from daq.recording.decoded_topics import DecodedWriter
 from daq.runs.run import LENIENT_KEY, Configuration
 
@@ -81,32 +81,25 @@ def import_logs(
     reports: list[LogReport] = []
     seen = Coverage()
     metadata = {"source": ", ".join(log.name for log in logs)} | ({LENIENT_KEY: "yes"} if known.lenient else {})
-    writer = RecordingWriter(
+    with whole_recording(
         target,
         run=run,
         attachments=known.attachments,
         metadata=metadata,
-        flush_every_s=None,
-        sync_every_s=None,
         decoded_rate_hz=view_rate_hz,
         overwrite=overwrite,
-    )
-    try:
-        with writer:
-            vehicle = known.vehicle or VehicleConfig()
-            view = DecodedWriter(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
-            decoder = Decoder(known.databases)
-            for batch in _batches(logs, rename, columns, reports):
-                writer.write_frames(batch)
-                seen = seen + coverage(batch, known.databases)
-                if view:
-                    view.write(decoder.decode(batch))
-                if watch:
-                    watch(sum(report.frames for report in reports))
-            _check_renamed(rename, reports)
-    except BaseException:
-        target.unlink(missing_ok=True)
-        raise
+    ) as writer:
+        vehicle = known.vehicle or VehicleConfig()
+        view = DecodedWriter(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
+        decoder = Decoder(known.databases)
+        for batch in _batches(logs, rename, columns, reports):
+            writer.write_frames(batch)
+            seen = seen + coverage(batch, known.databases)
+            if view:
+                view.write(decoder.decode(batch))
+            if watch:
+                watch(sum(report.frames for report in reports))
+        _check_renamed(rename, reports)
     frames = writer.frame_counts
     return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))
 

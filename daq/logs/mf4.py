@@ -23,7 +23,7 @@ from typing import IO, Any, BinaryIO, NamedTuple
 import numpy as np
 
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
-from daq.errors import ConfigError, RecordingError
+from daq.errors import RecordingError, not_installed
 from daq.limits import MF4_BYTES_PER_S, MF4_MEMORY_BYTES, MF4_PATIENCE_S
 from daq.logs.report import LogReport
 
@@ -60,8 +60,7 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
         If asammdf cannot read the file, crashes on it, or gives nothing for `MF4_PATIENCE_S`.
     """
     if importlib.util.find_spec("asammdf") is None:
-        what = "MF4 files are read through asammdf, which is not installed"
-        raise ConfigError.of(what, report.path, next_step="pip install 'wheelsoil[mf4]'")
+        raise not_installed("MF4 files", "asammdf", report.path, "mf4")
     file.close()  # asammdf wants the path
     for piece in _pieces(report.path):
         if piece.error:

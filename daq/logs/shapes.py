@@ -31,6 +31,8 @@ _SHOWN = 80
 _LOOKED_AT = 256
 """Bytes of a line that is no frame by which its kind is told."""
 
+_WORDS = re.compile(rb"\S+")
+
 FREE = 255
 """Of a character that may be anything."""
 
@@ -239,6 +241,12 @@ def number(nibbles: Nibbles, span: Span, base: int) -> IntArray:
         total *= base ** (end - start)
         total += four
     return total
+
+
+def byte_spans(match: re.Match[bytes]) -> list[Span]:
+    """Return where each word of the group "data" lies; none where a line has no data."""
+    start, end = match.span("data")
+    return [word.span() for word in _WORDS.finditer(match.string, start, end)] if start >= 0 else []
 
 
 def data_bytes(nibbles: Nibbles, spans: Sequence[Span]) -> NDArray[np.uint8]:

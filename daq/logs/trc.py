@@ -16,7 +16,7 @@ from daq.arrays import BoolArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import RecordingError
 from daq.logs.report import LogReport
-from daq.logs.shapes import FREE, Nibbles, Span, Varying, data_bytes, frames_of, number, text_blocks
+from daq.logs.shapes import FREE, Nibbles, Varying, byte_spans, data_bytes, frames_of, number, text_blocks
 
 _BYTE = rb"[0-9A-Fa-f]{2}"
 _NUMBER = rb"\s*(?P<number>\d+)\)?\s+"
@@ -43,11 +43,8 @@ _OF_COLUMN = {
     "A": rb"\S+",
     "D": b"",
 }
-_EVENT = re.compile(
-    rb"\s*\d+\)?\s+\d+(?:[.,]\d+)?\s+(?:\d+\s+)?(?P<kind>Warng|Error|ST|EC|ER|EV|[0-9A-Fa-f]{8}(?=\s+4\s))\b"
-)
+_EVENT = re.compile(rb"\s*\d+\)?\s+\d+(?:[.,]\d+)?\s+(?:\d+\s+)?(?P<kind>Warng|Error|ST|EC|ER|EV|FFFFFFFF)\b")
 _BUS_STATE = b"FFFFFFFF"
-_TOKEN = re.compile(rb"\S+")
 _FLAGS = {
     b"FD": FrameFlag.FD,
     b"FB": FrameFlag.FD | FrameFlag.BITRATE_SWITCH,
@@ -77,7 +74,7 @@ class _Trc:
     def varying(self, match: re.Match[bytes]) -> list[Varying]:
         numbers = [name for name in ("number", "ms", "fraction", "bus") if match.re.groupindex.get(name)]
         found = [Varying(*match.span(name), 9) for name in numbers if match[name] is not None]
-        found += [Varying(*match.span("id"), 15), *(Varying(*span, 15) for span in _tokens(match))]
+        found += [Varying(*match.span("id"), 15), *(Varying(*span, 15) for span in byte_spans(match))]
         return [*found, Varying(*match.span("rest"), FREE)] if match["rest"] is not None else found
 
     def buses(self, nibbles: Nibbles, match: re.Match[bytes]) -> tuple[str, IntArray | None]:
@@ -114,7 +111,7 @@ class _Trc:
         most = frames["data"].shape[1]
         if not flags & FrameFlag.FD:
             length = min(length, most) if length <= 64 else 255
-        spans = _tokens(match)[:length]
+        spans = byte_spans(match)[:length]
         remote = bool(flags & FrameFlag.REMOTE)
         if length > most or (len(spans) < length and not remote):
             return frames, np.zeros(len(frames), np.bool_)
@@ -122,11 +119,6 @@ class _Trc:
         if spans and not remote:
             frames["data"][:, :length] = data_bytes(nibbles, spans)
         return frames, sane
-
-
-def _tokens(match: re.Match[bytes]) -> list[Span]:
-    start, end = match.span("data")
-    return [token.span() for token in _TOKEN.finditer(match.string, start, end)] if start >= 0 else []
 
 
 def read_trc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:

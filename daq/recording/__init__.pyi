@@ -20,3 +20,4 @@ from .run_recording import Gap as Gap
 from .run_recording import RunRecording as RunRecording
 from .writer import FRAMES_PER_MESSAGE as FRAMES_PER_MESSAGE
 from .writer import RecordingWriter as RecordingWriter
+from .writer import whole_recording as whole_recording

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -370,3 +371,35 @@ class RecordingWriter:
         """Note whether Ctrl-C interrupted the previous write: the counts are not recorded then."""
         self._counts_hold &= self._settled
         self._settled = False
+
+
+@contextmanager
+def whole_recording(
+    path: Path,
+    *,
+    run: RunInfo,
+    attachments: Mapping[str, bytes],
+    metadata: Mapping[str, str],
+    decoded_rate_hz: float | None = None,
+    overwrite: bool = False,
+) -> Iterator[RecordingWriter]:
+    """Write a recording in one go, as fast as it can be; nothing is left behind when that fails.
+
+    Parameters and errors are those of `RecordingWriter`.
+    """
+    writer = RecordingWriter(
+        path,
+        run=run,
+        attachments=attachments,
+        metadata=metadata,
+        flush_every_s=None,
+        sync_every_s=None,
+        decoded_rate_hz=decoded_rate_hz,
+        overwrite=overwrite,
+    )
+    try:
+        with writer:
+            yield writer
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise

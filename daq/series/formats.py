@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from daq.can.roles import plain_name
@@ -47,9 +48,7 @@ SERIES_FORMATS = (
     SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", apart("daq.series.readers.mdf:read_mdf")),
     SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited),
 )
-_TEXT = SERIES_FORMATS[-1]
-_BAG = SERIES_FORMATS[6]
-_MDF = SERIES_FORMATS[7]
+_, _MATLAB, _HDF5, _, _, _, _BAG, _MDF, _TEXT = SERIES_FORMATS
 SERIES_SUFFIXES = tuple(suffix for known in SERIES_FORMATS for suffix in known.suffixes)
 BAG_METADATA = "metadata.yaml"
 """In the folder of a ROS 2 bag."""
@@ -70,17 +69,21 @@ def series_format(path: Path) -> SeriesFormat | None:
     if head.startswith(MAGIC):
         return _BAG if _is_foreign(path, head) else None
     if head.startswith(b"\x89HDF"):
-        return next(known for known in SERIES_FORMATS if known.name == ("MATLAB" if path.suffix == ".mat" else "HDF5"))
+        return _MATLAB if path.suffix == ".mat" else _HDF5
     for known in SERIES_FORMATS:
         if known.magic and head.startswith(known.magic):
-            return None if known is _MDF and not _holds_channels(path) else known
+            return None if known is _MDF and not _holds_channels(path, path.stat().st_mtime_ns) else known
     name = path.name.lower().removesuffix(".gz")
     is_text = any(name.endswith(suffix) for suffix in _TEXT.suffixes) and not is_frame_table(head)
     return _TEXT if is_text else None
 
 
-def _holds_channels(path: Path) -> bool:
-    """Return whether an MF4 file holds decoded channels and no frames; False without asammdf."""
+@lru_cache(maxsize=256)
+def _holds_channels(path: Path, _changed_ns: int) -> bool:
+    """Return whether an MF4 file holds decoded channels and no frames; False without asammdf.
+
+    A file is looked at once while it stays as it is: asammdf starts in a process of its own, which takes seconds.
+    """
     if importlib.util.find_spec("asammdf") is None:
         return False
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
-from daq.recording import RecordingWriter
+from daq.recording import whole_recording
 from daq.recording.format import SERIES_BUS
 from daq.runs.run import Configuration
 from daq.series.formats import read_all
@@ -61,28 +61,15 @@ def import_series(
     vehicle = known.vehicle or VehicleConfig()
     series, reports = read_all(files, vehicle.series)
     metadata = {"source": ", ".join(file.name for file in files)}
-    writer = RecordingWriter(
-        target,
-        run=run,
-        attachments=known.attachments,
-        metadata=metadata,
-        flush_every_s=None,
-        sync_every_s=None,
-        decoded_rate_hz=None,
-        overwrite=overwrite,
-    )
+    carried = known.attachments
     rows = dict.fromkeys(series.topics, 0)
-    try:
-        with writer:
-            for blocks in series.blocks():
-                for block in blocks:
-                    units = series.topics[block.topic]
-                    writer.decoded.write(block.topic, SERIES_BUS, block.time_ns, block.columns, units)
-                    rows[block.topic] += len(block)
-                if watch:
-                    watch(sum(rows.values()))
-    except BaseException:
-        target.unlink(missing_ok=True)
-        raise
+    with whole_recording(target, run=run, attachments=carried, metadata=metadata, overwrite=overwrite) as writer:
+        for blocks in series.blocks():
+            for block in blocks:
+                units = series.topics[block.topic]
+                writer.decoded.write(block.topic, SERIES_BUS, block.time_ns, block.columns, units)
+                rows[block.topic] += len(block)
+            if watch:
+                watch(sum(rows.values()))
     remarks = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
     return ImportedSeries(target, series.topics, rows, tuple(remarks))

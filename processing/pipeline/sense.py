@@ -13,9 +13,9 @@ import numpy as np
 from daq import BoolArray, FloatArray, Note, Severity, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.kinematics import least_slip_speed, pace_of
+from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2
 from processing.processed_run import ProcessedRun, Segment
 
-GRAVITY_MPS2 = 9.80665
 _ROLLING = (0.8, 1.25)
 _LEAST_SAMPLES = 50
 _LITTLE_TRACTION = 0.1
@@ -89,7 +89,7 @@ def _load(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
     load, mass_kg = _usual(run.vertical_load_n), vehicle.vehicle.mass_kg
     if mass_kg is None or not load > 0:
         return []
-    share = load / ((mass_kg + max(run.run.added_load_kg, 0.0)) * GRAVITY_MPS2)
+    share = load / ((mass_kg + max(run.run.added_load_kg, 0.0)) * STANDARD_GRAVITY_MPS2)
     if _LOAD_SHARE[0] <= share <= _LOAD_SHARE[1]:
         return []
     return [Note(RunCode.LOAD_AGAINST_MASS, Severity.FAULT, {"load_n": load, "mass_kg": mass_kg, "share": share})]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from daq.config import SeriesSection
-from daq.errors import ConfigError, DataError, RecordingError
+from daq.errors import DataError, RecordingError, not_installed
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
 
 _LONGEST_ARRAY = 64
@@ -36,8 +36,7 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        what = "ROS bags are read through rosbags, which is not installed"
-        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[series]'") from None
+        raise not_installed("ROS bags", "rosbags", path, "series") from None
 
     def opened() -> Any:
         return AnyReader([path], default_typestore=get_typestore(Stores.LATEST))

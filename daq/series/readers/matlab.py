@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from daq.config import SeriesSection
-from daq.errors import ConfigError, RecordingError
+from daq.errors import RecordingError, not_installed
 from daq.series.blocks import Series, SeriesReport
 from daq.series.readers.groups import Column, array_column, series_of
 
@@ -133,8 +133,7 @@ def read_hdf5(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     try:
         import h5py
     except ImportError:
-        what = "HDF5 and MAT v7.3 files are read through h5py, which is not installed"
-        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[series]'") from None
+        raise not_installed("HDF5 and MAT v7.3 files", "h5py", path, "series") from None
     columns: list[Column] = []
     try:
         with h5py.File(path, "r") as file:

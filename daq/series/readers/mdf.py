@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from daq.config import SeriesSection
-from daq.errors import ConfigError, DataError, RecordingError, WheelsoilError
+from daq.errors import DataError, RecordingError, WheelsoilError, not_installed
+from daq.formatting import numbered
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
 
 _BUS_EVENT = 2
@@ -31,8 +32,7 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     try:
         import asammdf
     except ImportError:
-        what = "MF4 files are read through asammdf, which is not installed"
-        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[mf4]'") from None
+        raise not_installed("MF4 files", "asammdf", path, "mf4") from None
     groups: dict[str, tuple[int, dict[str, str]]] = {}
     try:
         with asammdf.MDF(path) as mdf:
@@ -43,7 +43,7 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                 if group.channel_group.cycles_nr:
                     units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
                     if units:
-                        groups[group.channel_group.acq_name or f"group_{index}"] = (index, units)
+                        groups[numbered(group.channel_group.acq_name or f"group_{index}", groups)] = (index, units)
     except WheelsoilError:
         raise
     except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file

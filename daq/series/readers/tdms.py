@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from daq.config import SeriesSection
-from daq.errors import ConfigError, RecordingError
+from daq.errors import RecordingError, not_installed
 from daq.series.blocks import Series, SeriesReport
 from daq.series.readers.groups import Clock, Column, series_of
 
@@ -30,8 +30,7 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     try:
         import nptdms
     except ImportError:
-        what = "TDMS files are read through npTDMS, which is not installed"
-        raise ConfigError.of(what, path, next_step="pip install 'wheelsoil[series]'") from None
+        raise not_installed("TDMS files", "npTDMS", path, "series") from None
     columns: list[Column] = []
     clocks: dict[str, Clock] = {}
     try:
