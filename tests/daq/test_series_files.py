@@ -361,3 +361,18 @@ def test_a_library_that_breaks_down_is_an_error(
     with pytest.raises(RecordingError, match=found) as caught:
         apart_module.apart("breaking:read")(tmp_path / "run.mat", SeriesSection(), SeriesReport("run.mat", "MATLAB"))
     assert "run.mat" in str(caught.value)
+
+
+def test_channel_groups_of_an_mf4_file_that_share_their_name_keep_all_their_channels(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf", reason="the extra wheelsoil[mf4] is not installed")
+    path, time_s = tmp_path / "run.mf4", np.arange(200) / 50.0
+    with asammdf.MDF(version="4.10") as file:
+        for name, unit, rows in (("FZ", "kN", 200), ("v", "m/s", 100)):
+            channel = asammdf.Signal(np.sin(time_s[:rows]), time_s[:rows], unit=unit, name=name)
+            file.append([channel], acq_name="wheel")
+        file.save(path)
+    series = read_series(path)
+    assert series.topics == {"wheel": {"FZ": "kN"}, "wheel_2": {"v": "m/s"}}
+    found = {name: one for blocks in series.blocks() for block in blocks for name, one in block.columns.items()}
+    assert found["FZ"] == pytest.approx(np.sin(time_s)[-len(found["FZ"]) :])
+    assert series.report.rows == {"wheel": 200, "wheel_2": 100}

@@ -56,9 +56,8 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                 values: dict[str, Any] = {}
                 seconds = np.zeros(0)
                 for name in names:
-                    one = mdf.get(
-                        name, index, record_offset=offset, record_count=BLOCK_ROWS, ignore_value2text_conversions=True
-                    )
+                    stored = mdf.get(name, index, record_offset=offset, record_count=BLOCK_ROWS, raw=True)
+                    one = stored.physical(copy=False, ignore_value2text_conversions=True)
                     seconds = one.timestamps
                     if one.samples.dtype.kind in "fiub" and one.samples.ndim == 1:
                         values[name] = one.samples.astype(np.float64)
