@@ -23,17 +23,11 @@ MOST_IDS = 10_000
 MOST_KINDS = 64
 """Kinds of objects or lines that a report lists by name. BLF defines 130, a log has fewer than ten."""
 
-MF4_PATIENCE_S, MF4_BYTES_PER_S = 25.0, 10e6
-"""How long asammdf may give nothing: for any file, and how fast it reads a large one before its first frame."""
+LIBRARY_PATIENCE_S, LIBRARY_BYTES_PER_S = 25.0, 10e6
+"""How long a library that reads a foreign format may give nothing: for any file, and how fast it reads a large one."""
 
-MF4_MEMORY_BYTES = 2 << 30
-"""Address space for asammdf beside twice the size of the file; its libraries take 0.4 GB, frames come in pieces."""
-
-SERIES_PATIENCE_S = 15.0
-"""How long a library that reads decoded series may give nothing, beside what a large file takes."""
-
-SERIES_MEMORY_BYTES = 4 << 30
-"""Address space for a library that reads decoded series, beside four times the size of the file."""
+LIBRARY_MEMORY_BYTES = 2 << 30
+"""Address space for such a library beside four times the size of the file; asammdf and its imports take 0.4 GB."""
 
 LONGEST_MESSAGE_BYTES = 4095
 """Of a message in a DBC: what ISO-TP can carry; J1939's transport protocol carries 1785, a CAN FD frame 64."""

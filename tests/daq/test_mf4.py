@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+import daq.child_process
 from daq.errors import RecordingError
-from daq.logs import mf4, read_log
+from daq.logs import read_log
 
 CRASHES = {
     "os.kill(os.getpid(), signal.SIGSEGV)": "its process ended with signal SIGSEGV",
@@ -32,7 +33,7 @@ def test_whatever_asammdf_does_is_an_error_with_the_file(
     (tmp_path / "asammdf.py").write_text(module)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "asammdf", raising=False)
-    monkeypatch.setattr(mf4, "MF4_PATIENCE_S", 3.0 if "gave nothing" in CRASHES[crash] else 60.0)
+    monkeypatch.setattr(daq.child_process, "LIBRARY_PATIENCE_S", 3.0 if "gave nothing" in CRASHES[crash] else 60.0)
     path = tmp_path / "drive.mf4"
     path.write_bytes(b"MDF     4.11    CE      ".ljust(4096, b"\0"))
     with pytest.raises(RecordingError, match="asammdf cannot read this MF4 file") as caught:
