@@ -16,6 +16,7 @@ from .channels import ChannelDefinition as ChannelDefinition
 from .channels import Use as Use
 from .clock import ClockFit as ClockFit
 from .clock import fit_clock as fit_clock
+from .config import LEAST_LOAD_SHARE as LEAST_LOAD_SHARE
 from .config import SOIL_KEYS as SOIL_KEYS
 from .config import Brakes as Brakes
 from .config import BusSection as BusSection
@@ -54,6 +55,7 @@ from .host_clock import UncertainTimestamps as UncertainTimestamps
 from .notes import Note as Note
 from .notes import RecordingCode as RecordingCode
 from .notes import Severity as Severity
+from .units import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .units import Quantity as Quantity
 from .units import Unit as Unit
 from .units import find_unit as find_unit

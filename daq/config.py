@@ -52,6 +52,10 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+LEAST_LOAD_SHARE = 0.03
+"""Of a vehicle's mass on a wheel that stands on the ground."""
+
+
 class VehicleSection(Section):
     """``[vehicle]``."""
 

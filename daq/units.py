@@ -15,6 +15,8 @@ from functools import cache
 
 from daq.errors import nearest
 
+STANDARD_GRAVITY_MPS2 = 9.80665
+
 
 class Quantity(Enum):
     """What a number measures; the value is its SI unit here."""

@@ -467,6 +467,12 @@ def messages_by_bus(databases: Mapping[str, Sequence[Database]]) -> dict[str, di
     return {bus: _named(list(messages.values())) for bus, messages in merged.items()}
 
 
+def signals_of(databases: Mapping[str, Sequence[Database]]) -> dict[tuple[str, str], tuple[str, ...]]:
+    """Return the names of the signals by bus and message; raises as `messages_by_bus`."""
+    merged = messages_by_bus(databases)
+    return {(bus, name): tuple(m.by_name) for bus, known in merged.items() for name, m in known.items()}
+
+
 def _merge(bus: str, files: Sequence[Database], faults: list[Fault]) -> dict[int, Message]:
     owner: dict[int, tuple[Message, str]] = {}
     for database in files:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from daq.can.codec import Decoder
-from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus
+from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus, signals_of
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.channels import ROLES, Channel
@@ -210,8 +210,7 @@ class Run:
             signals = {("", topic): tuple(units) for topic, units in self.series.topics.items()}
         else:
             references = resolve_roles(self.vehicle, self.databases, (), ROLES)
-            messages = messages_by_bus(self.databases)
-            signals = {(bus, name): tuple(m.by_name) for bus, known in messages.items() for name, m in known.items()}
+            signals = signals_of(self.databases)
         unused = unused_validity(references, signals)
         return [Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else []
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from daq import STANDARD_GRAVITY_MPS2
 from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG
-from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState

@@ -6,5 +6,4 @@ from .kinematics import slip_of as slip_of
 from .pipeline import process as process
 from .pipeline import process_stream as process_stream
 from .quality import shares_of as shares_of
-from .wheel_frames import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .wheel_frames import wheel_angle as wheel_angle

@@ -10,10 +10,9 @@ from math import nan
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, Note, Severity, VehicleConfig
+from daq import LEAST_LOAD_SHARE, STANDARD_GRAVITY_MPS2, BoolArray, FloatArray, Note, Severity, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.kinematics import least_slip_speed, pace_of
-from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2
 from processing.processed_run import ProcessedRun, Segment
 
 _ROLLING = (0.8, 1.25)
@@ -37,8 +36,6 @@ _UNIT_FACTORS = {
     "turns for rad": 1 / (2 * np.pi),
     "deg for rad": 180 / np.pi,
 }
-_LOAD_SHARE = (0.03, 1.0)
-"""What one wheel may carry of the mass."""
 _MOST_FORCE = 1.5
 """Drawbar pull, or torque over the radius, in loads: no soil and no road gives more."""
 _MOSTLY = 0.5
@@ -90,7 +87,7 @@ def _load(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
     if mass_kg is None or not load > 0:
         return []
     share = load / ((mass_kg + max(run.run.added_load_kg, 0.0)) * STANDARD_GRAVITY_MPS2)
-    if _LOAD_SHARE[0] <= share <= _LOAD_SHARE[1]:
+    if LEAST_LOAD_SHARE <= share <= 1:
         return []
     return [Note(RunCode.LOAD_AGAINST_MASS, Severity.FAULT, {"load_n": load, "mass_kg": mass_kg, "share": share})]
 

@@ -30,12 +30,11 @@ from typing import Literal
 
 import numpy as np
 
-from daq import Channel, FloatArray, IntArray, Note, TransducerSection, WheelSection
+from daq import STANDARD_GRAVITY_MPS2, Channel, FloatArray, IntArray, Note, TransducerSection, WheelSection
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
-STANDARD_GRAVITY_MPS2 = 9.80665
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
 _USUAL_INTERVALS = 1.75
 _LONGEST_TURN_S = 0.05

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot, nan
 from typing import Literal
 
-from daq import ChannelZero, Determination, Note, VehicleConfig
+from daq import STANDARD_GRAVITY_MPS2, ChannelZero, Determination, Note, VehicleConfig
 from processing.notes import ZeroCode
-from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2
 
 _GAIN = 0.01
 """Relative uncertainty of a transducer's gain: the weight gives the mass no better."""

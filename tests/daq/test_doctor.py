@@ -103,6 +103,10 @@ def naming_zero(ready: Situation) -> Situation:
     return replace(ready, vehicle=ready.vehicle.model_copy(update={"transducer": transducer}))
 
 
+def without_validity(ready: Situation) -> Situation:
+    return replace(ready, roles={role: one for role, one in ready.roles.items() if role != "ground_speed_valid"})
+
+
 def counters(buffer_bytes: int | None, dropped: int | None = 0) -> SourceCounters:
     return SourceCounters(10, dropped, 0, buffer_bytes)
 
@@ -173,6 +177,10 @@ CASES = [
     Case("signals", "fail", "GNSS_2.Speed did not come", lambda folder, _: listened(folder, without=("GNSS_2",))),
     Case("signals", "warn", "not available", lambda _, ready: replace(ready, channels=unavailable(ready))),
     Case("signals", "warn", "Overrange", lambda folder, _: listened(folder, Status=2.0)),
+    Case("roles", "warn", "add ground_speed_valid", lambda _, ready: without_validity(ready)),
+    Case("wheel load", "pass", "0.25 of the weight", lambda folder, _: listened(folder, Fz=9000.0)),
+    Case("wheel load", "warn", "0.00023 of the weight of 3600 kg", lambda folder, _: listened(folder, Fz=9.0)),
+    Case("wheel load", "warn", "-0.25 of the weight", lambda folder, _: listened(folder, Fz=-9000.0)),
     Case("GNSS fix", "pass", "fix", lambda _, ready: ready),
     Case("GNSS fix", "fail", "no fix", lambda folder, _: listened(folder, SpeedValid=0.0)),
     Case("GNSS time", "pass", "jitter", lambda _, ready: ready),

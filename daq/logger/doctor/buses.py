@@ -12,10 +12,12 @@ from daq.can.databases import messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
 from daq.can.identify import coverage
 from daq.can.roles import SignalRef
+from daq.config import LEAST_LOAD_SHARE
 from daq.errors import nearest
 from daq.logger.doctor.links import Link, Reception, can_links
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.bus_health import bits_on_wire
+from daq.units import STANDARD_GRAVITY_MPS2
 
 _STATES = {
     "ERROR-WARNING": "many frames in error",
@@ -282,6 +284,21 @@ def role_values(now: Situation) -> Iterator[Line]:
             yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are excluded")
         else:
             yield passed(role, f"{_value_text(values[-1], reference)} ({name}, {len(values)} samples)")
+
+
+def wheel_load(now: Situation) -> Iterator[Line]:
+    """Check whether the vertical load is one that a wheel of this vehicle can carry."""
+    channel, mass_kg = now.channels.get("vertical_load"), now.vehicle.vehicle.mass_kg
+    if channel is None or mass_kg is None or not np.isfinite(channel.values).any():
+        return
+    load_n = float(np.nanmedian(channel.values))
+    share = load_n / (mass_kg * STANDARD_GRAVITY_MPS2)
+    found = f"{load_n:.4g} N, {share:.2g} of the weight of {mass_kg:g} kg"
+    if LEAST_LOAD_SHARE <= share <= 1:
+        yield passed("vertical_load", found)
+    else:
+        step = "check its unit, its sign and mass_kg in vehicle.toml, unless the wheel is lifted"
+        yield warned("vertical_load", found, step)
 
 
 def _value_text(value_si: float, reference: SignalRef) -> str:

@@ -35,6 +35,7 @@ CHECKS = (
     Check("DBC coverage", buses.dbc_coverage),
     Check("silent messages", buses.silent_messages),
     Check("signals", buses.role_values),
+    Check("wheel load", buses.wheel_load),
     Check("GNSS fix", host.gnss_fix),
     Check("GNSS time", host.gnss_time),
     Check("host clock", host.host_time),

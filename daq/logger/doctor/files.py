@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from daq.can.databases import signals_of
+from daq.can.roles import unused_validity
 from daq.channels import TRANSDUCER_ROLES
 from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
@@ -47,6 +49,10 @@ def roles(now: Situation) -> Iterator[Line]:
     yield from (from_fault(fault) for fault in now.role_faults)
     for fault in unknown_names(now.vehicle, now.databases):
         yield warned(fault.where, f"{fault.what} ({fault.expected})", fault.next_step)
+    unused = unused_validity(now.roles, signals_of(now.databases))
+    if unused is not None:
+        step = f'add ground_speed_valid = "{unused}", so that invalid fixes are excluded'
+        yield warned("[signals]", f"{unused} is not used", step)
     missing = [role for role in _SLIP_ROLES if role not in now.vehicle.signals]
     if missing:
         yield warned("[signals]", f"no {' and no '.join(missing)}: no slip", 'add them: role = "Message.Signal"')

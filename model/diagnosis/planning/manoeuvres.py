@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, Note
+from daq import STANDARD_GRAVITY_MPS2, BoolArray, FloatArray, Note
 from model.diagnosis.time_series.samples import Instants, Samples
 from model.diagnosis.time_series.standstills import Standstills
 from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
-from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 _HEAVIER, _LIGHTER = 1.3, 0.75
 _WORTH_UNLOADING = 0.05
