@@ -48,6 +48,7 @@ from .errors import WheelsoilError as WheelsoilError
 from .errors import every_error_as as every_error_as
 from .errors import nearest as nearest
 from .formatting import file_name as file_name
+from .formatting import moment as moment
 from .formatting import number as number
 from .formatting import probability as probability
 from .formatting import table_lines as table_lines

@@ -7,6 +7,10 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
 from math import isfinite
 
+import numpy as np
+
+from daq.limits import EARLIEST_DATE_NS
+
 _LEAST_COLUMN = 12
 _BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
 
@@ -14,6 +18,13 @@ _BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
 def number(value: float, digits: int = 4) -> str:
     """Return a number with `digits` significant digits, or "-" where there is none."""
     return f"{value:.{digits}g}" if value == value else "-"
+
+
+def moment(time_ns: int) -> str:
+    """Return nanoseconds since 1970 as a date in UTC; since another zero of a logger, as seconds."""
+    if time_ns < EARLIEST_DATE_NS:
+        return f"{time_ns / 1e9:.3f} s, no date"
+    return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"
 
 
 def probability(value: float) -> str:

@@ -49,3 +49,6 @@ MOST_FAULTS = 100
 
 MOST_RUNS = 10_000
 """Of runs.toml; a campaign has tens."""
+
+EARLIEST_DATE_NS = 631_152_000 * 10**9
+"""1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import DataError, FloatArray, IndexArray, IntArray
+from daq import DataError, FloatArray, IndexArray, IntArray, moment
 
 LATE_NS = 100_000_000
 """A stamp this much behind its predecessor is a step of the clock or a rogue, not a frame that queued."""
@@ -117,7 +117,7 @@ def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tupl
     """
     first_ns = min(first for first, _ in spans_ns.values())
     last_ns = max(last for _, last in spans_ns.values())
-    shown = "; ".join(f"{role} {_utc(a)} to {_utc(b)}" for role, (a, b) in spans_ns.items())
+    shown = "; ".join(f"{role} {moment(a)} to {moment(b)}" for role, (a, b) in spans_ns.items())
     if max(first for first, _ in spans_ns.values()) > min(last for _, last in spans_ns.values()):
         raise DataError.of(
             "the channels are never there at the same time",
@@ -137,8 +137,3 @@ def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tupl
             next_step="check the clock of the channel that starts or ends apart, or cut the recording",
         )
     return start_ns, np.arange(count) / rate_hz
-
-
-def _utc(time_ns: int) -> str:
-    seconds = np.datetime64(0, "s") + np.timedelta64(time_ns // 1_000_000_000, "s")
-    return f"{seconds}Z"

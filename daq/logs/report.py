@@ -9,10 +9,7 @@ import numpy as np
 
 from daq.can.frames import FrameArray
 from daq.errors import RecordingError
-from daq.limits import MOST_BUSES, MOST_KINDS
-
-EARLIEST_DATE_NS = 631_152_000 * 10**9
-"""1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
+from daq.limits import EARLIEST_DATE_NS, MOST_BUSES, MOST_KINDS
 
 _LISTED = 8  # lost parts of a file
 

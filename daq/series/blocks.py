@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.errors import RecordingError, every_error_as
-from daq.logs.report import EARLIEST_DATE_NS
+from daq.limits import EARLIEST_DATE_NS
 
 BLOCK_ROWS = 1 << 16
 _LISTED = 6

@@ -13,7 +13,7 @@ from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.roles import plain_name, unit_behind
 from daq.config import SeriesSection
 from daq.errors import DataError, Fault, nearest
-from daq.logs.report import EARLIEST_DATE_NS
+from daq.limits import EARLIEST_DATE_NS
 from daq.series.blocks import SeriesReport
 from daq.units import Quantity, find_unit
 
@@ -85,16 +85,18 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
         times = times or [name for name in possible if _LOOSE.match(plain_name(name))]
     if not times:
         what = "no column looks like a time"
-        step = 'name it in vehicle.toml: [series] time = "COLUMN", or give rate_hz'
-        raise DataError.of(
-            what, source, f"columns {', '.join(columns[:12])}", "a column like time, t or timestamp", step
+        found, expected = f"columns {', '.join(columns[:12])}", "a column like time, t or timestamp"
+        step = (
+            'name it in vehicle.toml: [series] time = "COLUMN", or give rate_hz; '
+            "a table of single-wheel tests is for `wheelsoil fit --table`"
         )
-    chosen, found, before = {}, times[0], ""
+        raise DataError.of(what, source, found, expected, step)
+    chosen, latest, before = {}, times[0], ""
     for name in columns:
         if name not in times:
-            chosen[name] = found
+            chosen[name] = latest
         elif before not in times:
-            found = name
+            latest = name
         before = name
     return chosen
 

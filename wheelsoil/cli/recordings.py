@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import ConfigError, Fault, number
+from daq import ConfigError, Fault, moment, number
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, configuration, pairs
 from wheelsoil.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 
@@ -174,7 +174,6 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
 
 def _head(facts: FileFacts) -> list[tuple[str, str]]:
     from wheelsoil.wording.notes import note_text
-    from wheelsoil.workflows.recordings import utc
 
     info = facts.info
     run = f"{facts.run_id} ({info.direction}, pass {info.pass_number}, {info.added_load_kg:g} kg added"
@@ -189,7 +188,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("run", run),
         ("vehicle", facts.vehicle),
         ("terrain", facts.terrain),
-        ("start", utc(facts.start_ns) if facts.start_ns is not None else ""),
+        ("start", moment(facts.start_ns) if facts.start_ns is not None else ""),
         ("duration", f"{facts.duration_s:.3f} s" if facts.start_ns is not None else ""),
     ]
     for bus, count in facts.frames.items():
@@ -238,14 +237,12 @@ def _shortened(text: str) -> str:
 
 
 def _print_parts(facts: FileFacts) -> None:
-    from wheelsoil.workflows.recordings import utc
-
     rows = [
         [
             Path(part.file).name,
             f"{part.frames:,}",
             f"{part.bytes / 1e6:.3f}",
-            utc(part.start_ns) if part.start_ns is not None else "-",
+            moment(part.start_ns) if part.start_ns is not None else "-",
             part.exit_status or ("still being recorded" if part.recording_now else "cut off"),
         ]
         for part in facts.parts
@@ -263,9 +260,9 @@ def _print_losses(facts: FileFacts) -> None:
 
 
 def _print_events(facts: FileFacts) -> None:
-    from wheelsoil.workflows.recordings import utc
-
-    rows = [[utc(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events]
+    rows = [
+        [moment(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events
+    ]
     print_table(["time", "event", "severity", "text"], rows, left=4)
 
 

@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from daq import ROLES
+from daq import ROLES, moment
 from processing import ProcessedRun, Reason, Segment, SensorFacts
 
 _QUANTITIES = (
@@ -24,7 +24,7 @@ def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
     quality = run.quality
     rows = [
         ("run", run.run.id or "-"),
-        ("start", f"{np.datetime64(run.start_ns, 'ns').astype('datetime64[ms]')}Z"),
+        ("start", moment(run.start_ns)),
         ("duration", f"{len(run) / run.rate_hz:.1f} s at {run.rate_hz:g} Hz, filtered at {run.cutoff_hz:.3g} Hz"),
         ("used", f"{quality.shares.get(Reason.USED.name, 0.0):.1%} of {len(run)} samples"),
         ("left out", _left_out(quality.shares)),

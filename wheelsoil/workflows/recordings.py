@@ -34,11 +34,6 @@ _BLOCK_BYTES = 1 << 20
 _NO_END, _NO_END_YET = "no end of the run", "still being recorded"
 
 
-def utc(time_ns: int) -> str:
-    """Return UTC nanoseconds as ISO 8601 with milliseconds."""
-    return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"
-
-
 @dataclass(frozen=True)
 class PartFacts:
     """What is known of one file of a run.
