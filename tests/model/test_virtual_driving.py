@@ -33,8 +33,8 @@ def test_a_run_covers_the_slip_and_stays_plausible(seed: int) -> None:
     assert -0.43 < run.slip.min() < -0.24
     assert 0.5 < run.ground_speed_mps.max() < 5
     assert np.abs(run.ground_acceleration_mps2).max() < 3
-    assert np.abs(run.wheel_acceleration_radps2).max() < 12
-    assert np.std(run.wheel_acceleration_radps2) < 4
+    assert np.abs(run.wheel_acceleration_radps2).max() < 13
+    assert np.std(run.wheel_acceleration_radps2) < 4.5
     moving = run.ground_speed_mps > 0.5
     shares, _ = np.histogram(run.slip[moving], [0.0, 0.2, 0.4, 0.6, 1.0])
     assert (shares > 0.03 * moving.sum()).all()

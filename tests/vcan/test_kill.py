@@ -49,7 +49,7 @@ cp -a mnt/out out
 
 def seconds_lost(folder: Path, count: int) -> np.ndarray:
     """Return the seconds of the bus that were sent before each kill and are not in the files."""
-    files = sorted((folder / "out").glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+    files = sorted((folder / "out").glob("*.mcap"), key=lambda path: received_numbers(Recording.open(path))[0])
     assert len(files) == count + 1
     sent = sent_log(folder / "sent.log")
     assert sent["end"][-1] / ((sent["time_ns"][-1] - sent["time_ns"][0]) / 1e9) > LEAST_RATE_HZ
