@@ -6,9 +6,8 @@ import math
 
 import pytest
 
-from daq.formatting import probability
+from daq.formatting import moment, probability
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
-from wheelsoil.workflows.recordings import utc
 
 NAN, INF = math.nan, math.inf
 
@@ -62,4 +61,5 @@ def test_a_probability_has_three_digits_and_is_never_certain() -> None:
 
 
 def test_a_time_has_milliseconds() -> None:
-    assert utc(1_700_000_000_123_456_789) == "2023-11-14T22:13:20.123Z"
+    assert moment(1_700_000_000_123_456_789) == "2023-11-14T22:13:20.123Z"
+    assert moment(46_408_584_700_000) == "46408.585 s, no date"
