@@ -23,7 +23,7 @@ MOST_IDS = 10_000
 MOST_KINDS = 64
 """Kinds of objects or lines that a report lists by name. BLF defines 130, a log has fewer than ten."""
 
-LIBRARY_PATIENCE_S, LIBRARY_BYTES_PER_S = 25.0, 10e6
+LIBRARY_PATIENCE_S, LIBRARY_BYTES_PER_S = 15.0, 10e6
 """How long a library that reads a foreign format may give nothing: for any file, and how fast it reads a large one."""
 
 LIBRARY_MEMORY_BYTES = 2 << 30

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from daq.can.roles import plain_name
 from daq.config import SeriesSection
-from daq.errors import RecordingError, WheelsoilError
+from daq.errors import RecordingError, WheelsoilError, every_error_as
 from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents
 from daq.recording.reader import raw_channels
@@ -121,7 +121,8 @@ def read_series(path: Path, layout: SeriesSection | None = None) -> Series:
     if known is None:
         names = ", ".join(one.name for one in SERIES_FORMATS)
         raise RecordingError.of("not a file of decoded series", path, expected=names, next_step="check the file")
-    return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
+    with every_error_as(RecordingError, "the file cannot be read", lambda: path):
+        return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
 
 
 def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tuple[Series, list[SeriesReport]]:

@@ -334,6 +334,14 @@ def test_logs_of_frames_are_no_series(tmp_path: Path) -> None:
     assert series_format(tmp_path) is None
 
 
+def test_a_parquet_file_with_a_broken_name_is_our_error(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    pq.write_table(pa.table({"time": [0.0, 0.1], "Fz": [1.0, 2.0]}), path)
+    path.write_bytes(path.read_bytes().replace(b"Fz", b"F\xff"))
+    with pytest.raises(RecordingError, match="the file cannot be read"):
+        read(path)
+
+
 @pytest.mark.parametrize("head", [b"MATLAB 5.0 MAT-file", b"\x89HDF\r\n\x1a\n"])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: bytes, seed: int) -> None:

@@ -6,6 +6,7 @@ A defect is an exception that is not ours, more than 1.5 GB, or more than 20 s f
 from __future__ import annotations
 
 import argparse
+import logging
 import resource
 import signal
 import sys
@@ -73,6 +74,7 @@ def main() -> int:
 
     signal.signal(signal.SIGALRM, ring)
     warnings.simplefilter("ignore")
+    logging.disable()
     defects = []
     for name in names:
         count = round(asked.count * FORMATS[name].weight / total)
