@@ -124,6 +124,7 @@ class TransducerSection(Section):
     angle_direction: Literal[1, -1] = 1
     zero: Literal["lifted", "spin", "none"] = "none"
     zero_file: str = ""
+    serial: str = ""
 
 
 class LoggerSection(Section):

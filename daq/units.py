@@ -67,7 +67,7 @@ _TABLE: dict[Quantity, dict[str, tuple[float, str]]] = {
         "N": (1.0, "newton newtons"),
         "daN": (10.0, "decanewton"),
         "kN": (1e3, "kilonewton kilonewtons"),
-        "kgf": (9.80665, "kp kilopond"),
+        "kgf": (STANDARD_GRAVITY_MPS2, "kp kilopond"),
         "lbf": (_POUND_FORCE, "poundforce"),
         "klbf": (1e3 * _POUND_FORCE, "kip kips"),
     },

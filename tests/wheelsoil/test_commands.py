@@ -180,7 +180,7 @@ def test_a_real_drive_goes_through_import_info_process_and_report(drive, tmp_pat
     page = tmp_path / "drive.html"
     result = ok("report", target, "-o", page, "--soil", "sandy", "--json")
     assert {"coefficients", "torque"} <= set(result.json["left_out"])
-    assert page.stat().st_size > 4_000_000
+    assert page.stat().st_size > 1_500_000
 
 
 def test_process_writes_what_the_pipeline_gives(campaign, tmp_path):
@@ -334,7 +334,7 @@ def test_demo_finds_what_it_hid(tmp_path):
     assert result["hidden"]["family"] == "slip_sinkage"
     assert result["outcome"] in ("found", "in the set")
     page = unescape(Path(result["report"]).read_text(encoding="utf-8"))
-    assert result["result"].split(". ")[0] in page
+    assert json.loads(Path(result["numbers"]).read_text())["sections"]["glance"]["headline"] in page
     assert json.dumps(result["result"], ensure_ascii=False) in Path(result["numbers"]).read_text(encoding="utf-8")
     again = ok("demo", "-o", tmp_path / "demo", "--runs", 1, "--duration", 20)
     assert "Hidden effect." in again.err and "share their physics" in again.err

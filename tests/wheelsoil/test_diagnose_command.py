@@ -105,7 +105,7 @@ def test_the_model_it_leaves_is_taken_elsewhere(found, campaign, tmp_path):
     page = tmp_path / "r.html"
     report = ok("report", campaign, "--model", model, "--no-diagnosis", "-o", page, "--json").json
     assert report["left_out"] == {}
-    assert "Extended" in page.read_text(encoding="utf-8")
+    assert "extended" in page.read_text(encoding="utf-8")
     assert invoke("diagnose", campaign, *QUICK, "-o", model).code == 2, "it is there already"
 
 

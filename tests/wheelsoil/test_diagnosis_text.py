@@ -40,7 +40,7 @@ def test_of_a_bench_table_the_mean_of_the_rows_is_said():
     rows = (Finding("sinkage", Rows(0.35, 512.0, 3), -0.004, -9.1),)
     text = squeezed(text_of(replace(diagnosis("named"), what_is_wrong=rows)))
     assert "channel mean sigmas where sinkage -0.004 m -9.1 slip 0.35, load 512 N, driving (3 rows)" in text
-    assert "mean: of measured - simulated over these rows" in text
+    assert "mean: of measured - predicted over these rows" in text
     assert "shape:" not in text and "median" not in text
 
 

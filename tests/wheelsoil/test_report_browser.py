@@ -7,8 +7,10 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from cli_support import ok
@@ -20,6 +22,7 @@ LAPTOP = {"width": 1366, "height": 768}
 EVIL = '<script>window.struck = 1</script><b>bold</b><a href="https://x.example">link</a><img src=x onerror="struck=1">'
 
 DRAW_ALL = """async () => {
+  for (const part of document.querySelectorAll("details.part")) part.open = true;
   for (const plot of document.querySelectorAll(".plot")) {
     plot.scrollIntoView();
     for (let i = 0; i < 400 && !plot.querySelector(".main-svg"); i++) await new Promise((go) => setTimeout(go, 25));
@@ -47,9 +50,6 @@ CRAMPED = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
   }
   return found.map((what) => `${plot.id}: ${what}`);
 })"""
-
-REACH = """() => [...document.querySelectorAll(".plot .modebar")].map(
-  (bar) => bar.getBoundingClientRect().bottom - bar.closest(".plot").getBoundingClientRect().top)"""
 
 
 @dataclass
@@ -98,23 +98,72 @@ def test_it_opens_silent_and_complete(browser: Browser, reports: dict[str, Writt
     numbers = written.numbers
     assert numbers["left_out"] == {}
     with opened(browser, written.page) as page:
-        lead, *rest = page.locator(".lead, #glance p.text").all_inner_texts()
-        assert lead.count(". ") == 0, "one sentence leads"
-        (said,) = {numbers["sections"][key]["sentence"] for key in ("glance", "verdict")}
-        assert said.startswith(" ".join([lead, *rest])), "but for what stands under Next"
-        lights = page.locator("#glance .lights li")
-        assert lights.count() == 6
-        assert lights.first.bounding_box()["y"] < LAPTOP["height"], "runs are seen without scrolling"
+        summary = numbers["sections"]["glance"]
+        assert page.locator("h1").inner_text() == summary["headline"]
+        tiles = page.locator("#glance .tile .v").all_inner_texts()
+        for tile, shown in zip(summary["tiles"].values(), tiles, strict=True):
+            assert tile["before"] in shown and tile["value"] in shown and tile["unit"] in shown
+        for seen in ("#glance .tile", "#drawing-hero .line.model", "#glance .next li"):
+            box = page.locator(f"{seen} >> visible=true").first.bounding_box()
+            assert 0 <= box["y"] < LAPTOP["height"] - 40, f"{seen} is on the first screen"
+        assert page.locator("#drawing-hero .wide-svg .dens-5").get_attribute("d"), "measured samples"
+        assert page.locator("#drawing-hero .wide-svg .line.base").count() == 1
+        assert page.locator("details.part[open]").count() == 0, "the appendix is closed"
+        words = len(re.findall(r"[^\W\d_]{2,}", page.locator("main").inner_text()))
+        assert words < 900, "what is open is read in some minutes"
+        assert page.locator(".drawing").count() <= 8
         page.evaluate(DRAW_ALL)
         assert page.evaluate(EMPTY) == []
         assert page.evaluate("document.querySelectorAll('.plot').length") == len(numbers["figures"])
+        assert page.evaluate("document.querySelectorAll('.drawing').length") == len(numbers["drawings"])
         assert page.evaluate(CRAMPED) == []
-        reached = page.evaluate(REACH)
-        assert len(reached) >= 20 and max(reached) <= 6, "a toolbar stands beside the title, not over the legend"
+
+
+def test_no_script_but_its_own_runs(browser: Browser, written: Written, tmp_path: Path) -> None:
+    text = written.page.read_text(encoding="utf-8")
+    assert "unsafe-inline" not in re.search("script-src ([^;]*);", unescape(text))[1]
+    struck = tmp_path / "struck.html"
+    struck.write_text(text.replace("</body>", "<script>window.struck = 1</script></body>"), encoding="utf-8")
+    page = tab(browser, mobile=False)
+    with shown(page, struck.as_uri(), {}):
+        assert page.evaluate("window.struck") is None
+
+
+def test_time_histories_zoom_together_and_share_a_cursor(browser: Browser, written: Written) -> None:
+    drawn = "[...document.querySelectorAll('#time .plot')]"
+    with opened(browser, written.page) as page:
+        page.evaluate(DRAW_ALL)
+        page.evaluate("Plotly.relayout('plot-drive-speed', {'xaxis.range': [5, 15]})")
+        page.wait_for_function(
+            f"{drawn}.every((one) => one.layout.xaxis.range[0] === 5 && one.layout.xaxis.range[1] === 15)"
+        )
+        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
+        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
+        for step in (100, 140):
+            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
+        page.wait_for_function(f"{drawn}.every((one) => one.layout.shapes[0].visible)")
+        assert len(set(page.evaluate(f"{drawn}.map((one) => one.layout.shapes[0].x0)"))) == 1
+
+
+def test_a_figure_is_saved(browser: Browser, written: Written, tmp_path: Path) -> None:
+    with opened(browser, written.page) as page:
+        page.evaluate(DRAW_ALL)
+        for place, key in (("#drawing-hero", "hero"), ("#slip .card:has(#plot-slip-driving)", "slip-driving")):
+            for kind in ("svg", "csv"):
+                with page.expect_download() as download:
+                    page.locator(f"{place} [data-save={kind}]").first.click()
+                download.value.save_as(tmp_path / f"{key}.{kind}")
+            drawing = ElementTree.parse(tmp_path / f"{key}.svg").getroot()
+            assert drawing.get("width") == "174mm" and drawing.get("viewBox")
+        rows = (tmp_path / "hero.csv").read_text().splitlines()
+        curve = next(one for one in written.numbers["drawings"]["hero"]["curves"] if one["name"] == "Recommended")
+        of_model = [row.split(",") for row in rows if row.startswith("Recommended")]
+        assert [float(row[2]) for row in of_model] == pytest.approx(curve["y"])
 
 
 def test_figures_are_drawn_when_they_are_looked_at(browser: Browser, written: Written) -> None:
     with opened(browser, written.page) as page:
+        page.locator("details.part").evaluate_all("(parts) => parts.forEach((part) => { part.open = true; })")
         last = page.locator(".plot").last
         assert last.locator(".main-svg").count() == 0
         last.scroll_into_view_if_needed()
@@ -142,20 +191,6 @@ def test_a_phone_need_not_scroll_sideways(browser: Browser, written: Written, wi
         assert page.evaluate(CRAMPED) == []
 
 
-@pytest.mark.slow
-def test_on_paper_every_figure_is_whole_and_fits(browser: Browser, written: Written) -> None:
-    with opened(browser, written.page) as page:
-        page.emulate_media(media="print")
-        page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-        assert page.evaluate(EMPTY) == []
-        assert page.evaluate(CRAMPED) == []
-        widths = page.evaluate("[...document.querySelectorAll('.plot .main-svg')].map((svg) => svg.clientWidth)")
-        assert max(widths) <= 682, "the width of A4 between its margins"
-        page.emulate_media(media="screen")
-        page.evaluate("window.dispatchEvent(new Event('afterprint'))")
-        assert page.evaluate(CRAMPED) == []
-
-
 def test_a_pdf_is_a4(browser: Browser, tmp_path: Path) -> None:
     assert browser.is_connected(), "what prints it is there"
     one = tmp_path / "one.pdf"
@@ -165,7 +200,7 @@ def test_a_pdf_is_a4(browser: Browser, tmp_path: Path) -> None:
     assert content.startswith(b"%PDF")
     boxes = {tuple(map(float, box.split())) for box in re.findall(rb"/MediaBox \[([^\]]+)\]", content)}
     assert [(round(box[2]), round(box[3])) for box in boxes] == [(595, 842)]
-    assert len(re.findall(rb"/Type /Page\b", content)) >= 6
+    assert 2 <= len(re.findall(rb"/Type /Page\b", content)) <= 10
 
 
 def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> None:
@@ -190,8 +225,8 @@ def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> Non
     with opened(browser, target) as page:
         page.evaluate(DRAW_ALL)
         assert page.evaluate("window.struck") is None
-        assert page.locator("section a, main img, svg a, svg script, .plot b, h1 b").count() == 0
-        assert EVIL in page.locator("h1").inner_text()
+        assert page.locator("section a, main img, svg a, svg script, .plot b, h1 b, header b b").count() == 0
+        assert EVIL.capitalize()[1:] in page.locator("header b").inner_text().capitalize()
         ticks = page.locator("#plot-shares .ytick text").all_text_contents()
         assert [tick for tick in ticks if EVIL in tick], "letter for letter in a figure, too"
         page.locator("#time select").select_option(f"{EVIL} 2")

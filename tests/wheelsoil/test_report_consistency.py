@@ -13,11 +13,11 @@ from model.diagnosis.core.result import CauseSet, NextRun, ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Panels, Section, Table, Text
+from wheelsoil.report.content import Panels, Section, Step, Steps, Table, Text
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.evidence import gain
-from wheelsoil.report.sections.glance import next_step
+from wheelsoil.report.sections.glance import glance, next_step
 from wheelsoil.report.sections.misfit import misfit
 from wheelsoil.report.sections.planning import detectable
 from wheelsoil.report.sections.verdict import Ranking, verdict
@@ -92,7 +92,7 @@ def test_sets_and_what_is_never_named_are_in_the_candidates(material):
 def test_a_finding_says_what_its_size_is(material):
     said = text(misfit.build(replace(material, diagnosed=diagnosis("named"))))
     assert "The two can have opposite signs" in said
-    assert "Mean of measured - simulated" not in said
+    assert "Mean of measured − predicted" not in said
 
 
 def test_a_table_tells_what_its_panel_shows(material):
@@ -134,8 +134,8 @@ def test_a_driven_wheel_keeps_its_dots_beside_wild_braking(material):
 
 def test_a_run_that_parts_nothing_surely_is_not_said_to(material):
     alone = replace(diagnosis("one_of"), next_run=(NextRun(BRAKING, (), 1.2),))
-    step = next_step(replace(material, diagnosed=alone), {})
-    assert step == "a run with braking, down to a slip of -0.6."
+    (steps,) = [b for b in glance.build(replace(material, diagnosed=alone)).blocks if isinstance(b, Steps)]
+    assert steps.steps[0] == Step("A run with braking, down to a slip of -0.6")
 
 
 def test_an_error_that_grows_is_said_to_grow(material):
@@ -159,5 +159,6 @@ def test_a_fault_in_judging_the_fit_leaves_the_diagnosis_its_sentence(material, 
     monkeypatch.setattr("wheelsoil.report.sections.verdict.rank", broken)
     report = build_report(replace(material, diagnosed=diagnosis("named")))
     assert set(report.left_out) == {"verdict"}
-    glance = next(section for section in report.sections if section.key == "glance")
-    assert SENTENCES["named"].partition(". ")[0] in text(glance)
+    assert report.numbers()["sections"]["glance"]["sentence"] == SENTENCES["named"]
+    summary = next(section for section in report.sections if section.key == "glance")
+    assert text(summary).startswith("Slip sinkage explains the misfit")

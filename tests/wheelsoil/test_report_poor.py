@@ -78,7 +78,7 @@ def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
     report = build_report(replace(material, runs=(replace(material.runs[0], reason=nothing), *material.runs[1:])))
     glance = report.numbers()["sections"]["glance"]
     assert glance["grades"]["run-1"]["level"] == "poor"
-    assert glance["next_step"].startswith("look at data quality first; run-1 is poor")
+    assert glance["next_step"].startswith("Look at data quality first; run-1 is poor")
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from model.notes import StepCode
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Table, Text
+from wheelsoil.report.content import Steps, Table, Text, Tiles
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.coefficients import coefficients, criteria
 from wheelsoil.report.sections.glance import glance
@@ -96,14 +96,22 @@ def test_one_sentence_leads_and_the_others_are_below(material):
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
-    assert texts["lead"].startswith("Slip sinkage explains the misfit") and texts["lead"].endswith(" m.")
-    assert texts["text"].startswith("On held-out runs") and "Next:" not in texts["text"]
+    assert texts["verdict"] == (
+        "Slip sinkage explains the misfit: the drawbar pull error on held-out data falls by 45 %."
+    )
+    assert texts["lead"].startswith("Vasilev's form is most probable (62 %): H_m = 0.051 (0.04 to 0.06) m.")
+    assert "Grouser" in texts["lead"] and "Next:" not in texts["lead"] and "held-out" not in texts["lead"]
+    (steps,) = [block for block in blocks if isinstance(block, Steps)]
+    assert steps.steps[0].what == "A run with braking, down to a slip of -0.6"
     assert report.numbers()["sections"]["glance"]["sentence"] == sentence_of(found)
 
 
-def test_a_good_run_says_of_what_its_share_is(material):
-    (lights,) = [b for b in glance.build(material).blocks if hasattr(b, "lights")]
-    assert "% of motion usable" in lights.lights[0].why
+def test_three_numbers_stand_below_the_verdict(material):
+    (tiles,) = [b for b in glance.build(replace(material, diagnosed=diagnosis("named"))).blocks if isinstance(b, Tiles)]
+    error, confidence, data = tiles.tiles
+    assert (error.before, error.value, error.unit, error.change) == ("120", "66.0", "N", "−45 %")
+    assert (confidence.value, confidence.unit) == ("97", "%") and "slip sinkage" in confidence.note
+    assert data.unit == "% of motion" and "of all samples" in data.note
 
 
 def test_a_notebook_shows_gain_next_run_and_no_certainty():

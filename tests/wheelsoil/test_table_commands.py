@@ -84,7 +84,7 @@ def test_a_report_of_two_wheels_without_a_diagnosis(tmp_path: Path, wheel: Path)
     page = tmp_path / "two.html"
     ok("report", *tables, "--vehicle", wheel, "--soil", "lunar", "--no-diagnosis", "-o", page)
     numbers = json.loads(page.with_suffix(".json").read_text())
-    assert set(numbers["left_out"]) == {"coefficients", "criteria"}
+    assert set(numbers["left_out"]) == {"fit", "coefficients", "criteria"}
     assert set(numbers["sections"]["rows"]) == {"a", "b"}
 
 

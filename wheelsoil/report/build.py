@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import logging
 import os
+import re
 import shutil
 import subprocess
 import tempfile
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,9 +22,10 @@ from typing import Any
 
 from daq import ConfigError, WheelsoilError
 from wheelsoil import __version__
-from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
+from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.report.sections import EVIDENCE, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
@@ -36,43 +41,74 @@ _OPTIONS = (
 )
 _PATIENCE_S = 180
 
-SCHEMA = "wheelsoil/report/1"
-_NAMED = 8
-"""Runs that the subtitle names."""
+SCHEMA = "wheelsoil/report/2"
+_NUMBER = re.compile(r"^(?:[<>±+−–-]?\s?[\d.,\u202f]+.*|[–-]|∞)$")
+"""A cell of a table that is a number."""
 
 _log = logging.getLogger(__name__)
 
 
-def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
+@dataclass(frozen=True)
+class Head:
+    """The head of the page: title, vehicle, what is known of the day, and how many runs can be used."""
+
+    title: str
+    subtitle: str
+    facts: Sequence[tuple[str, str]] = ()
+    badge: tuple[str, str] | None = None
+    configuration: str = ""
+
+
+def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
     """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
 
-    `made_at` is the time of the report, for the last line; `json_name` the name of the file with the numbers.
+    `made_at` is the time of the report; `json_name` the name of the file with the numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
-    from jinja2.utils import htmlsafe_json_dumps
     from plotly.offline import get_plotlyjs
 
     folder = files("wheelsoil.report")
-
-    def figure_json(figure: Figure) -> str:
-        shown = {"data": figure.data, "layout": figure.layout, "groups": figure.groups}
-        return htmlsafe_json_dumps(shown, dumps=json.dumps, allow_nan=False, separators=(",", ":"))
-
     environment = Environment(
         loader=PackageLoader("wheelsoil.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
+    scripts = (get_plotlyjs(), folder.joinpath("page.js").read_text(encoding="utf-8"))
+    tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
+    summary, *others = sections
+    evidence = {builder.key for builder in EVIDENCE}
     return environment.get_template("template.html.j2").render(
-        title=title,
-        subtitle=subtitle,
-        sections=sections,
+        **vars(head),
+        summary=summary,
+        evidence=[one for one in others if one.key in evidence],
+        appendix=[one for one in others if one.key not in evidence],
         made_at=made_at,
         json_name=json_name,
         version=__version__,
-        plotly_js=get_plotlyjs(),
-        figure_json=figure_json,
-        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
-        script=folder.joinpath("page.js").read_text(encoding="utf-8"),
+        plotly=b64encode(gzip.compress(scripts[0].encode(), mtime=0)).decode(),
+        script=scripts[1],
+        script_hashes=" ".join(_hash_of(script) for script in scripts),
+        text_columns=_text_columns,
+        figure_json=lambda one: _json({"data": one.data, "layout": one.layout, "groups": one.groups}),
+        drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
+        style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
+
+
+def _text_columns(table: Table) -> set[int]:
+    """Return the columns that are read as words: the first ones, and those in which a cell is no number."""
+    columns = zip(*table.rows, strict=True)
+    words = {i for i, cells in enumerate(columns) if not all(_NUMBER.match(cell) or not cell for cell in cells)}
+    return words | set(range(table.left))
+
+
+def _hash_of(script: str) -> str:
+    """Return a script as the page's policy names it, so that no other script runs."""
+    return f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"
+
+
+def _json(values: Any) -> str:
+    from jinja2.utils import htmlsafe_json_dumps
+
+    return htmlsafe_json_dumps(values, dumps=json.dumps, allow_nan=False, separators=(",", ":"))
 
 
 class PrintError(WheelsoilError, RuntimeError):
@@ -136,8 +172,7 @@ class Report:
         Runs without a needed signal, if others were fitted; a text.
     """
 
-    title: str
-    subtitle: str
+    head: Head
     sections: tuple[Section, ...]
     left_out: dict[str, str]
     made_at: datetime
@@ -147,13 +182,19 @@ class Report:
         """Return every number of the report as JSON values: those of tables, texts and figures."""
         return {
             "schema": SCHEMA,
-            "title": self.title,
+            "title": self.head.title,
+            "head": vars(self.head),
             "made_at": self.made_at.isoformat(timespec="seconds"),
             "left_out": self.left_out,
             "not_fitted": self.not_fitted,
             "sections": {section.key: plain(section.numbers) for section in self.sections},
             "texts": {section.key: texts_of(section) for section in self.sections},
             "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
+            "drawings": {
+                one.key: {"title": one.title, "curves": plain(one.curves)}
+                for section in self.sections
+                for one in drawings_of(section)
+            },
         }
 
     @property
@@ -186,7 +227,7 @@ class Report:
     def html(self, json_name: str) -> str:
         """Return the page."""
         made_at = f"{self.made_at:%Y-%m-%d %H:%M} UTC"
-        return render(self.title, self.subtitle, self.sections, made_at=made_at, json_name=json_name)
+        return render(self.head, self.sections, made_at=made_at, json_name=json_name)
 
 
 def build_report(material: ReportInputs) -> Report:
@@ -205,10 +246,8 @@ def build_report(material: ReportInputs) -> Report:
         if key in left_out:
             section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
         sections.append(section)
-    terrain = material.terrain or "unknown terrain"
     return Report(
-        title=f"Wheel–soil model: {terrain}",
-        subtitle=_subtitle(material),
+        head=_head(material),
         sections=tuple(sections),
         left_out=left_out,
         made_at=datetime.now(UTC),
@@ -223,6 +262,28 @@ def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     return [builder for builder in sections if diagnosed or builder not in OF_THE_DIAGNOSIS]
 
 
+def _head(material: ReportInputs) -> Head:
+    terrain = material.terrain or "unknown terrain"
+    values = json.dumps([material.vehicle.model_dump(mode="json"), plain(material.options)], sort_keys=True)
+    return Head(
+        title=f"{terrain[0].upper()}{terrain[1:]}",
+        subtitle=_subtitle(material),
+        facts=header_facts(material),
+        badge=_badge(material),
+        configuration=sha256(values.encode()).hexdigest()[:8],
+    )
+
+
+def _badge(material: ReportInputs) -> tuple[str, str] | None:
+    levels = [grade.level for grade in material.grades]
+    if not levels:
+        return None
+    usable = sum(level != "poor" for level in levels)
+    level = "good" if usable == len(levels) else "fair" if usable else "poor"
+    sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
+    return level, f"{sign} {usable} of {len(levels)} runs usable"
+
+
 def _subtitle(material: ReportInputs) -> str:
     if material.tables:
         wheels = [
@@ -230,10 +291,6 @@ def _subtitle(material: ReportInputs) -> str:
             for one in material.tables
         ]
         return f"single-wheel tests: {', '.join(wheels)}"
-    count = len(material.runs)
-    runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel
-    size = f", wheel r = {wheel.radius_m:g} m, b = {wheel.width_m:g} m" if wheel else ""
-    names = [run.run.id for run in material.runs]
-    listed = ", ".join(names) if count <= _NAMED else f"{', '.join(names[: _NAMED - 2])} … {names[-1]}"
-    return f"{material.vehicle.vehicle.name}{size} · {runs}: {listed}"
+    place = f", {wheel.position} wheel" if wheel and wheel.position else ""
+    return f"{material.vehicle.vehicle.name}{place}"

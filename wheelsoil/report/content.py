@@ -80,9 +80,112 @@ class Panels:
     reading: str
     choices: Sequence[str] = ()
     """The groups that the reader may choose from; the first is shown."""
+    linked: bool = False
+    """Whether the figures share their x axis: they zoom together, and one cursor runs through them."""
 
 
-Block = Text | Table | Lights | Panels
+@dataclass(frozen=True)
+class Drawing:
+    """A figure as SVG, which needs no script; `narrow` is the one for a phone and paper.
+
+    Attributes
+    ----------
+    curves : sequence of mapping
+        ``name``, ``x``, ``y`` and perhaps ``lower`` and ``upper`` of each line: what is saved as CSV.
+    reading : str
+        How to read it.
+    """
+
+    key: str
+    title: str
+    caption: str
+    wide: str
+    narrow: str
+    curves: Sequence[Mapping[str, Any]]
+    reading: str = ""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Blocks side by side, below each other on a phone."""
+
+    blocks: Sequence[Block]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A number to see first: before (may be empty), value, unit, change, and a line below."""
+
+    title: str
+    value: str
+    unit: str = ""
+    note: str = ""
+    before: str = ""
+    change: str = ""
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Tiles side by side; `small` ones are further numbers."""
+
+    tiles: Sequence[Tile]
+    small: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """A thing to do next, and why."""
+
+    what: str
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What to do next, the best first; which runs to drive again; what to check."""
+
+    steps: Sequence[Step]
+    again: str = ""
+    cautions: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A share between 0 and 1 with its name."""
+
+    name: str
+    share: float
+    text: str
+    strong: bool = False
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Shares below each other."""
+
+    title: str
+    caption: str
+    bars: Sequence[Bar]
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check: whether all is well, and what was found."""
+
+    good: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Checks with a sign and a word each."""
+
+    title: str
+    caption: str
+    checks: Sequence[Check]
+
+
+Block = Text | Table | Lights | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks
 
 
 @dataclass(frozen=True)
@@ -93,6 +196,8 @@ class Section:
     title: str
     blocks: Sequence[Block]
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    lead: str = ""
+    """The finding of the section, in a sentence below its title."""
 
 
 Contents = tuple[Sequence[Block], Mapping[str, Any]]
@@ -118,20 +223,40 @@ def section(key: str, title: str) -> Callable[[Callable[[ReportInputs], Contents
 
 
 def figures_of(section: Section) -> list[Figure]:
-    """Return the figures of a section."""
-    return [figure for block in section.blocks if isinstance(block, Panels) for figure in block.figures]
+    """Return the plotly figures of a section."""
+    return [figure for block in blocks_of(section) if isinstance(block, Panels) for figure in block.figures]
+
+
+def drawings_of(section: Section) -> list[Drawing]:
+    """Return the figures of a section that are SVG."""
+    return [block for block in blocks_of(section) if isinstance(block, Drawing)]
+
+
+def blocks_of(section: Section) -> list[Block]:
+    """Return the blocks of a section, those side by side one after the other."""
+    return [part for block in section.blocks for part in (block.blocks if isinstance(block, Pair) else (block,))]
 
 
 def texts_of(section: Section) -> list[str]:
     """Return the texts of a section outside its tables, so that report.json contains their numbers."""
-    texts: list[str] = []
-    for block in section.blocks:
+    texts: list[str] = [section.lead]
+    for block in blocks_of(section):
         if isinstance(block, Text):
             texts.append(block.text)
         elif isinstance(block, Table):
             texts += [block.caption, block.note]
         elif isinstance(block, Lights):
             texts += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
+        elif isinstance(block, Drawing):
+            texts += [block.title, block.caption]
+        elif isinstance(block, Tiles):
+            texts += [f"{one.title}: {one.before} {one.value} {one.unit} {one.note}" for one in block.tiles]
+        elif isinstance(block, Steps):
+            texts += [*(f"{one.what} {one.why}" for one in block.steps), block.again, *block.cautions]
+        elif isinstance(block, Bars):
+            texts += [block.title, *(f"{bar.name}: {bar.text}" for bar in block.bars)]
+        elif isinstance(block, Checks):
+            texts += [check.text for check in block.checks]
     return [text for text in texts if text]
 
 

@@ -23,6 +23,7 @@ ALL_RUNS = "all runs"
 """Name of the choice among the runs that shows all of them."""
 
 MEASURED = "#111111"
+RECOMMENDED = "#0b62c4"
 CLOUD = "rgba(90,90,90,0.35)"
 GREY_BAND = "rgba(0,0,0,0.13)"
 GRID = "#e3e3e3"

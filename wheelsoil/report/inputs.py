@@ -22,6 +22,7 @@ from model.wheel_soil import Conditions, Prediction, conditions_of
 from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
+from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
@@ -217,6 +218,13 @@ class ReportInputs:
         return Pool(self.fitted, self.fit.models)
 
     @cached_property
+    def recommendation(self) -> Recommendation:
+        """The recommended model beside the baseline; `DataError` where there is neither a diagnosis nor a fit."""
+        if self.diagnosed is not None and self.diagnosed.plot_data:
+            return of_diagnosis(self.diagnosed)
+        return of_fit(self.fit, tuple(run.run.id for run in self.fitted), self.pool)
+
+    @cached_property
     def sigmas(self) -> dict[str, dict[str, FloatArray]]:
         """One-sigma of each model on the pool's samples; see `model_sigmas`."""
         return model_sigmas(self.fitted, self.fit)
@@ -272,15 +280,15 @@ class Pool:
     def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
         self._runs = runs
         self._models = {model.name: model for model in models}
-        self.slip = self._of_runs("slip")
-        self.vertical_load_n = self._of_runs("vertical_load_n")
-        self.sinkage_m = self._of_runs("sinkage_m")
-        self.time_s = self._of_runs("time_s")
+        self.slip = self.values("slip")
+        self.vertical_load_n = self.values("vertical_load_n")
+        self.sinkage_m = self.values("sinkage_m")
+        self.time_s = self.values("time_s")
         self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
 
     def measured(self, channel: str) -> FloatArray:
         """Return what was measured of "dp" or "t"; `DataError` if it was not."""
-        values = self._of_runs(OUTPUTS[channel].field)
+        values = self.values(OUTPUTS[channel].field)
         if not np.isfinite(values).any():
             what = OUTPUTS[channel].name
             raise DataError.of(f"the {what} was not measured")
@@ -292,7 +300,8 @@ class Pool:
         pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
         return np.concatenate(pieces) if pieces else np.zeros(0)
 
-    def _of_runs(self, name: str) -> FloatArray:
+    def values(self, name: str) -> FloatArray:
+        """Return what was measured, e.g. ``"slip"``."""
         pieces = [getattr(run, name)[run.used] for run in self._runs]
         return np.concatenate(pieces) if pieces else np.zeros(0)
 

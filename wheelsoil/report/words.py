@@ -21,7 +21,7 @@ PARAMETERS = {
 """The textbook's letters."""
 
 _FORMS = {key: one.label for key, one in STYLES.items()} | {"second_order": "second order"}
-_SIGNS = {"ln_mu": "ln μ", "H2_m": "H₂", "c2": "c₂", "angle_rad": "angle"}
+_SIGNS = {"ln_mu": "ln μ", "H2_m": "H₂", "c1": "c₁", "c2": "c₂", "angle_rad": "angle"}
 _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
 
 _UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}

@@ -14,7 +14,7 @@ from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
 from wheelsoil.wording.verdict import sentence_of
 
 FINDING_NOTE = (
-    "Median there: of measured - simulated. Size of the shape: the largest contribution of that shape "
+    "Median there: of measured - predicted. Size of the shape: the largest contribution of that shape "
     "alone (a hat function over the range, or the stated growth), with the soil re-calibrated beside it and the "
     "stronger shapes removed. The two can have opposite signs: a soil that compensates a misfit in one range shifts "
     "the curve in another. Sigmas: "
@@ -32,10 +32,10 @@ NOT_DETECTABLE = "Not detectable"
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
 _FINDINGS = (
-    "median: of measured - simulated there; shape: contribution of that shape alone, with the soil free, so that its "
+    "median: of measured - predicted there; shape: contribution of that shape alone, with the soil free, so that its "
     "sign can be opposite."
 )
-_MEANS = "mean: of measured - simulated over these rows."
+_MEANS = "mean: of measured - predicted over these rows."
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 

@@ -56,6 +56,51 @@ def sentences_of(found: Diagnosis) -> list[str]:
     return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
 
 
+def headline_of(found: Diagnosis) -> str:
+    """Return the verdict in one short sentence, with the gain on held-out runs where there is one."""
+    names = [plain_name(cause.name) for cause in found.causes]
+    if found.grounds.undecided is not None:
+        return "Nothing can be decided from these data."
+    if found.verdict == "named":
+        said = f"{_listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
+    elif found.verdict == "one_of" and len(names) > 1:
+        said = f"{_either(names).capitalize()}: these data cannot separate them"
+    elif found.verdict == "one_of":
+        said = f"Most probably {names[0]}, but not sure enough for a name"
+    elif found.verdict == "unexplained":
+        return "No known cause explains these data: do not rely on the model."
+    else:
+        return "No cause is detected: soil and noise explain these data."
+    gain = found.gain
+    if gain is None or not isfinite(gain.reduction_percent) or abs(gain.reduction_percent) < _NO_CHANGE:
+        return f"{said}."
+    how = "falls" if gain.reduction_percent > 0 else "grows"
+    error = f"the {OUTPUTS[gain.channel].name} error on held-out data {how} by {abs(gain.reduction_percent):.0f} %"
+    return f"{said}: {error}." if found.verdict == "named" else f"{said}. With the first, {error}."
+
+
+def details_of(found: Diagnosis) -> list[str]:
+    """Return the sentences of the verdict without what the headline, the gain and the next step say."""
+    said = [one for one in sentences_of(found) if not one.startswith(("Next: ", "On held-out "))]
+    if found.verdict != "named" or found.grounds.table_channels or found.grounds.undecided is not None:
+        return said
+    named = " and ".join(_cause(cause) for cause in found.causes)
+    sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
+    return [f"{sizes}." if one[1:] == f"{named[1:]}." else one for one in said]
+
+
+def _form_and_size(cause: Cause) -> str:
+    known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
+    sizes = ", ".join(_estimate(p, parameter_name(cause.key, p.name)) for p in known or cause.parameters)
+    if not cause.form:
+        return sizes[0].upper() + sizes[1:] if len(sizes) > 1 and sizes[1].islower() else sizes
+    return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
+
+
+def _either(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
 def laboratory_words(soils: Sequence[SoilEstimate]) -> list[str]:
     """Return the sentence that the laboratory's soil is refuted; empty where it is not."""
     several = len(soils) > 1

@@ -14,6 +14,7 @@ from wheelsoil.report.sections import (
     evidence,
     glance,
     misfit,
+    overview,
     planning,
     provenance,
     quality,
@@ -22,25 +23,28 @@ from wheelsoil.report.sections import (
     verdict,
 )
 
+EVIDENCE: tuple[SectionBuilder, ...] = (overview.fit, overview.causes, overview.runs, overview.signals)
+"""Below the first screen; what follows them is the appendix."""
+
 SECTIONS: tuple[SectionBuilder, ...] = (
     glance.glance,
-    verdict.verdict,
-    quality.quality,
-    coefficients.coefficients,
-    against_slip.drawbar_pull,
-    against_slip.torque,
-    against_time.forces,
-    against_time.drive,
+    *EVIDENCE,
+    against_time.time,
+    track.track,
     misfit.misfit,
     candidates.candidates,
     evidence.evidence,
     evidence.gain,
+    planning.detectable,
+    planning.next_run,
+    verdict.verdict,
+    against_slip.drawbar_pull,
+    against_slip.torque,
+    coefficients.coefficients,
     coefficients.criteria,
     against_slip.sinkage,
     against_slip.load,
-    planning.detectable,
-    planning.next_run,
-    track.track,
+    quality.quality,
     quality.sensors,
     provenance.workings,
     provenance.provenance,
@@ -49,23 +53,26 @@ SECTIONS: tuple[SectionBuilder, ...] = (
 
 SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
     glance.glance,
-    tables.verdict,
+    overview.fit,
+    overview.causes,
     tables.rows,
-    coefficients.coefficients,
     misfit.misfit,
     candidates.candidates,
     evidence.evidence,
     evidence.gain,
-    coefficients.criteria,
-    tables.sinkage,
     planning.detectable,
     planning.next_run,
+    tables.verdict,
+    coefficients.coefficients,
+    coefficients.criteria,
+    tables.sinkage,
     provenance.workings,
     provenance.provenance,
 )
 """The same where there are single-wheel tables in place of runs."""
 
 OF_THE_DIAGNOSIS = (
+    overview.causes,
     misfit.misfit,
     candidates.candidates,
     evidence.evidence,

@@ -16,6 +16,7 @@ from wheelsoil.report.figures import (
     EDGES,
     GREY_BAND,
     MEASURED,
+    RECOMMENDED,
     Binning,
     Bins,
     Trace,
@@ -52,15 +53,15 @@ _READING_PULL = (
     "not fitted."
 )
 _ERRORS_PULL = (
-    "how far each model's median lies above (+) or below (−) the measured one at each slip. A flat line off zero is an "
-    "offset; a slope is what the sinkage law misses. Only slips right of the dotted line count in the table."
+    "measured − predicted of each model, medians in bins of slip: above zero it predicts too little. A flat line off "
+    "zero is an offset; a slope is what the sinkage law misses. Only slips right of the dotted line count in the table."
 )
 _READING_TORQUE = (
     "as for the drawbar pull. A law that explains the drawbar pull by sinking must not spoil the torque: where the "
     "pull fits and the torque does not, the cause is not sinkage."
 )
 _ERRORS_TORQUE = (
-    "predicted less measured, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
+    "measured − predicted, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
     "to zero: what lies near it was predicted."
 )
 _SIGMAS = 1.959964
@@ -81,13 +82,13 @@ _READING_FORCES = (
 )
 
 
-@section("slip", "Drawbar pull against slip")
+@section("slip", "Single-law fits: drawbar pull against slip")
 def drawbar_pull(material: ReportInputs) -> Contents:
     """Build the section; `DataError` if the drawbar pull was not measured."""
     return _curves(material, "dp", "slip", "drawbar pull (N)", _READING_PULL, _ERRORS_PULL)
 
 
-@section("torque", "Driving torque against slip")
+@section("torque", "Single-law fits: driving torque against slip")
 def torque(material: ReportInputs) -> Contents:
     """Build the section: where the torque was not fitted, an independent check; `DataError` if it was not measured."""
     return _curves(material, "t", "torque", "driving torque (N m)", _READING_TORQUE, _ERRORS_TORQUE)
@@ -119,6 +120,7 @@ def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: 
             traces = _of_measured(pool.slip[rows], measured[rows], bins, ends)
             for name, curve in curves.items():
                 traces += _of_model(name, curve, bins.of(sigmas[name][rows], least=1))
+            traces += _recommended(material, channel, choice, driving=half == "driving")
             data += traces
             groups += [choice] * len(traces)
         layout = axes("slip", axis, height=430)
@@ -156,6 +158,18 @@ def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     return [*hidden, drawn]
 
 
+def _recommended(material: ReportInputs, channel: str, choice: str, *, driving: bool) -> list[Trace]:
+    """Return the recommended model's line, where a diagnosis recommends more than the baseline."""
+    one = material.recommendation
+    if material.diagnosed is None or one.is_base or channel not in one.measured:
+        return []
+    rows = (one.slip > 0) == driving
+    if choice in one.runs:
+        rows &= one.run == one.runs.index(choice)
+    curve = binned(one.slip[rows], one.recommended[channel][rows], EDGES)
+    return [line(curve.centre, curve.median, f"recommended: {one.name}", RECOMMENDED, "solid", 3.0)]
+
+
 def _errors(
     material: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
 ) -> tuple[Figure, dict[str, Any]]:
@@ -165,21 +179,21 @@ def _errors(
     traces: list[Trace] = []
     medians: list[FloatArray] = []
     for name, values in predicted.items():
-        error = bins.of(values - measured)
+        error = bins.of(measured - values)
         driven = error.centre > 0
         model_style = style(name)
         traces.append(marked_line(error.centre[driven], error.median[driven], model_style.label, model_style))
         medians.append(error.median[driven])
         numbers[name] = {"predicted": bins.of(values), "error": error}
     unit = axis[axis.index("(") :]
-    layout = axes("slip", f"predicted − measured {unit}", height=340)
+    layout = axes("slip", f"measured − predicted {unit}", height=340)
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
     layout["shapes"] = [dotted_line(material.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
 
 
-@section("sinkage", "Sinkage")
+@section("sinkage", "Sinkage: from forces and by the single-law fits")
 def sinkage(material: ReportInputs) -> Contents:
     """Build the section."""
     blocks: list[Block] = []
@@ -300,7 +314,7 @@ _QUANTITIES = {
 }
 
 
-@section("load", "Load of the model's sinkage")
+@section("load", "Single-law fits: load of the model's sinkage")
 def load(material: ReportInputs) -> Contents:
     """Build the section: the ratio of the loads (literal), or the scale of the normal stress (balanced)."""
     fit, pool = material.fit, material.pool

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
+from daq.recording import Event
 from processing import SLIP_ROLES, ProcessedRun, Segment
 from processing.pipeline import runs_of
-from wheelsoil.report.content import Contents, Figure, Panels, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Text, section
 from wheelsoil.report.figures import (
     MEASURED,
     STYLES,
@@ -19,6 +23,7 @@ from wheelsoil.report.figures import (
     set_axis_range,
     shades,
     style,
+    words,
 )
 from wheelsoil.report.inputs import ReportInputs
 
@@ -37,6 +42,7 @@ _SEGMENTS = {
     Segment.STANDSTILL: ("standstill", ("#eeeeee", ".")),
 }
 _SHOWN = ("dp", "t")
+_MARK = "#8a5300"
 
 _READING_DRIVE = (
     "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
@@ -44,20 +50,38 @@ _READING_DRIVE = (
 )
 
 _PANELS = (
-    ("speed", "Speeds", "speed (m/s)"),
     ("slip", "Slip", "slip"),
+    ("speed", "Speeds", "speed (m/s)"),
     ("load", "Vertical load", "vertical load (N)"),
 )
 
 
-@section("time", "Drawbar pull and torque against time")
-def forces(material: ReportInputs) -> Contents:
-    """Build the section: a panel for each channel, a choice for each run.
+@section("time", "Time histories")
+def time(material: ReportInputs) -> Contents:
+    """Build the section: a panel for each channel on one time axis, a choice for each run.
 
-    `DataError` if the drawbar pull was not measured, or no run has a sample that can be used.
+    What was not measured is said; forces without a fit are shown as they were measured.
     """
+    blocks: list[Block] = []
+    figures: list[Figure] = []
+    reading = _READING
+    try:
+        figures, reading = _forces(material)
+    except DataError as error:
+        blocks = [Text(f"No forces: {'; '.join(fault.what for fault in error.faults)}.", "missing")]
+    figures = [_with_marks(one, material) for one in (*_drive(material.runs), *figures)]
+    named = {group for figure in figures for group in figure.groups}
+    names = [run.run.id for run in material.runs if run.run.id in named]
+    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
+    loads = {run.run.id: _mean(run.vertical_load_n) for run in material.runs}
+    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True)
+    return [*blocks, panels], {"length_s": lengths, "mean_load_n": loads}
+
+
+def _forces(material: ReportInputs) -> tuple[list[Figure], str]:
+    """Return a figure of each force, and how to read them; `DataError` where none can be shown."""
     if material.campaign is None:
-        return _of_all(material)
+        return _of_all(material), _READING_OF_ALL
     material.pool.measured("dp")
     runs = [run for run in material.runs if run.used.any()]
     if not runs:
@@ -67,15 +91,50 @@ def forces(material: ReportInputs) -> Contents:
         try:
             figures.append(_channel_figure(material, channel, runs))
         except DataError:
-            continue  # the section on the torque says that it was not measured
-    names = [run.run.id for run in runs]
-    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
-    return [Panels(figures, _READING, names)], {"length_s": lengths}
+            continue  # a channel that was not measured
+    return figures, _READING
 
 
-def _of_all(material: ReportInputs) -> Contents:
-    """Return the contents where there is no fit: what was measured, whether it could be used or not."""
-    figures, names = [], []
+def _with_marks(figure: Figure, material: ReportInputs) -> Figure:
+    """Return a figure with the marks that were set in the field, as flags on an axis of their own."""
+    layout = dict(figure.layout) | {
+        "yaxis2": {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True}
+    }
+    data, groups = list(figure.data), list(figure.groups)
+    for run in material.runs:
+        source = material.source_of(run)
+        marks = [event for event in (source.events if source else ()) if event.name == "mark"]
+        if marks and run.run.id in groups:
+            data.append(_flags(run, marks))
+            groups.append(run.run.id)
+    return replace(figure, data=data, layout=layout, groups=groups) if len(data) > len(figure.data) else figure
+
+
+def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
+    """Return a vertical line with its text at each mark."""
+    times_s = [round(1e-9 * (event.time_ns - run.start_ns), 3) for event in marks]
+    x = [value for time_s in times_s for value in (time_s, time_s, None)]
+    said = [value for event in marks for value in ("", f"\u2691 {words(event.text)}", "")]
+    look = {"color": _MARK, "width": 1.4, "dash": "dot"}
+    return {
+        "type": "scatter",
+        "mode": "lines+text",
+        "name": "marks",
+        "x": x,
+        "y": [0.0, 1.0, None] * len(times_s),
+        "yaxis": "y2",
+        "text": said,
+        "textposition": "bottom right",
+        "textfont": {"color": _MARK, "size": 12},
+        "line": look,
+        "cliponaxis": False,
+        "hoverinfo": "skip",
+    }
+
+
+def _of_all(material: ReportInputs) -> list[Figure]:
+    """Return the figures where there is no fit: what was measured, whether it could be used or not."""
+    figures = []
     points = points_of_run(len(material.runs))
     for channel in _SHOWN:
         values = [getattr(run, OUTPUTS[channel].field) for run in material.runs]
@@ -95,11 +154,9 @@ def _of_all(material: ReportInputs) -> Contents:
         layout = axes("time (s)", f"{OUTPUTS[channel].name} ({OUTPUTS[channel].unit_text})", height=360)
         set_axis_range(layout, "y", everything, margin=0.15)
         figures.append(Figure(f"time-{channel}", OUTPUTS[channel].name.capitalize(), data, layout, groups, wide=True))
-        names += [run.run.id for run in runs]
     if not figures:
         raise DataError("neither drawbar pull nor driving torque was measured")
-    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
-    return [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths}
+    return figures
 
 
 def _channel_figure(material: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
@@ -152,10 +209,8 @@ def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
     return np.where(run.used, values, np.nan)
 
 
-@section("drive", "How the test was driven")
-def drive(material: ReportInputs) -> Contents:
-    """Build the section: three panels, a choice for each run; a channel that no run has is omitted."""
-    runs = material.runs
+def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
+    """Return how the test was driven: slip, speeds, load; a channel that no run has is omitted."""
     blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour
     points = points_of_run(len(runs))
     drawn: dict[str, list[tuple[str, Trace]]] = {"speed": [], "slip": [], "load": []}
@@ -173,20 +228,18 @@ def drive(material: ReportInputs) -> Contents:
                 drawn[panel].append((run.run.id, _series(run, values, points, name, colour, dash)))
     if not any(np.isfinite(run.vertical_load_n).any() for run in runs):
         drawn["load"] = []
-    names = [run.run.id for run in runs]
-    figures = [
+    return [
         Figure(
             f"drive-{panel}",
             title,
             [trace for _, trace in drawn[panel]],
-            axes("time (s)", axis, height=280, showlegend=panel == "speed"),
+            axes("time (s)", axis, height=240, showlegend=panel == "speed"),
             [name for name, _ in drawn[panel]],
+            wide=True,
         )
         for panel, title, axis in _PANELS
         if drawn[panel]
     ]
-    numbers = {"mean_load_n": {run.run.id: _mean(run.vertical_load_n) for run in runs}}
-    return [Panels(figures, _READING_DRIVE, names)], numbers
 
 
 def _mean(values: FloatArray) -> float:

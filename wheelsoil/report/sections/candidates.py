@@ -22,7 +22,7 @@ _READING = (
 )
 
 
-@section("candidates", "Candidates")
+@section("candidates", "Candidate causes")
 def candidates(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis

@@ -19,6 +19,10 @@ from wheelsoil.wording.fit_text import criteria_json, reason_text
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import model_as_json
 
+SINGLE_LAW = (
+    "Each of these fits adds one law to the laboratory's soil. The recommended model calibrates the soil together with "
+    "the cause and weighs the errors of slip and load: so the same coefficient has another value there."
+)
 _STRONG = 0.9
 _NOT_SHOWN = 0.1
 """Correlations below it are left out, as lmfit does."""
@@ -42,7 +46,7 @@ _JUDGED = ("dp", "t")
 _OF_CRITERIA = ("effects", "criteria", "load_ratio")
 
 
-@section("coefficients", "Parameters")
+@section("coefficients", "Single-law fits: parameters")
 def coefficients(material: ReportInputs) -> Contents:
     """Build the section: fit statistics, variables, correlations."""
     fit = material.fit
@@ -51,6 +55,7 @@ def coefficients(material: ReportInputs) -> Contents:
     percent = f"{100 * fit.options.confidence:g} % interval"
     head = ["model", "variable", "value", "standard error", "relative error", percent, "initial", "min", "max", "unit"]
     blocks: list[Block] = [
+        Text(SINGLE_LAW),
         Table("Fit statistics", _STATISTICS, [_statistics(fit, model) for model in fit.models], _said_of_data(fit)),
         Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2),
         *_correlations(fit),
@@ -169,7 +174,7 @@ def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, f
     }
 
 
-@section("criteria", "The four models side by side")
+@section("criteria", "Single-law fits: criteria side by side")
 def criteria(material: ReportInputs) -> Contents:
     """Build the section: one table for each channel that was measured."""
     fit = material.fit

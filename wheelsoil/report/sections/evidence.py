@@ -36,7 +36,7 @@ _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
 _SOLID = Style("after", "#0072B2", "solid", "square-open")
 _AFTER = (
-    "both lines are measured - simulated, as medians in bins of slip: the broken one before the cause is added, the "
+    "both lines are measured − predicted, as medians in bins of slip: the broken one before the cause is added, the "
     "solid one after. A cause that is right takes the line to zero everywhere. Double-click shows braking."
 )
 _SHAPES = (
@@ -72,7 +72,7 @@ class _Shown:
     signatures: dict[str, FloatArray]
 
 
-@section("evidence", "Evidence")
+@section("evidence", "Signatures of the causes")
 def evidence(material: ReportInputs) -> Contents:
     """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
     found = material.diagnosis
@@ -171,7 +171,7 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
         ]
     figure = _figure("diagonal", channel, "left-over against signature", groups)
     layout = {**figure.layout}
-    for name, title in (("xaxis", "what the cause changes (σ)"), ("yaxis", "measured − simulated (σ)")):
+    for name, title in (("xaxis", "what the cause changes (σ)"), ("yaxis", "measured − predicted (σ)")):
         layout[name] = {**layout[name], "title": {**layout[name]["title"], "text": title}}
     return replace(figure, layout=layout)
 
@@ -187,7 +187,7 @@ def _driven(figure: Figure) -> Figure:
 
 
 def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
-    layout = axes("slip", f"measured − simulated ({OUTPUTS[channel].unit_text})", height=340)
+    layout = axes("slip", f"measured − predicted ({OUTPUTS[channel].unit_text})", height=340)
     return Figure(
         f"evidence-{kind}-{channel}",
         f"{OUTPUTS[channel].name.capitalize()}: {what}",

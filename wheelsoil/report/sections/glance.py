@@ -1,40 +1,58 @@
-"""What to know in ten seconds: the result, what to do next, and a traffic light for each run."""
+"""The first screen: the verdict, three numbers, the figure that shows it, and what to do next."""
 
 from __future__ import annotations
 
-import re
+from datetime import UTC, datetime
+from math import exp, isfinite
 
-from daq import DataError
-from wheelsoil.report.content import Block, Contents, Light, Lights, Text, section
+import numpy as np
+
+from daq import OUTPUTS, DataError, FloatArray
+from model.diagnosis import Diagnosis
+from wheelsoil.report.content import Block, Contents, Drawing, Step, Steps, Text, Tile, Tiles, section
+from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.figures import EDGES, binned
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
 from wheelsoil.report.sections.verdict import fit_sentences, rank
-from wheelsoil.report.words import count, listed
+from wheelsoil.report.words import listed, number, signed
+from wheelsoil.wording.names import chance, plain_name
 from wheelsoil.wording.notes import step_text
-from wheelsoil.wording.verdict import sentences_of
+from wheelsoil.wording.verdict import details_of, headline_of, sentences_of
 from wheelsoil.workflows.grading import Grade
 
-_WHY = 1
-"""Reasons of a run that are listed here; data quality lists all."""
-_MANY = 12
-"""Runs beyond which good ones are not commented on."""
+_STEPS = 3
+_NAMED = 5
+_SIGMAS = 1.959964
+_HIGHEST_ODDS = 1000.0
 
 
-@section("glance", "In ten seconds")
+@section("glance", "Summary")
 def glance(material: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
-    step = next_step(material, grades)
-    many = len(grades) > _MANY
-    lights = [
-        Light(name, grade.level, "" if many and grade.level == "good" else _why(grade))
-        for name, grade in grades.items()
-    ]
-    lead, *others = sentences = _sentences(material)
-    blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next")]
-    blocks += [Lights("Runs", lights)] if lights else []
-    below = [one for one in others if not (one.startswith("Next: ") and one[len("Next: ") : -1] in step)]
-    blocks += [Text(" ".join(below))] if below else []
-    return blocks, {"sentence": " ".join(sentences), "next_step": step, "grades": grades}
+    sentences = _sentences(material)
+    steps = Steps(_steps(material, grades), _again(grades), [caution_text(one) for one in _cautions(material)])
+    headline = headline_of(material.diagnosed) if material.diagnosed is not None else sentences[0]
+    said = details_of(material.diagnosed) if material.diagnosed is not None else sentences[1:]
+    tiles = _tiles(material, grades)
+    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(said), "lead"), Tiles(tiles)]
+    try:
+        blocks.append(hero(material))
+    except DataError as error:
+        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    numbers = {
+        "headline": headline,
+        "sentence": " ".join(sentences),
+        "next_step": steps.steps[0].what,
+        "steps": steps.steps,
+        "grades": grades,
+        "tiles": {
+            one.title: {"before": one.before, "value": one.value, "unit": one.unit} for one in _tiles(material, grades)
+        },
+        "cautions": list(steps.cautions),
+    }
+    return [*blocks, steps], numbers
 
 
 def _sentences(material: ReportInputs) -> list[str]:
@@ -49,19 +67,223 @@ def _sentences(material: ReportInputs) -> list[str]:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
-def _why(grade: Grade) -> str:
-    if grade.reasons:
-        more = len(grade.reasons) - _WHY
-        reasons = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
-        return f"{reasons}; {count(more)} more" if more > 0 else reasons
-    return f"{100 * grade.usable_share:.0f} % of motion usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
+def _tiles(material: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
+    return [_error_tile(material), _confidence_tile(material.diagnosed), _data_tile(material, grades)]
+
+
+def _error_tile(material: ReportInputs) -> Tile:
+    gain = material.diagnosed.gain if material.diagnosed is not None else None
+    if gain is None or gain.channel not in gain.base:
+        return _in_sample_tile(material)
+    channel = OUTPUTS[gain.channel]
+    before, after = gain.base[gain.channel].R0, gain.extended[gain.channel].R0
+    low, high = gain.interval95
+    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %"] if isfinite(low) else []
+    for other in gain.base:
+        if other != gain.channel and other in gain.extended:
+            was, now = (number(scores[other].R0) for scores in (gain.base, gain.extended))
+            notes.append(f"{OUTPUTS[other].name} {was} → {now}\u00a0{OUTPUTS[other].unit_text.replace(' ', chr(160))}")
+    change = f"{signed(-gain.reduction_percent, '+.0f')} %" if isfinite(gain.reduction_percent) else ""
+    title = f"{channel.name.capitalize()} error, held-out"
+    return Tile(title, number(after), channel.unit_text, " · ".join(notes), number(before), change)
+
+
+def _in_sample_tile(material: ReportInputs) -> Tile:
+    title = "Drawbar pull error"
+    try:
+        one = material.recommendation
+    except DataError:
+        return Tile(title, "–", "", "there is no fit")
+    if "dp" not in one.measured:
+        return Tile(title, "–", "", "the drawbar pull was not measured")
+    base, after = (
+        float(np.sqrt(np.nanmean(one.residual("dp", base=base)[one.slip > 0] ** 2))) for base in (True, False)
+    )
+    if one.is_base:
+        return Tile(title, number(after), "N", "in sample, driving; nothing better than the baseline is known")
+    return Tile(title, number(after), "N", "in sample, driving; no run was held out", number(base))
+
+
+def _confidence_tile(found: Diagnosis | None) -> Tile:
+    title = "Confidence"
+    if found is None:
+        return Tile(title, "–", "", "no diagnosis was made")
+    chances = {one.name: one.probability for one in found.candidates}
+    if found.verdict == "named":
+        named = listed([plain_name(cause.name) for cause in found.causes])
+        lowest = min(cause.probability for cause in found.causes)
+        return Tile(title, *_share(lowest), f"in {named}{_chosen(found)}")
+    if found.verdict == "one_of":
+        names = " or ".join(f"{plain_name(c.name)} {chance(c.probability)}" for c in found.causes)
+        return Tile(title, *_share(1 - chances.get("none", 0.0)), f"that a cause acts: {names}")
+    if found.verdict == "nothing_detectable":
+        return Tile(title, *_share(chances.get("none", float("nan"))), "that no cause acts")
+    fit = found.adequacy
+    why = f"lack of fit {number(fit.statistic)}, threshold {number(fit.threshold)}" if fit else "nothing was decided"
+    return Tile(title, "none", "", why)
+
+
+def _share(value: float) -> tuple[str, str]:
+    return (chance(value).removesuffix(" %"), "%") if isfinite(value) else ("–", "")
+
+
+def _chosen(found: Diagnosis) -> str:
+    chosen = found.gain.chosen if found.gain is not None else ()
+    held = sum(bool(keys) for keys in chosen)
+    return f"; a cause chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
+
+
+def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
+    title = "Usable data"
+    if material.tables:
+        return Tile(title, str(sum(len(one.rows) for one in material.tables)), "rows", "of single-wheel tests")
+    shares = np.array([grade.usable_share for grade in grades.values()])
+    used = np.concatenate([run.used for run in material.runs]) if material.runs else np.zeros(0)
+    slip = np.concatenate([run.slip[run.used] for run in material.runs]) if material.runs else np.zeros(0)
+    known = slip[np.isfinite(slip)]
+    if not len(known):
+        return Tile(title, "0", "%", "no sample can be used")
+    low, high = (signed(float(end), ".2f") for end in (known.min(), known.max()))
+    note = f"{100 * used.mean():.0f} % of all samples · slip {low} to {high}"
+    return Tile(title, number(100 * float(np.nanmean(shares))), "% of motion", note)
+
+
+def hero(material: ReportInputs) -> Drawing:
+    """Return drawbar pull against slip: measured, baseline, recommended; `DataError` without driven samples."""
+    one = material.recommendation
+    channel = next((c for c in ("dp", "t", "z") if c in one.measured), None)
+    driven = one.slip > 0
+    if channel is None or not np.isfinite(one.measured[channel][driven]).any():
+        raise DataError("no driven sample has a measured drawbar pull or torque")
+    factor, unit = in_page_unit(channel)
+    shift = load_shift(one, channel)
+    slip, added = one.slip[driven], shift.of(one.slip, one.vertical_load_n)
+    measured, base, model = (
+        factor * (values[channel] + added)[driven] for values in (one.measured, one.base, one.recommended)
+    )
+    points, above = binned(slip, measured, EDGES), binned(slip, model, EDGES)
+    noise = binned(slip, factor * one.noise[channel][driven], EDGES)
+    half = _SIGMAS * _matched(above.centre, noise.centre, noise.median)
+    curves = []
+    if not one.is_base:
+        below = binned(slip, base, EDGES)
+        curves.append(Curve("Baseline", below.centre, below.median, "base", note=_lines(one.base_name)))
+    name = "Baseline" if one.is_base else "Recommended"
+    edges = (above.median - half, above.median + half)
+    curves += [
+        Curve(name, above.centre, above.median, "model", *edges, note=_lines(one.name)),
+        Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
+    ]
+    samples = _samples(material, channel, shift) or (slip, measured)
+    inner = np.percentile(samples[1], [1.0, 99.0])
+    plane = Plane(
+        (0.0, max(0.05 * np.ceil(float(np.nanmax(slip)) / 0.05), 0.2)),
+        reach(inner, *edges, points.lower, points.upper, *(curve.y for curve in curves)),
+        "Slip ratio",
+        f"{OUTPUTS[channel].name.capitalize()} ({unit})",
+    )
+    at = (
+        f"shifted to {number(shift.load_n / 1e3, 2)} kN" if shift.slope.any() else f"{number(shift.load_n / 1e3, 2)} kN"
+    )
+    band = " Band: 95 % of the noise of a sample." if np.isfinite(half).any() else ""
+    caption = f"Driving, all runs, {at}. Grey: samples. Points: median and middle half.{band}"
+    return drawn("hero", _finding(one, channel), caption, plane, curves, samples=samples)
+
+
+def _samples(material: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
+    """Return slip and channel of every used driven sample of the runs; None where there are no runs."""
+    field = OUTPUTS[channel].field
+    if not material.runs or not hasattr(material.runs[0], field):
+        return None
+    slip, load, values = (
+        np.concatenate([getattr(run, name)[run.used] for run in material.runs])
+        for name in ("slip", "vertical_load_n", field)
+    )
+    values = in_page_unit(channel)[0] * (values + shift.of(slip, load))
+    rows = (slip > 0) & np.isfinite(values)
+    return (slip[rows], values[rows]) if rows.any() else None
+
+
+def in_page_unit(channel: str) -> tuple[float, str]:
+    """Return the factor to the unit that the page writes, and that unit: sinkage is in mm."""
+    return (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
+
+
+def _lines(text: str) -> str:
+    return text if len(text) <= 22 else "\n".join(text.rsplit(" ", 1)) if len(text) < 40 else text[:38] + "…"
+
+
+def _matched(at: FloatArray, known_at: FloatArray, values: FloatArray) -> FloatArray:
+    known = dict(zip(known_at.tolist(), values.tolist(), strict=True))
+    return np.array([known.get(centre, np.nan) for centre in at.tolist()])
+
+
+def _finding(one: Recommendation, channel: str) -> str:
+    """Return what the figure shows: where the baseline is off most."""
+    name, (factor, unit) = OUTPUTS[channel].name, in_page_unit(channel)
+    driven = one.slip > 0
+    off = binned(one.slip[driven], factor * one.residual(channel, base=True)[driven], EDGES)
+    if one.is_base or not len(off.median):
+        return f"{name.capitalize()} against slip: measured and baseline"
+    worst = int(np.argmax(np.abs(off.median) * np.sqrt(off.count)))
+    size, how = number(abs(float(off.median[worst])), 2), "too much" if off.median[worst] < 0 else "too little"
+    return f"The baseline predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
+
+
+def _cautions(material: ReportInputs) -> list[Bias]:
+    try:
+        return biases(material.recommendation)
+    except DataError:
+        return []
+
+
+def caution_text(bias: Bias) -> str:
+    """Return a bias of the recommended model in words."""
+    factor, unit = in_page_unit(bias.channel)
+    low, high = (number(factor * size, 2) for size in bias.size)
+    size = f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+    slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
+    side = "Driving" if bias.driving else "Braking"
+    return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}."
+
+
+def _again(grades: dict[str, Grade]) -> str:
+    if not grades:
+        return ""
+    poor = [name for name, grade in grades.items() if grade.level == "poor"]
+    if not poor:
+        return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
+    said = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+    return f"{said}; the reasons stand under Runs."
+
+
+def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
+    found = material.diagnosed
+    poor = any(grade.level == "poor" for grade in grades.values())
+    if found is None or not found.next_run or poor:
+        first = [Step(_upper(next_step(material, grades)))]
+        if found is None or not found.next_run:
+            return first
+    else:
+        first = []
+    ranked = []
+    for run in found.next_run[:_STEPS]:
+        parted = listed([plain_name(name) for name in run.separates])
+        odds = exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0))
+        to_1 = f"{number(odds, 2)} : 1" if odds < _HIGHEST_ODDS else "above 1000 : 1"
+        ranked.append(Step(_upper(step_text(run)), f"Separates {parted}; expected odds {to_1}." if parted else ""))
+    return [*first, *ranked][:_STEPS]
+
+
+def _upper(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
-    """Return the next step: repair what spoils runs, else the most informative run, else nothing."""
+    """Return the next step: repair what spoils runs, else what the verdict asks for."""
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
-        said = listed(poor) if len(poor) <= 5 else f"{len(poor)} of {len(grades)} runs"
+        said = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
         return f"look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor."
     if material.campaign is None and not material.tables:
         return "see below why the runs could not be fitted."
@@ -70,16 +292,12 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
         return "see below why there is no diagnosis."
     if found is None:
         return "`wheelsoil diagnose` says what the simulation gets wrong and why."
-    if found.next_run:
-        first = found.next_run[0]
-        parted = listed([name.replace("_", " ") for name in first.separates])
-        return f"{step_text(first)}{f' (separates {parted})' if parted else ''}."
     if found.verdict == "unexplained":
         return (
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
             "Check zeros, signs and configuration first, and whether all runs are on one soil."
         )
-    faulty = listed([cause.name.replace("_", " ") for cause in found.causes if cause.kind == "measurement"])
+    faulty = listed([plain_name(cause.name) for cause in found.causes if cause.kind == "measurement"])
     if found.verdict == "named" and faulty:
         return (
             f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
@@ -87,3 +305,34 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     if found.verdict == "named":
         return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
     return "no further run is asked for; see the minimum detectable effect."
+
+
+def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
+    """Return what the head of the page names: dates, loads, runs, tyre, transducer; (label, value)."""
+    found = [("", f"{_dates([run.start_ns for run in material.runs])}")] if material.runs else []
+    loads = [
+        float(np.nanmedian(run.vertical_load_n)) for run in material.runs if np.isfinite(run.vertical_load_n).any()
+    ]
+    if loads:
+        low, high = (f"{end / 1e3:.1f}" for end in (min(loads), max(loads)))
+        found.append(("Load", f"{low} kN" if low == high else f"{low} to {high} kN"))
+    if material.runs:
+        found.append(("Runs", str(len(material.runs))))
+    pressures = sorted({run.run.inflation_kpa for run in material.runs if run.run.inflation_kpa})
+    wheel = material.vehicle.wheel
+    tyre = [f"{wheel.tyre}"] if wheel and wheel.tyre else []
+    tyre += [f"{listed([f'{one:g}' for one in pressures])} kPa"] if pressures else []
+    found += [("Tyre", ", ".join(tyre))] if tyre else []
+    serial = material.vehicle.transducer.serial
+    return [*found, *([("Transducer", serial)] if serial else [])]
+
+
+def _dates(starts_ns: list[int]) -> str:
+    dated = [datetime.fromtimestamp(start / 1e9, UTC) for start in starts_ns if start > 631_152_000 * 10**9]
+    if not dated:
+        return "date unknown"
+    first, last = min(dated), max(dated)
+    if first.date() == last.date():
+        times = f"{first:%H:%M}" if first == last else f"{first:%H:%M} to {last:%H:%M}"
+        return f"{first.day} {first:%B %Y}, {times} UTC"
+    return f"{first.day} {first:%B %Y} to {last.day} {last:%B %Y}"

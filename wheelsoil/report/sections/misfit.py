@@ -37,7 +37,7 @@ _SHOWN = 12
 _LEAST_SIGMAS = 6.0
 """Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
-    "dots are measured - simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
+    "dots are measured − predicted (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
     "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its "
     "unit, else in sigmas of the noise (σ)."
 )
@@ -54,7 +54,7 @@ _AGAINST = (
 _QUARTILE = 0.6745
 
 
-@section("misfit", "What is wrong, and where")
+@section("misfit", "Residuals of the baseline")
 def misfit(material: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
     found = material.diagnosis
@@ -100,7 +100,7 @@ def _findings(found: Diagnosis) -> Block:
         for one in found.what_is_wrong[:_SHOWN]
     ]
     head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
-    note = "Mean there: of measured - simulated over these rows." if of_rows else FINDING_NOTE
+    note = "Mean there: of measured − predicted over these rows." if of_rows else FINDING_NOTE
     note = finding_note(note, found.what_is_wrong[:_SHOWN])
     return Table("Residuals of the simulation, largest first", head, rows, note, left=2)
 
@@ -128,7 +128,7 @@ def _panels(everything: tuple[PlotData, ...], channel: str) -> tuple[list[Figure
             data += traces
             groups += [seen.campaign] * len(traces)
         unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
-        layout = axes(across, f"measured − simulated ({unit})", height=310)
+        layout = axes(across, f"measured − predicted ({unit})", height=310)
         if key == "slip":
             set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
             set_axis_range(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))

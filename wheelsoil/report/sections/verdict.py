@@ -47,7 +47,7 @@ _CONFIDENCE = 0.95
 _RANKED = "dp"
 
 
-@section("verdict", "How far to trust it")
+@section("verdict", "Single-law fits: checks")
 def verdict(material: ReportInputs) -> Contents:
     """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
 
@@ -205,13 +205,13 @@ def _load(material: ReportInputs, ranking: Ranking) -> Text:
 
 
 def _offset(ranking: Ranking) -> Text:
-    bias = float(np.mean(ranking.error_n))
+    bias = -float(np.mean(ranking.error_n))
     share = bias**2 / float(np.mean(ranking.error_n**2))
     part = f"{number(100 * share, 2)} %" if share >= _NOTABLE else "Next to nothing"
     text = f"{part} of the squared error is a constant offset" + (f" of {number(bias)} N" if share >= _NOTABLE else "")
     if share <= _OFFSET_SHARE:
         return Text(f"{text}.", "good")
-    return Text(f"{text}: predicted less measured; look at the transducer's zero and angle before the soil.", "warning")
+    return Text(f"{text}: measured − predicted; look at the transducer's zero and angle before the soil.", "warning")
 
 
 def _follows(ranking: Ranking) -> Text:

@@ -1,0 +1,216 @@
+"""The model that the report recommends beside the baseline, on the samples that decide between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
+from model.diagnosis import Diagnosis
+from model.fit import CampaignFit
+from wheelsoil.report.figures import EDGES, Bins, binned, style
+from wheelsoil.wording.names import plain_name
+
+_SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
+_LEAST_SAMPLES = 10
+_LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
+
+
+class Pool(Protocol):
+    """Used samples of fitted runs; see `wheelsoil.report.inputs.Pool`."""
+
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    time_s: FloatArray
+    run: IntArray
+
+    def values(self, name: str) -> FloatArray:
+        """Return what was measured."""
+
+    def predicted(self, model: str, name: str) -> FloatArray:
+        """Return what a model predicts."""
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Baseline and recommended model on the same samples.
+
+    Attributes
+    ----------
+    name, base_name : str
+        Of the recommended model and of the baseline, in words.
+    is_base : bool
+        Whether nothing better than the baseline is known: then there is one model.
+    runs : tuple of str
+        ``run`` indexes them.
+    measured, base, recommended, noise : mapping channel -> float64 array, shape (n,)
+        ``noise`` is one sigma of a measured sample about the baseline; NaN where nobody estimated it.
+    """
+
+    name: str
+    base_name: str
+    is_base: bool
+    runs: tuple[str, ...]
+    run: IntArray
+    time_s: FloatArray
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    measured: Mapping[str, FloatArray]
+    base: Mapping[str, FloatArray]
+    recommended: Mapping[str, FloatArray]
+    noise: Mapping[str, FloatArray]
+
+    def residual(self, channel: str, *, base: bool = False) -> FloatArray:
+        """Return measured - predicted, shape (n,), of the recommended model or of the baseline."""
+        predicted = self.base if base else self.recommended
+        return np.asarray(self.measured[channel] - predicted[channel])
+
+
+def of_fit(fit: CampaignFit, runs: tuple[str, ...], pool: Pool) -> Recommendation:
+    """Return the single-law fit that predicts the drawbar pull best beside Wong's model without slip sinkage."""
+    scored = {m.name: m.criteria["dp"].R0_N for m in fit.models if "dp" in m.criteria}
+    best = min((name for name in scored if np.isfinite(scored[name])), key=lambda name: scored[name], default="wong")
+    base = "wong" if "wong" in scored else best
+    channels = [c for c in REACTIONS if np.isfinite(pool.values(OUTPUTS[c].field)).any()]
+
+    def predicted(model: str) -> dict[str, FloatArray]:
+        return {c: pool.predicted(model, OUTPUTS[c].field) for c in channels}
+
+    return Recommendation(
+        name=style(best).label,
+        base_name=style(base).label,
+        is_base=best == base,
+        runs=runs,
+        run=pool.run,
+        time_s=pool.time_s,
+        slip=pool.slip,
+        vertical_load_n=pool.vertical_load_n,
+        measured={c: pool.values(OUTPUTS[c].field) for c in channels},
+        base=predicted(base),
+        recommended=predicted(best),
+        noise={c: np.full(len(pool.slip), np.nan) for c in channels},
+    )
+
+
+def of_diagnosis(found: Diagnosis) -> Recommendation:
+    """Return what a diagnosis with samples recommends: the extended model, or the baseline where no cause is likely."""
+    several = len(found.plot_data) > 1
+    runs: list[str] = []
+    number, pieces = [], found.plot_data
+    for one in pieces:
+        number.append(one.run + len(runs))
+        runs += [f"{one.campaign}: {name}" if several else name for name in one.runs]
+    channels = [c for c in OUTPUTS if any(c in one.base for one in pieces)]
+
+    def joined(name: str) -> dict[str, FloatArray]:
+        empty = {one.campaign: np.full(len(one.slip), np.nan) for one in pieces}
+        values = {c: [getattr(one, name).get(c, empty[one.campaign]) for one in pieces] for c in channels}
+        return {c: np.concatenate(of_campaigns) for c, of_campaigns in values.items()}
+
+    is_base = found.verdict not in ("named", "one_of") or not found.causes
+    names = [plain_name(cause.name) for cause in found.causes]
+    with_cause = " and ".join(names) if found.verdict == "named" else next(iter(names), "")
+    return Recommendation(
+        name="Wong, soil calibrated" if is_base else f"with {with_cause}",
+        base_name="Wong, soil calibrated",
+        is_base=is_base,
+        runs=tuple(runs),
+        run=np.concatenate(number).astype(np.int64),
+        time_s=np.concatenate([one.time_s for one in pieces]),
+        slip=np.concatenate([one.slip for one in pieces]),
+        vertical_load_n=np.concatenate([one.vertical_load_n for one in pieces]),
+        measured=joined("measured"),
+        base=joined("base"),
+        recommended=joined("base" if is_base else "extended"),
+        noise=joined("base_sigma"),
+    )
+
+
+@dataclass(frozen=True)
+class LoadShift:
+    """What brings samples of a channel to one load: the recommended model's change with load, as a function of slip.
+
+    Attributes
+    ----------
+    load_n : float
+        The load that samples are brought to.
+    slope : float64 array, shape (k,)
+        Polynomial in slip, highest power first: channel per N of load.
+    """
+
+    load_n: float
+    slope: FloatArray
+
+    def of(self, slip: FloatArray, load_n: FloatArray) -> FloatArray:
+        """Return what to add to samples at these slips and loads."""
+        return np.asarray(np.polyval(self.slope, slip) * (self.load_n - load_n))
+
+
+def load_shift(one: Recommendation, channel: str) -> LoadShift:
+    """Return the shift of a channel to the median load; none where the load hardly varies."""
+    rows = (one.slip > 0) & np.isfinite(one.recommended[channel]) & np.isfinite(one.vertical_load_n)
+    slip, load = one.slip[rows], one.vertical_load_n[rows]
+    middle = float(np.median(load)) if len(load) else float("nan")
+    if len(load) < _LEAST_FOR_SLOPE or float(np.std(load)) < _LITTLE * middle:
+        return LoadShift(middle, np.zeros(1))
+    beside, powers = np.vander(slip, 6), np.vander(slip, 3)
+    design = np.hstack([beside, powers * (load - middle)[:, None] / middle])
+    solution = np.linalg.lstsq(design, one.recommended[channel][rows], rcond=None)[0]
+    return LoadShift(middle, np.asarray(solution[-3:] / middle, np.float64))
+
+
+@dataclass(frozen=True)
+class Bias:
+    """A side of slip on which the recommended model is off: the slips and the medians of its residual there."""
+
+    channel: str
+    driving: bool
+    slip: tuple[float, float]
+    size: tuple[float, float]
+
+
+def biases(one: Recommendation) -> list[Bias]:
+    """Return where the recommended model's residual stays on one side of zero.
+
+    Either nearly everywhere and by more than half the noise of a sample, or in bins of slip where the median is off by
+    more than the noise of a single sample.
+    """
+    found = []
+    for channel in one.measured:
+        for driving in (True, False):
+            bias = _bias(one, channel, driving=driving)
+            found += [bias] if bias else []
+    return found
+
+
+def _bias(one: Recommendation, channel: str, *, driving: bool) -> Bias | None:
+    side = (one.slip > 0) == driving
+    median = binned(one.slip[side], one.residual(channel)[side], EDGES)
+    noise = binned(one.slip[side], one.noise[channel][side], EDGES)
+    known = dict(zip(noise.centre.tolist(), noise.median.tolist(), strict=True))
+    sigma = np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
+    if len(median.centre) == 0 or not np.isfinite(sigma).any():
+        return None
+    sides = np.sign(median.median)
+    same = max(float(np.mean(sides > 0)), float(np.mean(sides < 0)))
+    everywhere = (
+        len(sides) >= _LEAST_BINS
+        and same >= _SAME_SIDE
+        and float(np.nanmedian(np.abs(median.median) / sigma)) > _HALF_NOISE
+    )
+    chosen = (
+        np.ones(len(sides), np.bool_)
+        if everywhere
+        else (np.abs(median.median) > sigma) & (median.count >= _LEAST_SAMPLES)
+    )
+    return _range(channel, median, chosen, driving=driving) if chosen.any() else None
+
+
+def _range(channel: str, median: Bins, chosen: BoolArray, *, driving: bool) -> Bias:
+    half = (EDGES[1] - EDGES[0]) / 2
+    centres, sizes = median.centre[chosen], median.median[chosen]
+    slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
+    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())))

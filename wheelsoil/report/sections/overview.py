@@ -1,0 +1,343 @@
+"""The evidence in four short sections: how the recommended model fits, why this cause, which runs, which sensors."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from daq import OUTPUTS, ROLES, DataError
+from model.diagnosis import Cause, Diagnosis
+from wheelsoil.report.content import (
+    Bar,
+    Bars,
+    Block,
+    Check,
+    Checks,
+    Contents,
+    Drawing,
+    Pair,
+    Table,
+    Text,
+    Tile,
+    Tiles,
+    section,
+)
+from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import Recommendation, biases
+from wheelsoil.report.sections.glance import caution_text, in_page_unit
+from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
+from wheelsoil.wording.diagnosis_text import set_name
+from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
+from wheelsoil.wording.notes import texts_of
+from wheelsoil.workflows.traction import Traction, traction_of
+
+_SIGMAS = 1.959964
+_MOST_SETS, _MOST_CAUSES, _MOST_RUNS = 5, 6, 40
+_DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
+_SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
+_SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
+_READING = (
+    "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
+    "A right model stays at zero everywhere; where a line leaves zero and stays away, that model is wrong."
+)
+
+
+@section("fit", "Fit")
+def fit(material: ReportInputs) -> Contents:
+    """Build the section: residuals of baseline and recommended model, its parameters, checks, traction."""
+    one = material.recommendation
+    found = biases(one)
+    figures = [_residuals(one, channel) for channel in one.measured]
+    checks = [Check(False, caution_text(bias)) for bias in found]
+    checks += [
+        Check(True, f"{OUTPUTS[c].name.capitalize()}: no bias, driving and braking.")
+        for c in one.measured
+        if not any(bias.channel == c for bias in found) and np.isfinite(one.noise[c]).any()
+    ]
+    checks += _adequacy(material.diagnosed)
+    blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
+    beside: list[Block] = []
+    table = _parameters(material)
+    if table is not None:
+        beside.append(table)
+    if checks:
+        beside.append(Checks("Checks", "Bias and lack of fit of the recommended model.", checks))
+    blocks += [Pair(beside)] if beside else []
+    numbers: dict[str, Any] = {
+        "recommended": one.name,
+        "baseline": one.base_name,
+        "biases": found,
+        "checks": [check.text for check in checks],
+        "causes": _recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
+        "soils": material.diagnosed.soils if material.diagnosed is not None else (),
+        "residual": {c: _residual_numbers(one, c) for c in one.measured},
+    }
+    if material.fitted:
+        traction = traction_of(material.fitted)
+        blocks.append(Tiles(_traction_tiles(traction), small=True))
+        numbers["traction"] = traction
+    return blocks, numbers
+
+
+def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
+    names = {"baseline": True, "recommended": False}
+    return {name: binned(one.slip, one.residual(channel, base=base), EDGES) for name, base in names.items()}
+
+
+def _residuals(one: Recommendation, channel: str) -> Drawing:
+    factor, text = in_page_unit(channel)
+    noise = parted_at_zero(binned(one.slip, factor * one.noise[channel], EDGES))
+    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -_SIGMAS * noise.median, _SIGMAS * noise.median)]
+    if not one.is_base:
+        below = parted_at_zero(binned(one.slip, factor * one.residual(channel, base=True), EDGES))
+        curves.append(Curve("Baseline", below.centre, below.median, "base"))
+    above = parted_at_zero(binned(one.slip, factor * one.residual(channel), EDGES))
+    curves.append(Curve("Baseline" if one.is_base else "Recommended", above.centre, above.median, "model"))
+    driving = [curve.y[curve.x > 0] for curve in curves]
+    edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
+    low, high = reach(*driving, *edges)
+    slips = (float(np.floor(np.nanmin(one.slip) / 0.1) * 0.1), float(np.ceil(np.nanmax(one.slip) / 0.1) * 0.1))
+    plane = Plane(slips, (1.3 * low, 1.3 * high), "Slip ratio", f"Measured − predicted ({text})")
+    name = OUTPUTS[channel].name
+    caption = "Medians in bins of slip, braking left of zero, cut at the axis. Grey: 95 % of the noise of a sample."
+    shades = [(slips[0], 0.0)] if slips[0] < 0 else []
+    return drawn(
+        f"residual-{channel}",
+        f"{name.capitalize()}: residual",
+        caption,
+        plane,
+        curves,
+        shades=shades,
+        reading=_READING,
+        wide=(560, 340, 112),
+    )
+
+
+def _adequacy(found: Diagnosis | None) -> list[Check]:
+    if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
+        return []
+    judged = found.adequacy
+    text = f"Lack of fit {number(judged.statistic)}, threshold {number(judged.threshold)}"
+    said = "no more than noise is left." if judged.ok else "more than noise is left; do not rely on the probabilities."
+    return [Check(judged.ok, f"{text}: {said}")]
+
+
+def _parameters(material: ReportInputs) -> Table | None:
+    """Return the parameters of the recommended model: the causes', and the soil's as the data leave it."""
+    found = material.diagnosed
+    if found is None:
+        return None
+    rows = [row for cause in _recommended_causes(found) for row in _of_cause(cause)]
+    several = len(found.soils) > 1
+    for soil in found.soils:
+        for name, value in soil.values.items():
+            sigma = soil.sigmas.get(name, float("nan"))
+            said = interval(value - _SIGMAS * sigma, value + _SIGMAS * sigma)
+            off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
+            label = f"{letter(name)}, {soil.campaign}" if several else letter(name)
+            rows.append([label, measured(value, sigma), said, unit(_SOIL_UNITS.get(name, "")), off])
+    if not rows:
+        return None
+    head = ["parameter", "estimate", "95 % interval", "unit", "from the laboratory"]
+    causes = listed([_with_form(cause) for cause in _recommended_causes(found)])
+    of_soil = (
+        "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
+    )
+    model = f"Wong with {causes}, {of_soil}" if causes else "Wong, soil calibrated on these runs"
+    return Table("Recommended model", head, rows, f"{model}. σ: of the laboratory's value.")
+
+
+def _with_form(cause: Cause) -> str:
+    return f"{plain_name(cause.name)}{f' ({form_name(cause.form)})' if cause.form else ''}"
+
+
+def _recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
+    return found.causes if found.verdict == "named" else found.causes[:1] if found.verdict == "one_of" else ()
+
+
+def _of_cause(cause: Cause) -> list[list[str]]:
+    return [
+        [
+            letter(parameter_name(cause.key, one.name)),
+            measured(one.value, one.sigma),
+            interval(*one.interval95),
+            unit(one.unit),
+            "",
+        ]
+        for one in cause.parameters
+    ]
+
+
+def _traction_tiles(one: Traction) -> list[Tile]:
+    tiles = []
+    if one.pull is not None:
+        low, high = one.pull.interval95
+        said = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
+        note = f"{said}{count(one.pull.passes)} passes, {one.pull.load_n / 1e3:.1f} kN"
+        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", number(one.pull.pull_n), "N", note))
+        tiles.append(
+            Tile(
+                f"Dp/W at slip {one.pull.slip:g}",
+                signed(one.pull.pull_n / one.pull.load_n, ".3f"),
+                "",
+                "drawbar coefficient",
+            )
+        )
+    if isfinite(one.drawbar_coefficient):
+        tiles.append(Tile("Highest Dp/W", signed(one.drawbar_coefficient, ".3f"), "", f"at slip {one.at_slip:.2f}"))
+    if isfinite(one.efficiency):
+        note = f"at slip {one.efficiency_at_slip:.2f}; Dp v / (T ω)"
+        tiles.append(Tile("Highest tractive efficiency", signed(100 * one.efficiency, ".0f"), "%", note))
+    return tiles
+
+
+@section("causes", "Causes")
+def causes(material: ReportInputs) -> Contents:
+    """Build the section: sets of causes, which add up, and each cause with its size."""
+    found = material.diagnosis
+    blocks: list[Block] = []
+    bars = _sets(found)
+    if bars:
+        blocks.append(
+            Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
+        )
+    rows = [
+        [plain_name(one.name), chance(one.probability), *_size(found, one.name)]
+        for one in found.candidates[:_MOST_CAUSES]
+        if one.name != "none"
+    ]
+    if rows:
+        note = "Causes may act together: these need not add up. Minimum detectable: alone, in half of such campaigns."
+        blocks.append(Table("Each cause", ["cause", "probability", "estimate", "minimum detectable"], rows, note))
+    if not blocks:
+        raise DataError("no cause was weighed")
+    numbers = {
+        "sets": [{"causes": one.name, "probability": one.share} for one in bars],
+        "candidates": found.candidates,
+        "causes": found.causes,
+        "minimum_detectable": found.minimum_detectable,
+    }
+    return blocks, numbers
+
+
+def _sets(found: Diagnosis) -> list[Bar]:
+    shown = found.sets[:_MOST_SETS]
+    bars = [Bar(set_name(one), one.probability, chance(one.probability), i == 0) for i, one in enumerate(shown)]
+    rest = 1.0 - sum(one.probability for one in shown)
+    return [*bars, Bar("all other sets", rest, chance(rest))] if shown and rest > 0.0005 else bars
+
+
+def _size(found: Diagnosis, family: str) -> tuple[str, str]:
+    """Return the estimate of a cause, and its minimum detectable size; "–" for what is not known."""
+    cause = next((one for one in found.causes if one.name == family), None)
+    sizes = []
+    if cause is not None:
+        known = [one for one in cause.parameters if isfinite(one.interval95[0])]
+        names = [letter(parameter_name(cause.key, one.name)) for one in known]
+        values = [f"{measured(one.value, one.sigma)} {unit(one.unit)}".rstrip() for one in known]
+        sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
+    key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
+    least = found.minimum_detectable.get(key)
+    name = letter(parameter_name(key, least.parameter)) if least else ""
+    return ", ".join(sizes) or "–", f"{name} ≥ {number(least.value)} {unit(least.unit)}".rstrip() if least else "–"
+
+
+@section("runs", "Runs")
+def runs(material: ReportInputs) -> Contents:
+    """Build the section: go or drive again, per run, with the reason and the traction."""
+    if not material.runs:
+        raise DataError("there are no runs")
+    rows, numbers = [], {}
+    for run, grade in zip(material.runs, material.grades, strict=True):
+        one = traction_of((run,))
+        load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
+        dated = run.start_ns > 631_152_000 * 10**9
+        rows.append(
+            [
+                run.run.id,
+                _DECISIONS[grade.level],
+                f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else "–",
+                f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
+                f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
+                f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
+                number(one.pull.pull_n) if one.pull else "–",
+                signed(one.drawbar_coefficient, ".3f") if isfinite(one.drawbar_coefficient) else "–",
+                "; ".join(grade.reasons[:2]) or "complete, slip covered",
+            ]
+        )
+        numbers[run.run.id] = {
+            "start_utc": rows[-1][2],
+            "load_n": float(np.median(load)) if len(load) else None,
+            "highest_slip": grade.highest_slip,
+            "usable_share": grade.usable_share,
+            "decision": _DECISIONS[grade.level][2:],
+            "reasons": grade.reasons,
+            "traction": one,
+        }
+    head = [
+        "run",
+        "decision",
+        "start UTC",
+        "load (kN)",
+        "slip up to",
+        "usable (%)",
+        "pull at slip 0.2 (N)",
+        "highest Dp/W",
+        "reason",
+    ]
+    more = f"The first {_MOST_RUNS} of {len(rows)}; the others are in the appendix. " if len(rows) > _MOST_RUNS else ""
+    note = f"{more}Usable: share of the samples in motion."
+    return [Table("Go or drive again", head, rows[:_MOST_RUNS], note, left=2)], numbers
+
+
+@section("signals", "Sensors")
+def signals(material: ReportInputs) -> Contents:
+    """Build the section: whether all channels arrived, at which rate, with which noise."""
+    if not material.runs:
+        raise DataError("there are no runs")
+    roles = list(dict.fromkeys(role for run in material.runs for role in run.quality.sensors))
+    rows, numbers = [], {}
+    for role in roles:
+        facts = [run.quality.sensors[role] for run in material.runs if role in run.quality.sensors]
+        gaps, late = sum(one.gaps for one in facts), sum(one.late + one.distrusted for one in facts)
+        missing = len(material.runs) - len(facts)
+        well = not gaps and not late and not missing
+        said = [f"{count(gaps)} gaps"] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
+        said += [f"missing in {count(missing)} runs"] * bool(missing)
+        rate = float(np.median([one.rate_hz for one in facts]))
+        longest = 1e3 * max(one.longest_gap_s for one in facts)
+        sigma = float(np.median([one.sigma for one in facts]))
+        rows.append(
+            [
+                ROLES[role].name,
+                "✓ complete" if well else f"▲ {', '.join(said)}",
+                number(rate, 4),
+                number(longest),
+                number(1e3 * facts[0].latency_s),
+                f"{number(sigma, 2)} {ROLES[role].unit_text}".rstrip(),
+            ]
+        )
+        numbers[role] = {
+            "rate_hz": rate,
+            "longest_gap_ms": longest,
+            "delay_ms": 1e3 * facts[0].latency_s,
+            "sigma": sigma,
+            "complete": well,
+            "gaps": gaps,
+            "distrusted": late,
+            "missing_runs": missing,
+        }
+    blocks: list[Block] = []
+    if rows:
+        head = ["channel", "state", "rate (Hz)", "longest gap (ms)", "delay (ms)", "sigma of a sample"]
+        blocks.append(Table("All channels, all runs", head, rows, "Delay: as declared in vehicle.toml.", left=2))
+    lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in material.sources if source.lost]
+    blocks += [Text(f"Lost while recording: {listed(lost)}.", "warning")] if lost else []
+    notes = dict.fromkeys(text for run in material.runs for text in texts_of(run.quality.notes))
+    blocks += [Text(f"{text}.") for text in list(notes)[:3]]
+    return blocks, numbers
