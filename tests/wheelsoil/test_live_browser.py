@@ -64,6 +64,36 @@ def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: Pag
                 assert seen.evaluate("document.documentElement.scrollWidth") == width
 
 
+def test_slip_pull_and_load_stand_below_the_band_also_when_it_is_red(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel, **STATES["red"]), looking_at(browser, panel.address) as seen:
+        expect(seen.locator("#level")).to_contain_text("RED")
+        expect(seen.locator("#do")).to_contain_text(LOST["next_step"])
+        for width, height in ((390, 844), (360, 640), (844, 390)):
+            seen.set_viewport_size({"width": width, "height": height})
+            bar = seen.locator("#bar").bounding_box()
+            for role in ("slip", "drawbar_pull", "vertical_load"):
+                box = seen.locator(f"#values [data-role={role}] .number").bounding_box()
+                assert box["y"] > 0 and box["y"] + box["height"] <= height, (role, width)
+                beside = width > height and box["x"] + box["width"] <= bar["x"]
+                assert beside or box["y"] + box["height"] <= bar["y"], (role, width)
+        assert not seen.locator("#run").is_visible(), "details are closed"
+        mark, stop = (
+            seen.locator(f"#{name}").evaluate("(b) => getComputedStyle(b).backgroundColor") for name in ("mark", "stop")
+        )
+        assert mark != stop, "Stop is secondary"
+
+
+def test_the_unit_of_the_speed_is_kept(browser: Browser, panel: PagePanel) -> None:
+    speed = "#values [data-role=ground_speed] .number"
+    with Shower(panel), looking_at(browser, panel.address) as seen:
+        expect(seen.locator(speed)).to_contain_text("m/s")
+        seen.get_by_role("button", name="km/h").click()
+        expect(seen.locator(speed)).to_contain_text("km/h")
+        seen.reload()
+        expect(seen.locator(speed)).to_contain_text("km/h")
+        seen.get_by_role("button", name="m/s").click()
+
+
 def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel), looking_at(browser, panel.address, width=360) as seen:
         expect(seen.locator("#state")).to_have_text("RECORDING")
@@ -80,8 +110,8 @@ def test_live_values_buses_and_curves_move(browser: Browser) -> None:
         expect(seen.locator("#buses")).to_contain_text("can0")
         expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points, newest"))
         frames = seen.locator("#run div").nth(1)
-        first = frames.inner_text()
-        seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].innerText !== first", arg=first)
+        first = frames.text_content()
+        seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].textContent !== first", arg=first)
         for plot in ("#slip-plot", "#pull-plot"):
             assert seen.locator(plot).evaluate(_COLOURED) > 20
 

@@ -18,7 +18,7 @@ from wheelsoil.web.serving import LARGEST_BODY_BYTES, Rules
 
 TOKEN = "a-token-of-the-test"
 OWN = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js")
-PAGE = (*OWN, "/common.css", "/dom.js", "/token.js", "/icon.svg")
+PAGE = (*OWN, "/tokens.css", "/dom.js", "/token.js", "/icon.svg")
 MARK = {"kind": "mark", "text": ""}
 
 

@@ -77,9 +77,9 @@ def test_a_live_run_is_shown_led_and_recorded(tmp_path: Path) -> None:
 def _is_live(page: Page) -> None:
     """Frames grow, values change, and both curves are drawn."""
     for place in ("#run div:nth-child(2) dd", "#values li:nth-child(2) .number", "#values li:nth-child(5) .number"):
-        before = page.locator(place).inner_text()
+        before = page.locator(place).text_content()
         page.wait_for_function(
-            "([place, text]) => document.querySelector(place).innerText !== text", arg=[place, before]
+            "([place, text]) => document.querySelector(place).textContent !== text", arg=[place, before]
         )
     expect(page.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points"))
     expect(page.locator("#values li").first).to_contain_text(re.compile(r"slip\s*[−\d]"))

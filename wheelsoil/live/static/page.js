@@ -3,7 +3,7 @@
 import { Commands } from "./commands.js";
 import { Connection } from "./connection.js";
 import { facts, get, known, list, part, spaced, write } from "./dom.js";
-import { ago, count, duration, figure, lossName, POSITION, seconds } from "./parts.js";
+import { ago, count, duration, figure, lossName, seconds } from "./parts.js";
 import { boundsOf, Plot } from "./plot.js";
 import { takeToken, token } from "./token.js";
 
@@ -13,18 +13,19 @@ const STATES = { recording: "RECORDING", between: "BETWEEN RUNS", stopping: "STO
 const LEVELS = { green: "✓ GREEN", amber: "▲ AMBER", red: "✕ RED" };
 const MEANING = { green: "all is well", amber: "look at it soon", red: "data are lost or wrong now" };
 const BUS_STATES = { up: "up", down: "DOWN", bus_off: "BUS-OFF" };
-const COLOURS = { green: "#00662f", amber: "#ffb300", red: "#b3001b", none: "#4a4f55" };
+const BANDS = { green: "--band-go", amber: "--band-amber", red: "--band-stop", none: "--band-none" };
+const GOAL = 0.5; // slip from which on a run is good
 const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
 const rank = ({ role }) => ORDER.indexOf(role);
 
-const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "" };
+const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", run: "", highest: 0 };
 const commands = new Commands();
 const slipPlot = new Plot(get("slip-plot"), "slip, %");
 const pullPlot = new Plot(get("pull-plot"), "seconds before now");
 
 function band(level, state, word, headline) {
   get("band").dataset.level = level;
-  document.querySelector("meta[name=theme-color]").content = COLOURS[level];
+  document.querySelector("meta[name=theme-color]").content = getComputedStyle(document.documentElement).getPropertyValue(BANDS[level]).trim();
   write(get("state"), state);
   write(get("level"), word);
   write(get("headline"), headline);
@@ -54,14 +55,18 @@ function showBand() {
 }
 
 function stale(state, headline) {
+  get("do").hidden = true;
   band("none", state, "", headline);
   speak(state);
 }
 
 function showLive(snapshot) {
   const { state, level, run } = snapshot;
-  const headline = state === "recording" ? `run ${run.id} · ${duration(run.since_s)} · ${MEANING[level]}` : MEANING[level];
-  band(level, STATES[state] ?? state, LEVELS[level], headline);
+  const [worst] = snapshot.reasons;
+  const meaning = worst ? `${worst.where}: ${worst.what}` : `${MEANING[level]}`;
+  band(level, STATES[state] ?? state, LEVELS[level], state === "recording" ? `${duration(run.since_s)} · ${meaning}` : meaning);
+  get("do").hidden = !worst?.next_step;
+  write(get("do"), worst?.next_step ? `Do: ${worst.next_step}` : "");
   const reasons = snapshot.reasons.map((each) => `${each.where}: ${each.code}`).join("; ");
   speak(`${STATES[state]}, ${level}. ${reasons}`);
 }
@@ -86,6 +91,7 @@ function showReasons(reasons) {
 function showRun({ state, run, vehicle }) {
   write(get("run-title"), vehicle);
   write(get("run-id"), state === "between" ? "no run" : run.id);
+  get("run-id").title = run.id ?? "";
   facts(get("run"), [
     [state === "between" ? "between runs for" : "duration", duration(run.since_s)],
     ["frames", count(run.frames)],
@@ -108,8 +114,15 @@ function showValues(values) {
   const main = [...slip, ...values.filter((each) => rank(each) >= 0)].sort((a, b) => rank(a) - rank(b));
   const others = values.filter((each) => rank(each) < 0);
   get("others-box").hidden = !others.length;
-  showTiles(get("values"), main);
+  showTiles(get("values"), main.map(inUnit));
   showTiles(get("others"), others);
+  showReach(last);
+}
+
+/** The ground speed in the unit that was chosen. */
+function inUnit(each) {
+  if (each.role !== "ground_speed" || each.unit !== "m/s" || unit !== "km/h") return each;
+  return { ...each, value: known(each.value) ? 3.6 * each.value : each.value, unit };
 }
 
 function showTiles(parent, values) {
@@ -120,16 +133,40 @@ function showTiles(parent, values) {
     return item;
   };
   list(parent, values, make, (item, each) => {
-    const [name, number, age] = item.children, old = !known(each.age_s) || each.age_s > 1.5;
+    const [name, number, age] = item.children, gone = !known(each.age_s) || each.age_s > 1.5;
     item.dataset.level = each.level;
-    item.className = POSITION.has(each.role) || each.role === "gnss_time" ? "long" : "";
+    item.dataset.role = each.role;
     item.title = each.name ?? "";
     write(name, spaced(each.role) + (each.level in LEVELS && each.level !== "green" ? ` ${LEVELS[each.level]}` : ""));
-    write(number.children[0], figure(each.value, each.role));
+    write(number.children[0], figure(gone && each.role !== "slip" ? null : each.value, each.role));
     write(number.children[1], each.unit);
-    write(age, known(each.age_s) ? ago(each.age_s) : "never seen");
-    age.classList.toggle("old", old && each.role !== "slip");
+    write(age, gone ? absence(each) : "");
+    age.classList.toggle("old", gone && each.role !== "slip");
   });
+}
+
+function absence({ role, age_s }) {
+  if (role === "slip") return known(age_s) ? `not known for ${seconds(age_s)}` : "not known yet";
+  return known(age_s) ? `no frames for ${seconds(age_s)}` : "no frames yet";
+}
+
+/** How far the slip went in this run, beside where it should go. */
+function showReach(last) {
+  const item = get("values").querySelector("[data-role=slip]");
+  if (!item) return;
+  const { run } = page.snapshot;
+  if (page.run !== run.id) Object.assign(page, { run: run.id, highest: 0 });
+  page.highest = Math.max(page.highest, ...page.slip.filter(([t]) => t > page.nowS - run.since_s).map(([, s]) => s));
+  if (!item.querySelector(".reach")) {
+    const bar = part("span", "reach");
+    bar.append(part("i"), part("u"), part("b"));
+    item.insertBefore(bar, item.lastElementChild);
+  }
+  const [reached, , now] = item.querySelector(".reach").children, share = (s) => `${100 * Math.min(Math.max(s, 0), 1)}%`;
+  reached.style.width = share(page.highest);
+  now.hidden = !isNow(page.slip);
+  now.style.left = share(last?.[1] ?? 0);
+  if (isNow(page.slip)) write(item.lastElementChild, `highest ${Math.round(100 * page.highest)} % · goal above ${100 * GOAL} %`);
 }
 
 function showBuses(buses) {
@@ -230,6 +267,25 @@ function keep(kept, added, fresh, fromS) {
   return [...(fresh ? [] : kept), ...added].filter(([t]) => t > fromS);
 }
 
+const KEPT_UNIT = "wheelsoil.unit";
+let unit = "m/s";
+try {
+  unit = localStorage.getItem(KEPT_UNIT) ?? unit;
+} catch { /* a browser that keeps nothing */ }
+
+function showUnit() {
+  for (const button of get("units").children) button.setAttribute("aria-pressed", String(button.dataset.unit === unit));
+  if (page.snapshot) showValues(page.snapshot.values);
+}
+
+get("units").addEventListener("click", ({ target }) => {
+  unit = target.dataset.unit ?? unit;
+  try {
+    localStorage.setItem(KEPT_UNIT, unit);
+  } catch { /* a browser that keeps nothing */ }
+  showUnit();
+});
+
 const connection = new Connection({
   hello({ vehicle }) {
     page.vehicle = vehicle;
@@ -264,3 +320,4 @@ get("ask-token").addEventListener("submit", (event) => {
   takeToken(get("token").value);
 });
 setInterval(showBand, 250);
+showUnit();

@@ -1,7 +1,8 @@
 // Small plots on a canvas: axes with numbers, sharp on any screen.
 
-/** A colour of common.css, as it is now: light or dark. */
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
+const TOKENS = { soft: "ink-2", grid: "d-grid", paper: "surface", dot: "d-model", now: "d-base" };
+/** A colour of tokens.css, as it is now: light or dark. */
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${TOKENS[name] ?? name}`);
 const FONT = "15px system-ui, 'DejaVu Sans', sans-serif";
 
 /** Steps of 1, 2 or 5 that give about `count` ticks over the span. */
