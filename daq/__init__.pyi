@@ -52,6 +52,7 @@ from .formatting import moment as moment
 from .formatting import number as number
 from .formatting import probability as probability
 from .formatting import table_lines as table_lines
+from .formatting import without_powers as without_powers
 from .host_clock import UncertainTimestamps as UncertainTimestamps
 from .notes import Note as Note
 from .notes import RecordingCode as RecordingCode

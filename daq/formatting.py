@@ -5,19 +5,40 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
-from math import isfinite
+from math import floor, isfinite, log10
 
 import numpy as np
 
 from daq.limits import EARLIEST_DATE_NS
 
 _LEAST_COLUMN = 12
+_POWER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]\d\d(?!\w)")
+_PLAIN, _COMMAS_FROM = (1e-4, 1e7), 1e4
 _BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits, or "-" where there is none."""
-    return f"{value:.{digits}g}" if value == value else "-"
+    """Return a number with `digits` significant digits, or "-" where there is none.
+
+    Written as people write it: 487,600 and 0.00031; a power of ten only above ten millions and below a ten-thousandth.
+    """
+    if value != value:
+        return "-"
+    if not _PLAIN[0] <= abs(value) < _PLAIN[1]:
+        return f"{value:.{digits}g}"
+    rounded = float(f"{value:.{digits}g}")
+    comma = "," if abs(rounded) >= _COMMAS_FROM else ""
+    text = f"{rounded:{comma}.{max(digits - 1 - floor(log10(abs(rounded))), 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def without_powers(text: str) -> str:
+    """Return a text with its numbers written as `number` writes them: 81,200 for 8.12e+04."""
+
+    def written(found: re.Match[str]) -> str:
+        return number(float(found[0]), len(re.sub(r"e.*|[-.]", "", found[0])))
+
+    return _POWER.sub(written, text)
 
 
 def moment(time_ns: int) -> str:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from daq import ConfigError, table_lines
+from daq import ConfigError, table_lines, without_powers
 from wheelsoil.to_json import to_json
 
 _LEAST_WIDTH = 60
@@ -54,7 +54,8 @@ def print_json(value: Any) -> None:
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
     """Print aligned columns (stdout), as wide as the terminal at most; see `daq.table_lines`."""
-    for line in table_lines(head, rows, left=left, width=terminal_width()):
+    written = [[without_powers(cell) for cell in row] for row in rows]
+    for line in table_lines(head, written, left=left, width=terminal_width()):
         print(line)
 
 
@@ -63,7 +64,7 @@ def print_pairs(lines: Iterable[tuple[str, str]]) -> None:
     pairs = list(lines)
     width = max((len(name) for name, _ in pairs), default=0)
     for name, value in pairs:
-        first, *more = folded(value, terminal_width() - width - 2)
+        first, *more = folded(without_powers(value), terminal_width() - width - 2)
         print(f"{name.ljust(width)}  {first}")
         for line in more:
             print(f"{'':{width}}  {line}")

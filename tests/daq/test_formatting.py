@@ -2,10 +2,11 @@
 
 import string
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.formatting import number, table_lines
+from daq.formatting import number, table_lines, without_powers
 
 words = st.text(string.ascii_letters + "_./ ", max_size=40).map(str.strip)
 
@@ -37,4 +38,18 @@ def test_columns_move_closer_before_anything_is_broken():
 
 
 def test_a_number_that_is_none():
-    assert (number(float("nan")), number(12345.678), number(0.5, 2)) == ("-", "1.235e+04", "0.5")
+    assert (number(float("nan")), number(12345.678), number(0.5, 2)) == ("-", "12,350", "0.5")
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("k = 4.876e+05 N", "k = 487,600 N"),
+        ("8.1e+03 to 9.20e+03 N", "8100 to 9200 N"),
+        ("-2e-04 m", "-0.0002 m"),
+        ("1.2e-09", "1.2e-09"),
+        ("id 0x1e+05, run-2e+03a", "id 0x1e+05, run-2e+03a"),
+    ],
+)
+def test_a_text_has_no_powers_of_ten(text: str, written: str) -> None:
+    assert without_powers(text) == written

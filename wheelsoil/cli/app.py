@@ -70,6 +70,14 @@ class LazyGroup(typer.core.TyperGroup):
             ctx.fail(f"No such command {args[0]!r} ({nearest(args[0], COMMANDS)}).")
         return super().resolve_command(ctx, args)
 
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Complete a subcommand from the table, without importing any; options as usual."""
+        if incomplete.startswith("-"):
+            return list(super().shell_complete(ctx, incomplete))
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(name, help=one.summary) for name, one in COMMANDS.items() if name.startswith(incomplete)]
+
     def invoke(self, ctx: Any) -> Any:
         """Run the subcommand inside the error boundary: every failure ends with a message and an exit code."""
         try:
@@ -127,11 +135,9 @@ def main() -> None:
 
 
 def _group() -> Any:
-    app = typer.Typer(
-        cls=LazyGroup, add_completion=False, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False
-    )
+    app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_root)
-    return typer.main.get_group(app)
+    return typer.main.get_command(app)  # a group, with the options that switch completion on
 
 
 def _version(asked: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from daq import number
+from daq import number, without_powers
 from wheelsoil.wording import run_notes
 
 if TYPE_CHECKING:
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def note_text(note: Note) -> str:
     """Return the sentence of a note, without a capital letter and a full stop."""
     sentence = run_notes.SENTENCES.get(note.code) or _of_a_model(note.code)
-    return sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
+    said = sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
+    return without_powers(said)
 
 
 def _of_a_model(code: str) -> run_notes.Sentence:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from daq import OUTPUTS, ROLES, Note
+from daq import OUTPUTS, ROLES, Note, without_powers
 from model import LackCode
 from model.diagnosis import (
     Adequacy,
@@ -392,4 +392,4 @@ def _unit(unit: str) -> str:
 
 
 def _sentences(said: Sequence[str]) -> list[str]:
-    return [f"{text[0].upper()}{text[1:]}." for text in said if text]
+    return [f"{text[0].upper()}{without_powers(text[1:])}." for text in said if text]

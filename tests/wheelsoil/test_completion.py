@@ -1,0 +1,33 @@
+"""Completion of the command line, by a real shell."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+eval "$(_WHEELSOIL_COMPLETE=source_bash wheelsoil)"
+COMP_WORDS=({words}); COMP_CWORD={at}
+_wheelsoil_completion wheelsoil
+echo "${{COMPREPLY[@]}}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [("wheelsoil dia", "diagnose"), ("wheelsoil re", "replay recover report"), ("wheelsoil soil --pl", "--plate")],
+)
+def test_the_shell_completes_commands_and_options(words: str, completed: str) -> None:
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("no bash here")
+    paths = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    script = SCRIPT.format(words=words, at=len(words.split()) - 1)
+    done = subprocess.run([bash, "-c", script], env=os.environ | paths, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == completed.split()
