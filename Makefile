@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind fuzz golden golden-keep mutants clean
+.PHONY: demo test fast slow study lint bench bench-keep blind fuzz golden golden-keep notebooks mutants clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -54,6 +54,10 @@ blind: $(STAMP)
 COUNT ?= 20000
 fuzz: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m fuzz.run --count $(COUNT)
+
+# Runs the notebooks of examples/ and keeps what they show.
+notebooks: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m notebook_outputs
 
 # Measures the strength of the tests and writes docs/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
 mutants: $(STAMP)
