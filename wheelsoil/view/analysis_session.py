@@ -225,7 +225,7 @@ class AnalysisSession:
             if run.state == "failed":
                 raise DataError(*run.faults)
             if run.plot_data is None or run.state != "ready":
-                raise NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
+                raise _not_processed(run)
             return run.plot_data, campaign.keeps().get(run.key)
 
     def parameters(self, key: str) -> dict[str, Any]:
@@ -276,9 +276,12 @@ class AnalysisSession:
     def prediction(self, asked: PredictionAsked) -> dict[str, Any]:
         """Return the model at the drawn samples of a run, as they stand in the answer of `run`."""
         values = checked_values(asked.effects, asked.values, asked.soil)
-        data, _ = self._ready(asked.campaign, asked.run)
         with self.lock:
             campaign = self.campaign(asked.campaign)
+            run = _of_key(campaign.runs, asked.run, "run")
+            data = run.plot_data  # also while it is processed again: the page draws its old samples meanwhile
+            if data is None:
+                raise DataError(*run.faults) if run.faults else _not_processed(run)
             base = campaign.base(asked.load_n, asked.run)
             reading: Reading = asked.sinkage or campaign.choice.fit_choices().reading
             clock = campaign.campaign_time(data)
@@ -413,6 +416,10 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
     if found is None:
         raise UnknownKeyError.of(f"there is no such {what}", what, repr(key), ", ".join(one.key for one in where))
     return found
+
+
+def _not_processed(run: ViewedRun) -> NotReadyError:
+    return NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
 
 
 def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:

@@ -167,8 +167,8 @@ export function drawCurves() {
 
 function showCursor() {
   const data = state.a && samplesOf(state.a);
-  if (!figure || !data || state.cursor === null) return;
-  const i = nearest(data.time_s, state.cursor), seen = own.x[i] !== null && own.y[i] !== null;
+  if (!figure || !data) return;
+  const i = nearest(data.time_s, state.cursor ?? 0), seen = state.cursor !== null && own.x[i] !== null && own.y[i] !== null;
   dot.classList.toggle("none", !seen);
   if (seen) set(dot, { transform: `translate(${X(own.x[i]) - LEFT} ${Y(own.y[i]) - TOP - 8})` });
 }

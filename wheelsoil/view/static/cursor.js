@@ -44,5 +44,5 @@ function go(now) {
 
 export function setUp() {
   on("picked", stop);
-  on("data", () => { if (state.cursor === null && end()) setCursor(end() * 0.4); });
+  on("picked data", () => { if (state.cursor === null && end()) setCursor((state.zoom ? state.zoom[0] + state.zoom[1] : end() * 0.8) / 2); });
 }

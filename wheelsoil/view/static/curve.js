@@ -12,6 +12,8 @@ const kept = new Map(); // what was asked for a model that stays -> its curve or
 let wish = null; // the last one: { model, since, campaign, label }
 let asked = false; // whether it is still to be asked
 let flying = false;
+let predicting = false;
+let late = false; // whether a newer prediction is to be asked for
 let moving = []; // the curve by hand, and that on the other soil
 let fitted = []; // fitted models: { name, label, model }
 
@@ -48,16 +50,14 @@ async function answer({ model, since, label }) {
   if (!a) return;
   const places = [[a, { name: "model", look: "model", label }, model]];
   if (b && b.campaign !== a.campaign) places.push([b, { name: "model there", look: "other", label: "model there" }, { ...model, soil: {}, load_n: null }]);
-  const samples = samplesOf(a), ofRun = { campaign: a.campaign, run: a.run };
   try {
-    const prediction = samples && ask("/api/prediction", { ...ofRun, ...model, load_n: null }, PATIENCE_MS).catch((error) => error);
     moving = await Promise.all(places.map(async ([place, look, body]) => ({ ...(await curveOf(place, body)), ...look, campaign: place.campaign })));
     why("");
     tell("load", moving[0].load_n);
     put([...state.curves.filter(({ look, campaign }) => campaign === a.campaign && (look === "baseline" || look === "fitted")), ...moving]);
     if (since) measured(since, moving[0].ms);
     put([...(await standing(a, model)), ...moving]);
-    if (samples) await predicted(a, samples, await prediction, label);
+    predict();
   } catch (error) {
     if (error instanceof Gone || error instanceof Locked) return tellError("the curve", error);
     if (!error.faults) throw error;
@@ -97,11 +97,29 @@ async function standing({ campaign, run }, { load_n: load, sinkage }) {
   return found.flat();
 }
 
-/** The models at the run's samples; those that came for other samples are dropped. */
-async function predicted(a, samples, model, label) {
-  const baseline = await once("/api/prediction", { ...a, ...BASELINE, sinkage: wish.model.sinkage }).catch((error) => error);
+/** The models at the run's samples, behind the curve; those that came for other samples are dropped. */
+async function predict() {
+  late = true;
+  if (predicting) return;
+  predicting = true;
+  try {
+    while (late) {
+      late = false;
+      await predictOnce(wish, state.a, state.a && samplesOf(state.a));
+    }
+  } finally {
+    predicting = false;
+  }
+}
+
+async function predictOnce({ model, label }, a, samples) {
+  if (!samples || wish.campaign !== a.campaign) return;
+  const refused = (error) => { if (!error.faults && !(error instanceof Gone || error instanceof Locked)) throw error; };
+  const found = {
+    baseline: { label: "baseline", ...(await once("/api/prediction", { ...a, ...BASELINE, sinkage: model.sinkage }).catch(refused)) },
+    model: { label, ...(await ask("/api/prediction", { ...a, ...model, load_n: null }, PATIENCE_MS).catch(refused)) },
+  };
   if (state.a !== a || samplesOf(a) !== samples) return;
-  const found = { baseline: { label: "baseline", ...baseline }, model: { label, ...model } };
   state.predictions = Object.fromEntries(Object.entries(found).filter(([, each]) => each.drawbar_pull_n));
   tell("prediction");
 }

@@ -75,7 +75,7 @@ function unfold(menu) {
     if (event.newState !== "open") return;
     const { left, bottom } = button.getBoundingClientRect();
     menu.style.setProperty("top", `${bottom + 4}px`);
-    menu.style.setProperty("left", `${Math.max(8, Math.min(left, innerWidth - 328))}px`);
+    menu.style.setProperty("left", `${Math.max(8, Math.min(left, innerWidth - (menu.id === "shortcuts" ? 396 : 336)))}px`);
   });
   return menu;
 }

@@ -82,5 +82,6 @@ export class Picker {
     this.active = 0;
     this.take(option);
     this.show();
+    this.list.hidden = !this.open; // until somebody types again
   }
 }

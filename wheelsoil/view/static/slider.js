@@ -44,7 +44,7 @@ export class Slider {
   }
 
   unit(words) {
-    const made = part("span", "unit", words === "1" ? "" : words);
+    const made = part("span", "unit", words === "1" ? "" : words.replace("^(n+1)", "ⁿ⁺¹").replace("^(n+2)", "ⁿ⁺²"));
     made.title = words;
     return made;
   }

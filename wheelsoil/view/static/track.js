@@ -41,7 +41,7 @@ function drawNow() {
   figure.append(svg("path", { class: "track none-known", d: paths[4] }), ...CLASSES.map(([look], i) => svg("path", { class: `track ${look}`, d: paths[i] })));
   const [x, y] = place(rows[0]);
   dot = svg("circle", { class: "at now", r: 5 });
-  figure.append(svg("circle", { class: "start", cx: x, cy: y, r: 4.5 }), text("start", x + 9, y + 14, { class: "axis" }), ...rose(), ...bar(size, width, height), ...key(height), dot);
+  figure.append(svg("circle", { class: "start", cx: x, cy: y, r: 4.5 }), text("start", x + (x > width - 50 ? -9 : 9), y + 14, { class: "axis", "text-anchor": x > width - 50 ? "end" : "start" }), ...rose(), ...bar(size, width, height), ...key(height), dot);
   box.replaceChildren(figure);
   const way = rows.reduce((sum, i, j) => (j ? sum + Math.hypot(east[i] - east[rows[j - 1]], north[i] - north[rows[j - 1]]) : 0), 0);
   write(get("track-note"), `${fixed(data.distance_m?.findLast((v) => v !== null) ?? way, 1)} m`);
@@ -67,8 +67,8 @@ function key(height) {
 
 function showCursor() {
   const data = state.a && samplesOf(state.a);
-  if (!figure || !data || state.cursor === null) return;
-  const i = nearest(data.time_s, state.cursor), known = data.east_m[i] !== null && data.north_m[i] !== null;
+  if (!figure || !data) return;
+  const i = nearest(data.time_s, state.cursor ?? 0), known = state.cursor !== null && data.east_m[i] !== null && data.north_m[i] !== null;
   dot.classList.toggle("none", !known);
   if (known) set(dot, { transform: `translate(${place(i).join(" ")})` });
 }
