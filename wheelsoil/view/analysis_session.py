@@ -208,7 +208,7 @@ class AnalysisSession:
         return compared(groups)
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
-        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`."""
+        """Return a summary of the selected samples of a run; see `wheelsoil.view.counts.selected_of`."""
         data, keep = self._ready(asked.campaign, asked.run)
         return selected_of(data.kept(keep), asked)
 

@@ -116,8 +116,8 @@ async function predictOnce({ model, label }, a, samples) {
   if (!samples || wish.campaign !== a.campaign) return;
   const refused = (error) => { if (!error.faults && !(error instanceof Gone || error instanceof Locked)) throw error; };
   const found = {
-    baseline: { label: "baseline", ...(await once("/api/prediction", { ...a, ...BASELINE, sinkage: model.sinkage }).catch(refused)) },
     model: { label, ...(await ask("/api/prediction", { ...a, ...model, load_n: null }, PATIENCE_MS).catch(refused)) },
+    baseline: { label: "baseline", ...(await once("/api/prediction", { ...a, ...BASELINE, sinkage: model.sinkage }).catch(refused)) },
   };
   if (state.a !== a || samplesOf(a) !== samples) return;
   state.predictions = Object.fromEntries(Object.entries(found).filter(([, each]) => each.drawbar_pull_n));

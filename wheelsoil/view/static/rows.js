@@ -89,10 +89,10 @@ function drawNow() {
   const height = Math.max(box.clientHeight, TOP + BOTTOM + rows.length * LEAST_ROW), each = (height - TOP - BOTTOM) / Math.max(rows.length, 1);
   X = scale(timeLimits(), [LEFT, width - gutter]);
   figure = svg("svg", { class: "figure", width, height });
-  figure.append(...phases(data, height), ...heldOut(height), ...selection(height));
+  figure.append(...phases(data, height), ...heldOut(height), ...selection(height), timeAxis(height));
   const other = state.b?.run ? samplesOf(state.b) : null;
   rows.forEach((row, i) => figure.append(rowFigure(row, data, other, TOP + i * each, each, width, wide)));
-  figure.append(timeAxis(height), ...flags(data, height));
+  figure.append(...flags(data, height));
   rule = svg("path", { class: "cursor", d: `M0 ${TOP}V${height - BOTTOM}` });
   tag = svg("g", { class: "cursor-tag" }, svg("rect", { x: -30, y: height - BOTTOM + 2, width: 60, height: 18, rx: 3 }), text("", 0, height - BOTTOM + 15, { "text-anchor": "middle" }));
   figure.append(rule, tag);
@@ -129,7 +129,7 @@ function rowFigure(row, data, other, top, height, width, wide) {
   const { unit, digits, series } = seriesOf(row, data, other), right = X(X.limits[1]), y0 = top + height - 6, y1 = top + TITLE;
   const part = row.key === "pull" && state.part !== "all" ? `, ${state.part}` : "", title = `${row.title}${part}${unit ? ` (${unit})` : ""}`;
   const range = limitsOf(row, series, data), Y = scale(range, [y0, y1]), group = svg("g", { class: "row", "data-row": row.key });
-  const marks = ticks(range, (y0 - y1) / 34), step = marks[1] - marks[0] || 1;
+  const marks = ticks(range, (y0 - y1) / 30), step = marks[1] - marks[0] || 1;
   group.append(svg("path", { class: "grid", d: marks.map((value) => `M${LEFT} ${Y(value)}H${right}`).join("") }));
   if (range[0] < 0 && range[1] > 0) group.append(svg("path", { class: "zero", d: `M${LEFT} ${Y(0)}H${right}` }));
   group.append(...marks.map((value) => text(tickText(value, step), LEFT - 6, Y(value) + 4, { class: "axis", "text-anchor": "end" })));
@@ -140,7 +140,7 @@ function rowFigure(row, data, other, top, height, width, wide) {
     path.points = { x, y };
     return path;
   });
-  inside.append(...lines.filter((path) => !path.classList.contains("measured")), ...lines.filter((path) => path.classList.contains("measured")), picked(series, data, Y, y1));
+  inside.append(...lines.filter((path) => !path.classList.contains("measured")).reverse(), ...lines.filter((path) => path.classList.contains("measured")), picked(series, data, Y, y1));
   group.append(inside);
   const said = series.filter(({ quiet }) => !quiet);
   const dots = said.map(({ look }) => svg("circle", { class: `at ${look}`, r: 3.5 })), values = said.map((one, i) => value(one, i, title, right, top, wide));
