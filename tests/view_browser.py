@@ -12,21 +12,11 @@ from live_browser import PATIENCE_MS, shown, tab
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 READY = "READY"
-_AT = """([id, x, y]) => {
-  const plot = document.getElementById(id), box = plot.getBoundingClientRect(), { xaxis, yaxis } = plot._fullLayout;
-  return [box.x + xaxis._offset + xaxis.d2p(x), box.y + yaxis._offset + yaxis.d2p(y)];
-}"""
-_SELECTED = """([id, from, to]) => {
-  const { layout } = document.getElementById(id), near = 0.02 * (layout.xaxis.range[1] - layout.xaxis.range[0]);
-  const box = layout.shapes.find((shape) => shape.name === "box");
-  return box && Math.abs(box.x0 - Math.min(from, to)) < near && Math.abs(box.x1 - Math.max(from, to)) < near;
-}"""
-_SHAPES = "([id, name]) => document.getElementById(id).layout.shapes.filter((shape) => shape.name === name)"
 
 
 @contextmanager
 def looking(
-    browser: Browser, address: str, width: int = 1366, height: int = 900, refused: bool = False
+    browser: Browser, address: str, width: int = 1440, height: int = 900, refused: bool = False
 ) -> Iterator[Page]:
     """The page with all its plots; anything on the console, or a request to elsewhere, fails the test.
 
@@ -69,85 +59,103 @@ class Held:
         return self._routes.pop(0)
 
 
-def drawn(page: Page, *plots: str) -> None:
-    """Wait until the server is done and these plots are drawn of what it said."""
+def drawn(page: Page, *rows: str) -> None:
+    """Wait until the server is done and these rows are drawn of what it said."""
     expect(page.locator("#state")).to_have_text(READY)
-    expect(page.locator("#plots")).to_have_attribute("aria-busy", "false")
-    for plot in plots:
-        expect(page.locator(f"#{plot} .main-svg").first).to_be_visible()
+    expect(page.locator("#rows")).to_have_attribute("aria-busy", "false")
+    for row in rows:
+        page.locator(row_line(row, "measured")).wait_for(state="attached")  # a flat line has no height to be visible by
 
 
 def open_run(page: Page, campaign: str, run: str = "run-1") -> Locator:
     """Look at a run of a campaign; return the campaign's part of the list."""
-    section = page.locator("section.campaign").filter(has=page.get_by_role("heading", name=campaign, exact=True))
+    section = page.locator(".campaign").filter(has=page.get_by_text(campaign, exact=True))
+    if not section.evaluate("(box) => box.open"):
+        section.locator("summary").click()
     section.locator("button.run", has_text=run).click()
     expect(page.locator("#view-title")).to_contain_text(f"{campaign}: {run}")
     return section
 
 
-def drag(page: Page, plot: str, start: tuple[float, float], end: tuple[float, float]) -> None:
-    """Drag the mouse in a plot from one point to another, in the axes' units, and wait for what it selects."""
-    page.locator(f"#{plot}").evaluate("(plot) => plot.scrollIntoView({ block: 'center' })")
-    (x0, y0), (x1, y1) = (page.evaluate(_AT, [plot, *point]) for point in (start, end))
-    page.mouse.move(x0, y0)
+def unfold(page: Page, box: str) -> None:
+    """Open a part of the panel that begins closed."""
+    if not page.locator(f"#{box}").evaluate("(box) => box.open"):
+        page.locator(f"#{box} > summary").click()
+
+
+def add_effect(page: Page, key: str) -> None:
+    """Find an effect by its words and put it into the model."""
+    page.get_by_label("Search effects").fill(key.replace("_", " "))
+    page.locator(f"#effect-picker [data-key='{key}']").click()
+    expect(page.locator(f"#sliders [data-effect='{key}']")).to_be_visible()
+
+
+def drag(page: Page, start_s: float, end_s: float) -> None:
+    """Drag the mouse in the time histories from one moment to another, and wait for what it selects."""
+    page.locator("#rows svg.figure").wait_for()
+    x0, x1 = (_at(page, t) for t in (start_s, end_s))
+    box = page.locator("#rows").bounding_box()
+    assert box is not None
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(x0, y)
     page.mouse.down()
-    page.mouse.move((x0 + x1) / 2, (y0 + y1) / 2)
-    page.mouse.move(x1, y1, steps=3)
+    page.mouse.move((x0 + x1) / 2, y)
+    page.mouse.move(x1, y, steps=3)
     page.mouse.up()
-    page.wait_for_function(_SELECTED, arg=[plot, start[0], end[0]])
+    expect(page.locator("#bar")).to_be_visible()
+    low, high = sorted((start_s, end_s))
+    found = selection(page)
+    assert abs(found["from"] - low) < 0.3 and abs(found["to"] - high) < 0.3
 
 
-def seen_range(page: Page, plot: str, axis: str) -> list[float]:
-    """What a plot's axis holds, of "x" or "y"."""
-    return list(page.evaluate("([id, axis]) => document.getElementById(id).layout[`${axis}axis`].range", [plot, axis]))
+_AT = """async (t) => {
+  const { timeLimits } = await import('/rows.js'), [from, to] = timeLimits();
+  const grid = document.querySelector('#rows .row .grid').getBoundingClientRect();
+  return grid.x + (t - from) / (to - from) * grid.width;
+}"""
 
 
-def show_all(page: Page, plot: str) -> None:
-    """Double-click in a plot over slip until it shows all; on a busy machine two clicks may be no double-click."""
+def _at(page: Page, time_s: float) -> float:
+    return float(page.evaluate(_AT, time_s))
+
+
+def state(page: Page, name: str) -> Any:
+    """One value of the page's state."""
+    return page.evaluate("async (name) => (await import('/store.js')).state[name]", name)
+
+
+def selection(page: Page) -> Any:
+    """What is selected."""
+    return state(page, "selection")
+
+
+def points(page: Page, path: str) -> list[tuple[float, float]]:
+    """The points of a drawn line, by its selector; none where there is no such line."""
+    script = "(path) => { const { x, y } = document.querySelector(path)?.points ?? { x: [], y: [] }; return [x, y]; }"
+    x, y = page.evaluate(script, path)
+    return list(zip(x, y, strict=True))
+
+
+def row_line(row: str, look: str) -> str:
+    """The selector of a line in the time histories."""
+    return f"[data-row='{row}'] svg > path.{look}"
+
+
+def curve_line(name: str) -> str:
+    """The selector of a model's curve in the cross plot."""
+    return f"#cross [data-curve='{name}']"
+
+
+def picked(page: Page) -> int:
+    """How many samples the cross plot shows as selected."""
+    return int(page.evaluate("() => document.querySelector('#cross .picked')?.points.count ?? 0"))
+
+
+def curve_on_page(page: Page, expected: dict[str, Any], name: str = "model") -> bool:
+    """Whether a curve of the pull comes to be what ``/api/curve`` said."""
+    pairs = list(zip(expected["slip"], expected["drawbar_pull_n"], strict=True))
     end = time.monotonic() + PATIENCE_MS / 1000
-    while page.evaluate("(id) => document.getElementById(id).layout.xaxis.title.text", plot) != "slip":
-        assert time.monotonic() < end
-        page.locator(f"#{plot}").dblclick()
-        page.wait_for_timeout(500)
-
-
-def shapes(page: Page, plot: str, name: str) -> list[dict[str, Any]]:
-    """The shapes of a name that lie over a plot's samples."""
-    return list(page.evaluate(_SHAPES, [plot, name]))
-
-
-def points(page: Page, plot: str, name: str) -> list[tuple[float, float]]:
-    """The points of the one path of a name over a plot's samples; none where there is no such path."""
-    found = shapes(page, plot, name)
-    if not found:
-        return []
-    [shape] = found
-    pairs = shape["path"].replace("M", "L").strip("L").split("L")
-    return [(float(x), float(y)) for x, y in (pair.split(",") for pair in pairs)]
-
-
-def comes(page: Page, plot: str, name: str) -> None:
-    """Wait until a shape of a name lies over a plot's samples; the model's curve is asked for after they are drawn."""
-    page.wait_for_function(f"(asked) => ({_SHAPES})(asked).length > 0", arg=[plot, name])
-
-
-def picked(page: Page, plot: str) -> int:
-    """How many samples a plot shows as selected; each is a stroke of no length, so two points."""
-    return len(points(page, plot, "selected")) // 2
-
-
-def trace(page: Page, plot: str, name: str) -> dict[str, Any]:
-    """One trace of a plot, by its name; the last where there are several."""
-    script = "([id, name]) => document.getElementById(id).data.filter((trace) => trace.name === name).at(-1)"
-    found: dict[str, Any] = page.evaluate(script, [plot, name])
-    return found
-
-
-def curve_on_page(page: Page, channel: str, expected: dict[str, Any], name: str = "curve by hand") -> bool:
-    """Whether a curve comes to be what ``/api/curve`` said."""
-    pairs = list(zip(expected["slip"], expected[channel], strict=True))
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while points(page, f"slip-{channel}", name) != pairs:
+    while points(page, curve_line(name)) != pairs:
         if time.monotonic() > end:
             return False
         page.wait_for_timeout(20)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from daq.errors import ConfigError
 from model.effects.catalogue import EFFECTS
 from wheelsoil.to_json import to_json
-from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, load_choice, parse_choice
+from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, Mark, load_choice, parse_choice
 from wheelsoil.workflows.fit import FitChoices
 
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=12)
@@ -33,6 +33,10 @@ chosen_runs = st.builds(
     sha256=st.one_of(st.just(""), st.text(string.hexdigits[:16], min_size=64, max_size=64)),
     use=st.booleans(),
     keep=st.one_of(st.none(), intervals()),
+    marks=st.lists(st.builds(Mark, st.floats(0, 1e5), names), max_size=3).map(
+        lambda marks: tuple(sorted(marks, key=lambda mark: mark.at_s))
+    ),
+    comment=st.one_of(st.just(""), names),
 )
 choices = st.builds(
     Choice,
@@ -44,6 +48,7 @@ choices = st.builds(
     soil_prior=st.sampled_from([None, True, False]),
     effects=st.lists(st.sampled_from(list(EFFECTS)), unique=True, max_size=4).map(tuple),
     runs=st.lists(chosen_runs, max_size=4, unique_by=lambda run: (run.file, run.id)).map(tuple),
+    comment=st.one_of(st.just(""), names),
 )
 
 
@@ -62,7 +67,18 @@ junk = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=8,
 )
-KEYS = [*Choice().to_mapping(), "run", "cutoff_hz", "channels", "effects", "keep", "use", "slip_threshold", "sinkage"]
+KEYS = [
+    *Choice().to_mapping(),
+    "run",
+    "cutoff_hz",
+    "channels",
+    "effects",
+    "keep",
+    "use",
+    "slip_threshold",
+    "sinkage",
+    "marks",
+]
 
 
 @settings(max_examples=150)
@@ -150,8 +166,8 @@ def test_the_page_shows_every_key():
     page = (Path(__file__).parents[2] / "docs" / "choice.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```toml\n(.*?)```", page, re.S)
     choice = parse_choice(tomllib.loads(shown), "docs/choice.md")
-    assert all(getattr(choice, f.name) not in (None, ()) for f in fields(Choice) if f.name != "path")
-    assert all(getattr(choice.runs[0], f.name) not in (None, "") for f in fields(ChosenRun))
+    assert all(getattr(choice, f.name) not in (None, (), "") for f in fields(Choice) if f.name != "path")
+    assert all(getattr(choice.runs[0], f.name) not in (None, (), "") for f in fields(ChosenRun))
 
 
 def test_no_file_and_no_toml_are_said(tmp_path: Path):
@@ -170,3 +186,10 @@ def test_nothing_chosen_is_the_default_of_each_command():
     assert Choice().fit_choices() == FitChoices()
     assert Choice().but(channels=("t",), cutoff_hz=None) == Choice(channels=("t",))
     assert Choice(cutoff_hz=2.0, min_speed_mps=0.7).process_options("fit").min_speed_mps == 0.7
+
+
+def test_computations_take_neither_marks_nor_comments():
+    kept = ChosenRun("a.mcap", keep=((1.0, 2.0),))
+    remarked = Choice(0.2, runs=(ChosenRun("b.mcap", marks=(Mark(1.0, "here"),)),), comment="wet")
+    assert remarked.without_remarks() == Choice(0.2)
+    assert Choice(runs=(kept,), comment="wet").without_remarks() == Choice(runs=(kept,))

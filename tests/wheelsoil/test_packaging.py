@@ -43,7 +43,7 @@ def test_the_built_wheel_finds_its_files(python: Path, tmp_path: Path) -> None:
         "assert (files('wheelsoil') / 'report' / 'template.html.j2').is_file()\n"
         "from wheelsoil.live import hub, server\n"
         "from wheelsoil.web import serving\n"
-        "assert (files('wheelsoil.web') / 'static' / 'common.css').is_file()\n"
+        "assert (files('wheelsoil.web') / 'static' / 'tokens.css').is_file()\n"
         "server.make_app(hub.Hub('x'), lambda command: True, serving.Rules.of('localhost', '127.0.0.1', None))\n"
     )
     done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)

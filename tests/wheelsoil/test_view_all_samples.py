@@ -146,3 +146,31 @@ def test_a_selection_that_cannot_be_is_a_fault(view: View, asked: dict[str, Any]
     answer = view.tell("/api/selected", campaign="c1", run="r1", **asked)
     assert answer.status == 400 and answer.faults
     assert view.tell("/api/selected", campaign="c1", run="r9", kind="time").status == 404
+
+
+def test_a_comparison_has_the_medians_of_all_used_samples(view: View, runs: list[ProcessedRun]) -> None:
+    view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "keep": KEEP}]})
+    both = [keep_only(runs[0], [(0.0, 13.0)]), runs[1]]
+    told = view.get("/api/compare?campaign=c1&run=&campaign_b=c1&run_b=r2")
+    for group, members in zip(told["groups"], (both, runs[1:]), strict=True):
+        slip, pull, load = (
+            np.concatenate([getattr(run, name)[run.used] for run in members])
+            for name in ("slip", "drawbar_pull_n", "vertical_load_n")
+        )
+        assert group["runs"] == len(members) and group["load_n"] == pytest.approx(np.median(load), rel=1e-6)
+        i = int(np.argmin(np.abs(np.array(told["slip"]) - 0.275)))
+        inside = (slip >= 0.25) & (slip < 0.3)
+        assert group["curves"]["drawbar_pull_n"][i] == pytest.approx(np.median(pull[inside]), rel=1e-5)
+
+
+def test_marks_and_comments_cost_no_diagnosis_and_no_fit(view: View) -> None:
+    view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
+    view.post("/api/diagnose", campaign="c1")
+    marks = [{"at_s": 3.0, "text": "here"}]
+    entry = view.post(
+        "/api/choose",
+        campaign="c1",
+        choice={"slip_threshold": 0.3, "comment": "wet", "run": [{"id": "run-1", "marks": marks}]},
+    )
+    assert entry["diagnosis"]["state"] in ("running", "done") and entry["choice"]["run"][0]["marks"] == marks
+    assert view.post("/api/cancel", campaign="c1")["diagnosis"]["state"] in ("none", "done")

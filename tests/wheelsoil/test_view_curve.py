@@ -9,7 +9,7 @@ from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS, Soil
 from model.wheel_soil.stresses import speed_ratio
-from wheelsoil.view.curve import SLIPS, Base, curve_of
+from wheelsoil.view.curve import SLIPS, Base, curve_of, over_time
 
 WHEEL = Wheel(0.47, 0.318)
 CLAY = SOILS["clay"]
@@ -52,3 +52,11 @@ def test_the_soil_in_front_of_the_wheel_has_the_weight_of_its_soil() -> None:
 
     light = base(replace(CLAY, unit_weight_n_m3=15e3)).conditions()
     np.testing.assert_array_equal(light.unit_weight_n_m3, 15e3)
+
+
+def test_over_time_it_is_the_same_model_at_the_samples_of_the_run() -> None:
+    conditions, values = base().conditions(), {"H_m": 0.03}
+    along = over_time(base(), conditions, ("vasilev",), "balanced", values)
+    across = curve_of(base(), ("vasilev",), "balanced", values)
+    for name, found in along.items():
+        np.testing.assert_array_equal(found, across[name])

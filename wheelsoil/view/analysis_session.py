@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, TypeVar
 
-from daq import ConfigError, DataError, Fault, WheelsoilError
+from daq import ConfigError, DataError, Fault, WheelsoilError, nearest
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import Interval, ProcessOptions, with_by_hand
@@ -20,12 +20,13 @@ from processing.pipeline import shares_of
 from wheelsoil import __version__
 from wheelsoil.view import jobs
 from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
-from wheelsoil.view.curve import checked_values, curve_of, effect_entries, soil_parameters
+from wheelsoil.view.counts import compared, selected_of
+from wheelsoil.view.curve import checked_values, curve_of, effect_entries, over_time, soil_parameters
 from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.view.jobs import Member, PlotData, process_run
-from wheelsoil.view.messages import CurveAsked, SelectedAsked, campaign_entry, fault_of_ours
-from wheelsoil.view.saving import saved, selected_of
-from wheelsoil.view.trace import trace_as_json
+from wheelsoil.view.messages import CurveAsked, PredictionAsked, SelectedAsked, campaign_entry, fault_of_ours
+from wheelsoil.view.saving import saved
+from wheelsoil.view.trace import Signals, signal_as_json, trace_as_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
 from wheelsoil.workflows.runs import Files
 
@@ -169,10 +170,45 @@ class AnalysisSession:
         trace = data.trace
         reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
         shares = {why.lower(): share for why, share in shares_of(data.kept(keep).reason).items() if why != "USED"}
-        return trace_as_json(trace, reason) | {"shares": shares}
+        marks = [{"at_s": at_s, "text": text} for at_s, text in data.marks]
+        return trace_as_json(trace, reason) | {"shares": shares, "marks": marks}
+
+    def signals(self, campaign_key: str, run_key: str) -> dict[str, Any]:
+        """Return the names of a run's decoded signals, with their units."""
+        found = self._decoded(campaign_key, run_key)
+        return {"signals": [{"name": name, "unit": signal.unit} for name, signal in found.items()]}
+
+    def signal(self, campaign_key: str, run_key: str, name: str) -> dict[str, Any]:
+        """Return the points of a decoded signal; `UnknownKeyError` if there is none of this name."""
+        found = self._decoded(campaign_key, run_key)
+        if name not in found:
+            raise UnknownKeyError.of("there is no such signal", "name", repr(name), nearest(name, found))
+        return signal_as_json(found[name])
+
+    def _decoded(self, campaign_key: str, run_key: str) -> Signals:
+        """Return the decoded signals of a run; they are decoded once, and kept in a file."""
+        data, _ = self._ready(campaign_key, run_key)
+        with self.lock:
+            run = _of_key(self.campaign(campaign_key).runs, run_key, "run")
+        file = Path(self._scratch.name) / f"{run_key}-signals.pickle"
+        if not file.exists():
+            self._quick.ask(jobs.decode_run, run.run, data.run.start_ns, file, urgent=True).result()
+        return jobs.decoded(file)
+
+    def compare(self, places: Sequence[tuple[str, str]]) -> dict[str, Any]:
+        """Return medians of two runs or campaigns (without a run) from all samples; see `compared`."""
+        groups = []
+        for campaign_key, run_key in places:
+            with self.lock:
+                campaign = self.campaign(campaign_key)
+                keeps = campaign.keeps()
+                runs = [_of_key(campaign.runs, run_key, "run")] if run_key else campaign.runs
+                chosen = [(run.plot_data, keeps.get(run.key)) for run in runs if run_key or run.key in keeps]
+            groups.append([data.kept(keep) for data, keep in chosen if data])
+        return compared(groups)
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
-        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`."""
+        """Return a summary of the selected samples of a run; see `wheelsoil.view.counts.selected_of`."""
         data, keep = self._ready(asked.campaign, asked.run)
         return selected_of(data.kept(keep), asked)
 
@@ -189,7 +225,7 @@ class AnalysisSession:
             if run.state == "failed":
                 raise DataError(*run.faults)
             if run.plot_data is None or run.state != "ready":
-                raise NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
+                raise _not_processed(run)
             return run.plot_data, campaign.keeps().get(run.key)
 
     def parameters(self, key: str) -> dict[str, Any]:
@@ -237,6 +273,20 @@ class AnalysisSession:
         found = curve_of(base, asked.effects, reading, values)
         return {**found, "ms": round(1e3 * (perf_counter() - began_s), 2)}
 
+    def prediction(self, asked: PredictionAsked) -> dict[str, Any]:
+        """Return the model at the drawn samples of a run, as they stand in the answer of `run`."""
+        values = checked_values(asked.effects, asked.values, asked.soil)
+        with self.lock:
+            campaign = self.campaign(asked.campaign)
+            run = _of_key(campaign.runs, asked.run, "run")
+            data = run.plot_data  # also while it is processed again: the page draws its old samples meanwhile
+            if data is None:
+                raise DataError(*run.faults) if run.faults else _not_processed(run)
+            base = campaign.base(asked.load_n, asked.run)
+            reading: Reading = asked.sinkage or campaign.choice.fit_choices().reading
+            clock = campaign.campaign_time(data)
+        return dict(over_time(base, replace(data.conditions, campaign_time=clock), asked.effects, reading, values))
+
     def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
         """Apply a choice and return the campaign's entry; runs are processed again if their processing options changed.
 
@@ -267,7 +317,10 @@ class AnalysisSession:
 
     def _discard_results(self, campaign: ViewedCampaign, changed: set[str]) -> None:
         """Discard the results of another choice, and cancel the computations for it."""
-        campaign.saved_at, campaign.not_identifiable = None, {}
+        campaign.saved_at = None
+        if not changed:
+            return
+        campaign.not_identifiable = {}
         dropped, campaign.fits = campaign.fits, []
         for asked in dropped:
             self._quick.drop(asked)
@@ -317,6 +370,22 @@ class AnalysisSession:
         asked.add_done_callback(done)
         return entry
 
+    def cancel(self, key: str) -> dict[str, Any]:
+        """Cancel the fits and the diagnosis of a campaign that are underway, and return the campaign's entry."""
+        with self.lock:
+            campaign = self.campaign(key)
+            dropped, campaign.fits = campaign.fits, []
+            if campaign.diagnosis.state == "running":
+                running, campaign.diagnosis = campaign.diagnosis.asked, DiagnosisOnPage()
+            else:
+                running = None
+            entry = campaign_entry(campaign, self.files)
+        for asked in dropped:
+            self._quick.drop(asked)
+        if running is not None:
+            self._slow.drop(running)
+        return entry
+
     def diagnosis(self, key: str) -> dict[str, Any]:
         """Return the diagnosis as ``diagnose --json`` prints it."""
         with self.lock:
@@ -349,6 +418,10 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
     return found
 
 
+def _not_processed(run: ViewedRun) -> NotReadyError:
+    return NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
+
+
 def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
     return NotReadyError.of("the choice was changed in the meantime", campaign.name, next_step=step)
 
@@ -358,6 +431,6 @@ def _faults_of(error: BaseException) -> tuple[Fault, ...]:
 
 
 def _changed(before: Choice, now: Choice) -> set[str]:
-    """Return the keys of choice.toml whose values differ."""
-    old, new = before.to_mapping(), now.to_mapping()
+    """Return the keys of choice.toml whose values differ, but for marks and comments."""
+    old, new = before.without_remarks().to_mapping(), now.without_remarks().to_mapping()
     return {name for name in {*old, *new} if old.get(name) != new.get(name)}

@@ -255,6 +255,13 @@ class ViewedCampaign:
             self.medians[key] = (there, load_n, speed_mps)
         return self.medians[key][1:]
 
+    def campaign_time(self, data: PlotData) -> FloatArray:
+        """Return the campaign's clock of a run's drawn samples, from -1/2 to 1/2; see `Conditions`."""
+        there = [run.plot_data.run for run in self.runs if run.plot_data]
+        first_ns = min(run.start_ns for run in there)
+        span_s = max((run.start_ns - first_ns) * 1e-9 + float(run.time_s[-1]) for run in there)
+        return ((data.run.start_ns - first_ns) * 1e-9 + data.trace.time_s) / max(span_s, 1e-9) - 0.5
+
     def check_keeps(self) -> None:
         """Check that the choice fits the runs, and its intervals those that are already processed: `ConfigError`."""
         keeps = self.keeps()

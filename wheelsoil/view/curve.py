@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, log10
 from typing import Any
@@ -25,7 +25,7 @@ from model.wheel_soil import (
     speed_ratio,
 )
 
-SLIPS = np.linspace(-0.3, 0.8, 120)
+SLIPS = np.linspace(-0.3, 0.95, 120)
 
 _SIGMAS = 4.0
 """Half the range of a slider, in prior scales (plausible sizes) from the neutral value."""
@@ -115,6 +115,16 @@ def curve_of(
         **{channel.field: getattr(found, channel.field) for channel in OUTPUTS.values()},
         "load_n": base.load_n,
     }
+
+
+def over_time(
+    base: Base, conditions: Conditions, effects: Sequence[str], reading: Reading, values: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return drawbar pull, torque and sinkage at the samples of a run, each of shape (n,); see `curve_of`."""
+    model = WheelSoilModel(base.wheel, base.soil, [EFFECTS[key] for key in effects], reading)
+    weight = np.full(np.shape(conditions.slip), base.soil.unit_weight_n_m3)
+    found = model.predict(replace(conditions, unit_weight_n_m3=weight), values)
+    return {channel.field: getattr(found, channel.field) for channel in OUTPUTS.values()}
 
 
 def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:

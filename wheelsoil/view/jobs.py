@@ -14,17 +14,20 @@ import numpy as np
 
 from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
-from model.wheel_soil import SOIL_PARAMETERS
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
-from wheelsoil.view.trace import Trace, trace_of
+from wheelsoil.view.counts import medians_of
+from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
+_UNIT_WEIGHT_N_M3 = float(Conditions.unit_weight_n_m3)
+"""Until the soil is known: a curve takes that of its own."""
 _DRAWN = tuple(channel.field for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)
 
 
@@ -41,6 +44,12 @@ class PlotData:
         Losses of its recording, as sentences.
     missing : mapping role -> str
         See `processing.processed_run.QualityReport`.
+    conditions : Conditions
+        Of the drawn samples; place on the line and clock as if the run were alone.
+    medians : mapping
+        See `wheelsoil.view.counts.medians_of`.
+    marks : tuple of (seconds since the run's time base begins, text)
+        That were set in the field.
     """
 
     run: ProcessedRun
@@ -49,6 +58,9 @@ class PlotData:
     notes: tuple[str, ...]
     sha256: str
     missing: dict[str, str]
+    conditions: Conditions
+    medians: dict[str, float | None]
+    marks: tuple[tuple[float, str], ...]
 
     @property
     def end_s(self) -> float:
@@ -77,15 +89,32 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         [(_, processed)] = process_runs([run], options, zero=zero)
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
-    source = source_of(run)
+    source, trace = source_of(run), trace_of(processed)
+    [conditions] = conditions_of([processed], _UNIT_WEIGHT_N_M3)
     return PlotData(
         run=_slim(processed),
-        trace=trace_of(processed),
+        trace=trace,
         lost=tuple(source.lost),
         notes=(*texts_of(processed.quality.notes), *filter(None, said.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
+        conditions=conditions.rows(trace.rows),
+        medians=medians_of(processed),
+        marks=tuple(
+            ((event.time_ns - processed.start_ns) * 1e-9, event.text) for event in source.events if event.name == "mark"
+        ),
     )
+
+
+def decode_run(run: Run, start_ns: int, target: Path) -> None:
+    """Write every decoded signal of a run, thinned, to `target`; raises as `daq.runs.Run.frame_batches` does."""
+    target.write_bytes(pickle.dumps(signals_of(run, start_ns), pickle.HIGHEST_PROTOCOL))
+
+
+def decoded(file: Path) -> Signals:
+    """Return what `decode_run` wrote."""
+    found: Signals = pickle.loads(file.read_bytes())
+    return found
 
 
 def _slim(run: ProcessedRun) -> ProcessedRun:

@@ -51,6 +51,12 @@ class CurveAsked(_Asked):
     load_n: Annotated[Finite, Field(gt=0, le=1e7)] | None = None
 
 
+class PredictionAsked(CurveAsked):
+    """A model at the drawn samples of a run."""
+
+    run: Key
+
+
 class SelectedAsked(_Asked):
     """Summarise a selection of a run: an interval of time, a box over slip, or the samples of one exclusion reason.
 
@@ -182,6 +188,11 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "grade": None,
         "notes": [],
         "sha256": None,
+        "load_n": None,
+        "speed_mps": None,
+        "greatest_slip": None,
+        "start_ns": None,
+        "cutoff_hz": None,
     }
     if data is None:
         return entry
@@ -192,4 +203,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "grade": grade.level,
         "notes": [*grade.reasons, *(note for note in data.notes if note not in grade.reasons)],
         "sha256": data.sha256,
+        **data.medians,
+        "start_ns": data.run.start_ns,
+        "cutoff_hz": data.run.cutoff_hz,
     }

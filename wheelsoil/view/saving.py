@@ -1,4 +1,4 @@
-"""Saving the choice beside the runs, and counting the samples that are selected on the page."""
+"""Saving the choice beside the runs."""
 
 from __future__ import annotations
 
@@ -7,58 +7,15 @@ import tomllib
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from daq import BoolArray, ConfigError, FloatArray
-from processing import ProcessedRun, Reason
+from daq import ConfigError
 from wheelsoil.view.campaigns import ViewedCampaign
-from wheelsoil.view.messages import SelectedAsked
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.workflows.recordings import sha256_of
-
-_REASONS = {why.name.lower(): why for why in Reason}
 
 _SUFFIX = ".toml"
 _OURS = ("vehicle.toml", "terrain.toml", "runs.toml", "zero.toml", "manifest.toml")
 """Files of a campaign's folder that a choice never replaces."""
-
-
-def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
-    """Return number and duration of the selected samples, their range of slip and their mean drawbar pull.
-
-    The run is with the manual exclusions. The mean drawbar pull is that of the used samples; of all if none is used.
-    """
-    rows = _rows(run, asked)
-    used = rows & run.used
-    slip, pull = run.slip[rows], run.drawbar_pull_n[used if used.any() else rows]
-    slip, pull = slip[np.isfinite(slip)], pull[np.isfinite(pull)]
-    samples = int(rows.sum())
-    return {
-        "samples": samples,
-        "of": len(run),
-        "seconds": samples / run.rate_hz,
-        "left_out": samples - int(used.sum()),
-        "slip": [float(slip.min()), float(slip.max())] if len(slip) else None,
-        "drawbar_pull_n": float(pull.mean(dtype=np.float64)) if len(pull) else None,
-    }
-
-
-def _rows(run: ProcessedRun, asked: SelectedAsked) -> BoolArray:
-    if asked.kind == "reason":
-        return np.asarray(run.reason == _REASONS.get(asked.code, -1))
-    visible = run.used | asked.left_out
-    if asked.kind == "time":
-        return visible & _within(run.time_s, asked.low, asked.high)
-    rows = visible & _within(run.slip, asked.low, asked.high)
-    if asked.channel is None:
-        return rows
-    return rows & _within(getattr(run, asked.channel), asked.bottom, asked.top)
-
-
-def _within(values: FloatArray, low: float, high: float) -> BoolArray:
-    return np.asarray((values >= low) & (values <= high))
 
 
 def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:

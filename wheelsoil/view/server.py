@@ -10,7 +10,6 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable, Iterable, Sequence
-from importlib.resources import files
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -24,7 +23,6 @@ from starlette.types import ASGIApp
 
 from daq import ConfigError, DataError, WheelsoilError
 from wheelsoil.console import printable_addresses
-from wheelsoil.report.figures import styles_script
 from wheelsoil.to_json import to_json
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
 from wheelsoil.view.campaigns import NotReadyError
@@ -33,6 +31,7 @@ from wheelsoil.view.messages import (
     CampaignAsked,
     ChoiceAsked,
     CurveAsked,
+    PredictionAsked,
     SaveAsked,
     SelectedAsked,
     asked_of,
@@ -40,14 +39,12 @@ from wheelsoil.view.messages import (
     faults_as_json,
 )
 from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
-from wheelsoil.web.serving import POLICY, Guard, Rules, files_in, routes_of, server_of
+from wheelsoil.web.serving import Guard, Rules, files_in, routes_of, server_of
 from wheelsoil.workflows.runs import Files
 
 LARGEST_BODY_BYTES = 1 << 18
 """Enough for a choice of many parts of many runs."""
 
-_POLICY = POLICY.replace("img-src 'self'", "img-src 'self' data: blob:")
-"""plotly.js creates images in the browser; its style is a file, /plotly.css."""
 _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
     (UnknownKeyError, 404),
     (NotReadyError, 409),
@@ -78,22 +75,32 @@ def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
     def diagnose(asked: CampaignAsked) -> Any:
         return session.diagnose(asked.campaign)
 
+    def cancel(asked: CampaignAsked) -> Any:
+        return session.cancel(asked.campaign)
+
     page = files_in("wheelsoil.web") | files_in("wheelsoil.view")
-    page |= {"/plotly.js": _plotly(), "/styles.js": styles_script()}
     routes = [
         _get("/api/list", lambda _: session.list()),
         _get("/api/run", lambda of: session.run(of("campaign"), of("run"))),
+        _get("/api/signals", lambda of: session.signals(of("campaign"), of("run"))),
+        _get("/api/signal", lambda of: session.signal(of("campaign"), of("run"), of("name"))),
+        _get(
+            "/api/compare",
+            lambda of: session.compare([(of("campaign"), of("run")), (of("campaign_b"), of("run_b"))]),
+        ),
         _get("/api/parameters", lambda of: session.parameters(of("campaign"))),
         _get("/api/diagnosis", lambda of: session.diagnosis(of("campaign"))),
         _post("/api/curve", CurveAsked, session.curve),
+        _post("/api/prediction", PredictionAsked, session.prediction),
         _post("/api/selected", SelectedAsked, session.selected),
         _post("/api/choose", ChoiceAsked, choose),
         _post("/api/fit", CampaignAsked, fit),
         _post("/api/diagnose", CampaignAsked, diagnose, 202),
+        _post("/api/cancel", CampaignAsked, cancel),
         _post("/api/save", SaveAsked, save),
     ]
     app = Starlette(routes=[*routes_of(page), *routes])
-    return Guard(app, rules, frozenset(page), largest_body_bytes=LARGEST_BODY_BYTES, policy=_POLICY)
+    return Guard(app, rules, frozenset(page), largest_body_bytes=LARGEST_BODY_BYTES)
 
 
 def _get(path: str, answer: Callable[[Callable[[str], str]], Any]) -> Route:
@@ -134,10 +141,6 @@ async def _answered(answer: Callable[[], Any], status: int) -> Response:
 def _json(value: Any, status: int) -> Response:
     body = to_json(value, indent=None).encode("utf-8", "replace")  # a file's name may not be UTF-8
     return Response(body, status, media_type="application/json")
-
-
-def _plotly() -> bytes:
-    return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
 
 
 def serve(

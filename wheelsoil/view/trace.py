@@ -1,7 +1,8 @@
-"""Thinning of a run for the plots: few points that keep the peaks of pull and slip, the same rows of each quantity."""
+"""Thinning for the plots: few points of a run that keep the peaks of pull and slip, and of each decoded signal."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import FloatArray, IntArray
+from daq.can import Decoder
+from daq.runs import Run
 from processing import ProcessedRun, Reason, Segment
 from processing.pipeline import runs_of
 
@@ -29,7 +32,9 @@ _DECIMALS = {
     "sinkage_m": 5,
     "distance_m": 3,
 }
-_MAY_BE_ABSENT = ("driving_torque_nm", "sinkage_m")
+_TRACK = ("east_m", "north_m")
+_MAY_BE_ABSENT = ("driving_torque_nm", "sinkage_m", *_TRACK)
+_METRES_A_DEGREE = 6_371_000.0 * np.pi / 180.0
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class Trace:
     quantities : mapping name with unit -> float64 array
         NaN if unknown.
     reason : uint8 array, see `Reason`
+    rows : int array
+        Of the samples that are kept.
     segments : tuple of (kind, from_s, to_s)
         Of the whole run.
     thinned_from : int
@@ -49,6 +56,7 @@ class Trace:
 
     quantities: dict[str, FloatArray]
     reason: NDArray[np.uint8]
+    rows: IntArray
     segments: tuple[tuple[str, float, float], ...]
     thinned_from: int
 
@@ -62,7 +70,19 @@ def trace_of(run: ProcessedRun) -> Trace:
     """Thin a processed run; see `rows_to_draw`."""
     rows = rows_to_draw(run)
     quantities = {name: np.round(getattr(run, name)[rows], decimals) for name, decimals in _DECIMALS.items()}
-    return Trace(quantities, run.reason[rows], _segments(run), len(run))
+    quantities |= dict(zip(_TRACK, _track(run.latitude_deg, run.longitude_deg, rows), strict=True))
+    return Trace(quantities, run.reason[rows], rows, _segments(run), len(run))
+
+
+def _track(latitude_deg: FloatArray, longitude_deg: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return east and north of the run's first fix, m; NaN without a fix."""
+    fixed = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
+    if not len(fixed):
+        return np.full(len(rows), np.nan), np.full(len(rows), np.nan)
+    latitude, longitude = latitude_deg[fixed[0]], longitude_deg[fixed[0]]
+    turned = (longitude_deg[rows] - longitude + 180.0) % 360.0 - 180.0
+    east = turned * _METRES_A_DEGREE * np.cos(np.radians(latitude))
+    return np.round(east, 3), np.round((latitude_deg[rows] - latitude) * _METRES_A_DEGREE, 3)
 
 
 def rows_to_draw(run: ProcessedRun) -> IntArray:
@@ -135,3 +155,61 @@ def _segments(run: ProcessedRun) -> tuple[tuple[str, float, float], ...]:
 
 def _with_none(values: FloatArray) -> list[float | None]:
     return [value if value == value else None for value in values.tolist()]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A decoded signal, thinned: time in seconds since the run's time base begins, and values, each of shape (n,)."""
+
+    unit: str
+    time_s: FloatArray
+    values: FloatArray
+
+
+Signals = dict[str, Signal]
+"""By ``bus message.signal``; of decoded series ``topic.signal``."""
+
+
+def signals_of(run: Run, start_ns: int) -> Signals:
+    """Decode every signal of a run, in the unit of its database; each keeps the least and greatest of its pieces."""
+    pieces: dict[str, list[tuple[IntArray, FloatArray]]] = {}
+    units: dict[str, str] = {}
+    for name, unit, time_ns, values in _decoded(run):
+        if len(time_ns):
+            pieces.setdefault(name, []).append((time_ns, values))
+            units[name] = unit
+    found = {}
+    for name, parts in sorted(pieces.items()):
+        time_s = (np.concatenate([time for time, _ in parts]) - start_ns) * 1e-9
+        values = np.concatenate([value for _, value in parts])
+        rows = _extremes(values)
+        found[name] = Signal(units[name], np.round(time_s[rows], 4), values[rows])
+    return found
+
+
+def _decoded(run: Run) -> Iterator[tuple[str, str, IntArray, FloatArray]]:
+    if run.series:
+        for blocks in run.series.blocks():
+            for block in blocks:
+                for name, values in block.columns.items():
+                    unit = run.series.topics[block.topic].get(name, "")
+                    yield f"{block.topic}.{name}", unit, block.time_ns, np.asarray(values, np.float64)
+        return
+    decoder = Decoder(run.databases)
+    for batch in run.frame_batches():
+        for (bus, name), channel in decoder.decode(batch).items():
+            yield f"{bus} {name}", channel.unit, channel.time_ns, np.asarray(channel.values, np.float64)
+
+
+def _extremes(values: FloatArray) -> IntArray:
+    """Return the rows of minimum and maximum of each of the pieces, in ascending order."""
+    if len(values) <= MOST_POINTS:
+        return np.arange(len(values))
+    pieces = np.array_split(np.arange(len(values)), MOST_POINTS // 2)
+    return np.concatenate([np.unique(_ends(values, piece) or [piece[0]]) for piece in pieces])
+
+
+def signal_as_json(signal: Signal) -> dict[str, Any]:
+    """Return JSON values; NaN becomes None."""
+    values = [float(f"{value:.7g}") for value in signal.values]
+    return {"unit": signal.unit, "time_s": signal.time_s.tolist(), "values": _with_none(np.array(values))}

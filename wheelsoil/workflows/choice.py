@@ -29,6 +29,7 @@ _HEAD = "# What was chosen by hand: `wheelsoil process`, `fit`, `diagnose` and `
 Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 Flag = Annotated[bool, Field(strict=True)]
+Comment = Annotated[str, Field(max_length=2000)]
 
 _EXPECTED = {
     "schema": f'schema = "{SCHEMA}"',
@@ -45,8 +46,18 @@ _EXPECTED = {
     "sha256": "64 hexadecimal digits",
     "use": "true or false",
     "keep": "pairs of seconds [from, to], none of them negative",
+    "comment": "a text of up to 2000 characters",
+    "marks": "tables {at_s, text}: seconds, none of them negative, and up to 200 characters",
 }
 _MEND = "mend it, or take the key out: the default is taken then"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A remark at a moment of a run, in seconds since its time base begins."""
+
+    at_s: float
+    text: str
 
 
 @dataclass(frozen=True)
@@ -61,6 +72,9 @@ class ChosenRun:
         Of the recording (`wheelsoil.workflows.recordings.sha256_of`), or empty.
     keep : tuple of (from, to) or None
         Seconds since the run's time base begins, in order; None: all of it.
+    marks : tuple of Mark
+        In order of time; no computation takes them.
+    comment : str
     """
 
     file: str = ""
@@ -68,6 +82,8 @@ class ChosenRun:
     sha256: str = ""
     use: bool = True
     keep: tuple[Interval, ...] | None = None
+    marks: tuple[Mark, ...] = ()
+    comment: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,6 +98,8 @@ class Choice:
         Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
     runs : tuple of ChosenRun
         Runs that are not listed are used whole.
+    comment : str
+        Of whoever chose; no computation takes it.
     path : Path or None
         The file it was read from; two choices that differ only in it are equal.
     """
@@ -95,6 +113,7 @@ class Choice:
     soil_prior: bool | None = None
     effects: tuple[str, ...] = ()
     runs: tuple[ChosenRun, ...] = ()
+    comment: str = ""
     path: Path | None = field(default=None, compare=False)
 
     @property
@@ -105,6 +124,11 @@ class Choice:
     def but(self, **options: Any) -> Choice:
         """Return the choice with other values for those options that are not None."""
         return replace(self, **{name: value for name, value in options.items() if value is not None})
+
+    def without_remarks(self) -> Choice:
+        """Return what computations take of it: no marks, no comments, no run of which nothing else is said."""
+        bare = [replace(run, marks=(), comment="") for run in self.runs]
+        return replace(self, comment="", runs=tuple(run for run in bare if not run.use or run.keep is not None))
 
     def process_options(self, purpose: str = "process", *, rate_hz: float = 100.0) -> ProcessOptions:
         """Return how runs are processed.
@@ -134,7 +158,7 @@ class Choice:
         chosen = {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in values.items()
-            if value not in (None, ())
+            if value not in (None, (), "")
         }
         runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
         return {"schema": SCHEMA, **chosen, **runs}
@@ -227,6 +251,14 @@ class _Head(BaseModel):
     )
     soil_prior: Flag | None = None
     effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
+    comment: Comment = ""
+
+
+class _Mark(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at_s: Second
+    text: Annotated[str, Field(max_length=200)] = ""
 
 
 class _Run(BaseModel):
@@ -237,6 +269,8 @@ class _Run(BaseModel):
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     use: Flag = True
     keep: tuple[tuple[Second, Second], ...] | None = None
+    marks: tuple[_Mark, ...] = ()
+    comment: Comment = ""
 
 
 def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[Fault]) -> Any:
@@ -248,6 +282,7 @@ def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[F
             key, said = str(item["loc"][0]), item["msg"].removeprefix("Value error, ")
             place = ".".join(map(str, item["loc"]))
             if item["type"] == "extra_forbidden":
+                key = str(item["loc"][-1])
                 fault = Fault(f"unknown key {key!r}", where, f"{item['input']!r}", nearest(key, _EXPECTED), "rename it")
             elif item["type"] == "missing":
                 fault = Fault(f"key {key!r} is missing", where, expected=_EXPECTED[key], next_step="add it")
@@ -265,7 +300,8 @@ def _chosen_run(raw: Mapping[str, Any], where: str, faults: list[Fault]) -> Chos
         faults.append(Fault("a run without name", where, expected="file or id", next_step="add one of them"))
     keep = None if found.keep is None else tuple(sorted(found.keep))
     faults += _interval_faults(keep, where)
-    return ChosenRun(found.file, found.id, found.sha256, found.use, keep)
+    marks = tuple(sorted((Mark(mark.at_s, mark.text) for mark in found.marks), key=lambda mark: mark.at_s))
+    return ChosenRun(found.file, found.id, found.sha256, found.use, keep, marks, found.comment)
 
 
 def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Fault]:
@@ -289,7 +325,8 @@ def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Faul
 def _run_mapping(run: ChosenRun) -> dict[str, Any]:
     named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
     kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
-    return {**named, "use": run.use, **kept}
+    marks = {"marks": [vars(mark) for mark in run.marks]} if run.marks else {}
+    return {**named, "use": run.use, **kept, **marks, **({"comment": run.comment} if run.comment else {})}
 
 
 @dataclass(frozen=True)

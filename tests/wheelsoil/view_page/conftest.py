@@ -11,7 +11,7 @@ from view_browser import drawn, looking
 from view_client import View
 from view_field_day import FieldDay
 
-PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
+ROWS = ("slip", "speed", "load", "pull", "torque")
 
 
 @pytest.fixture
@@ -32,5 +32,5 @@ def folder(field_day: FieldDay) -> Path:
 def page(browser: Browser, view: View) -> Iterator[Page]:
     """Return the page, with the plots of campaign c1's first run."""
     with looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
+        drawn(seen, *ROWS)
         yield seen

@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 from cli_support import ok
 from playwright.sync_api import Browser, Locator, Page, expect
-from view_browser import curve_on_page, drawn, looking
+from view_browser import add_effect, curve_on_page, drawn, looking, unfold
 from view_client import View
 
-PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
-_FITS = """([width, ...plots]) => document.documentElement.scrollWidth === width && plots.every(
-  (id) => document.querySelector(`#${id} .main-svg`).getBoundingClientRect().right < width)"""
+ROWS = ("slip", "pull", "torque")
+_FITS = "(width) => document.documentElement.scrollWidth === width"
 RUN = {"campaign": "c1", "run": "r1"}
 
 
@@ -22,7 +21,7 @@ def row(page: Page, parameter: str) -> Locator:
 
 
 def switch_on(page: Page, effect: str, parameter: str) -> None:
-    page.locator(f"[data-effect='{effect}'] input").check()
+    add_effect(page, effect)
     expect(row(page, parameter)).to_be_visible()
 
 
@@ -43,9 +42,8 @@ def test_the_curve_follows_a_slider_and_is_the_model_s(page: Page, view: View) -
     page.mouse.up()
     moved = value_of(page, "H_m")
     assert moved > 0
-    for channel in ("drawbar_pull_n", "driving_torque_nm"):
-        said = view.post("/api/curve", **RUN, sinkage="balanced", effects=["vasilev"], values={"H_m": moved})
-        assert curve_on_page(page, channel, said)
+    said = view.post("/api/curve", **RUN, sinkage="balanced", effects=["vasilev"], values={"H_m": moved})
+    assert curve_on_page(page, said)
     base = view.post("/api/curve", **RUN, sinkage="balanced", effects=[], values={})
     assert said["driving_torque_nm"] != base["driving_torque_nm"]
     measures = page.evaluate("() => performance.getEntriesByName('curve').map((each) => each.duration)")
@@ -59,41 +57,50 @@ def test_boxes_arrows_resets_reading_load_and_soil_bend_it_too(page: Page, view:
     row(page, "H_m").locator("input[type=range]").press("ArrowRight")
     moved = value_of(page, "H_m")
     assert 0.05 < moved < 0.06
+    unfold(page, "conditions-box")
     page.get_by_label("literal", exact=True).check()
     page.locator("#load").fill("8000")
     page.locator("#load").press("Enter")
-    page.locator("#soil-box summary").click()
     row(page, "cohesion_pa").locator("input[type=number]").fill("9000")
     row(page, "cohesion_pa").locator("input[type=number]").press("Enter")
     asked: dict[str, Any] = {**RUN, "sinkage": "literal", "effects": ["vasilev"], "load_n": 8000}
     said = view.post("/api/curve", **asked, values={"H_m": moved}, soil={"cohesion_pa": 9000})
-    assert curve_on_page(page, "drawbar_pull_n", said)
+    assert curve_on_page(page, said)
     row(page, "cohesion_pa").get_by_role("button").click()
     row(page, "H_m").get_by_role("button").click()
     assert value_of(page, "H_m") == 0
     said = view.post("/api/curve", **asked, values={"H_m": 0.0})
-    assert curve_on_page(page, "drawbar_pull_n", said)
+    assert curve_on_page(page, said)
 
 
-def test_effects_are_found_by_words(page: Page) -> None:
-    everything = page.locator(".effect:visible").count()
-    page.get_by_label("Search effects").fill("zero")
-    found = page.locator(".effect:visible")
-    assert 1 <= found.count() < everything
-    assert "drawbar_pull_zero" in found.evaluate_all("(rows) => rows.map((row) => row.dataset.effect)")
-    expect(page.locator("[data-effect=multi_pass]")).to_contain_text("not identifiable here")
-    expect(page.locator("[data-effect=multi_pass] input")).to_be_disabled()
+def test_effects_are_found_by_words(page: Page, view: View) -> None:
+    search, found = page.get_by_label("Search effects"), page.locator("#effect-picker .option:visible")
+    search.fill("zero")
+    keys = found.evaluate_all("(rows) => rows.map((row) => row.dataset.key)")
+    assert "drawbar_pull_zero" in keys and "vasilev" not in keys
+    search.fill("multi pass")
+    expect(found.first).to_contain_text("not identifiable here")
+    search.press("Enter")  # one that cannot be identified is not taken
+    search.fill("vasilev")
+    search.press("Enter")
+    expect(row(page, "H_m")).to_be_visible()
+    expect(page.locator("#sliders section")).to_have_count(1)
+    page.get_by_role("button", name="Take Slip sinkage").click()
+    expect(row(page, "H_m")).to_have_count(0)
+    expect(page.locator("#state")).to_have_text("READY")
+    assert not view.campaigns()[0]["choice"].get("effects")
 
 
 def test_a_refit_is_the_command_line_s_and_the_choice_is_kept(page: Page, view: View, folder: Path) -> None:
     switch_on(page, "vasilev", "H_m")
+    unfold(page, "choice-box")
     page.get_by_label("Slip threshold").fill("0.15")
     page.get_by_label("Slip threshold").press("Enter")
     page.get_by_label("Use run-2").uncheck()
     expect(page.locator("button.run.unused")).to_have_count(1)
     page.get_by_role("button", name="Refit").click()
     expect(page.locator("#fit-tables table").first).to_be_visible()
-    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_role("button", name="Save choice").click()
     kept = folder / "choice.toml"
     expect(page.locator("#saved")).to_contain_text(str(kept))
     expect(page.locator("#commands li").first).to_contain_text(f"wheelsoil fit '{folder}' --choice '{kept}'")
@@ -111,19 +118,19 @@ def test_a_refit_is_the_command_line_s_and_the_choice_is_kept(page: Page, view: 
     shown = [[float(text.replace("−", "-").replace("\u202f", "")) for text in cells[1:]] for cells in cells]
     assert shown == [pytest.approx([each["M0_percent"], each["R0_N"], each["R2"]], rel=1e-3) for each in expected]
     asked = view.post("/api/fit", campaign="c1")["curves"]["chosen"]
-    assert curve_on_page(page, "drawbar_pull_n", view.post("/api/curve", **RUN, **asked), "curve chosen")
+    assert curve_on_page(page, view.post("/api/curve", **RUN, **asked), "chosen")
     page.locator("button.run", has_text="run-2").click()
     other = view.post("/api/curve", **RUN | {"run": "r2"}, **asked)
     assert other["load_n"] != view.post("/api/curve", **RUN)["load_n"]
-    for curve in ("curve by hand", "curve chosen"):
-        assert curve_on_page(page, "drawbar_pull_n", other, curve)
+    for curve in ("model", "chosen"):
+        assert curve_on_page(page, other, curve)
     expect(page.locator("#load")).to_have_attribute("placeholder", f"{other['load_n']:.0f}")
     page.get_by_label("Use run-2").check()
     expect(page.locator("#fit-says")).to_contain_text("The choice has changed")
 
 
 def test_a_file_is_only_replaced_when_that_is_asked_for(page: Page, folder: Path) -> None:
-    save = page.get_by_role("button", name="Save", exact=True)
+    save = page.get_by_role("button", name="Save choice")
     mine = '# mine\nschema = "wheelsoil/choice/1"\nslip_threshold = 0.3\n'
     (folder / "choice.toml").write_text(mine, encoding="utf-8")
     save.click()
@@ -145,24 +152,38 @@ def test_a_file_is_only_replaced_when_that_is_asked_for(page: Page, folder: Path
 
 def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View) -> None:
     page.get_by_role("button", name="Diagnose").click()
-    expect(page.locator("#headline")).to_contain_text("diagnosing")
-    expect(page.get_by_role("button", name="Diagnose again")).to_be_visible(timeout=180_000)
+    expect(page.get_by_role("button", name="Cancel: Diagnose")).to_be_visible()
+    expect(page.locator("#error-table td").first).to_be_visible(timeout=180_000)
     told = view.get("/api/diagnosis?campaign=c1")
-    expect(page.locator("#verdict")).to_have_text(told["sentence"])
-    expect(page.locator("#view-verdict")).to_have_text(told["sentence"])
-    names = [name.partition(":")[0] for name in page.locator("#candidates .name").all_inner_texts()]
+    expect(page.locator("#verdict")).to_have_attribute("title", told["sentence"])
+    assert told["sentence"].startswith(page.locator("#verdict b").inner_text())
+    unfold(page, "causes-box")
+    names = page.locator("#candidates .name").all_inner_texts()
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
-    page.get_by_role("button", name="Put into the model").first.click()
-    expect(page.locator("#sliders .slider").first).to_be_visible()
+    errors = [told["gain"]["held_out"][which]["channels"]["dp"]["R0"] for which in ("base", "extended")]
+    shown = page.locator("#error-table tr").nth(1).locator("td").all_inner_texts()
+    assert shown[:2] == [f"{error:.1f}" for error in errors]
+    page.get_by_role("button", name="Use this model").click()
+    best = told["causes"][0]["parameters"][0]
+    assert value_of(page, best["name"]) == pytest.approx(best["value"], rel=1e-4)
+    assert value_of(page, "tan_phi") == pytest.approx(told["soils"][0]["values"]["tan_phi"], rel=1e-4)
+    expect(page.locator("#legend")).to_contain_text("recommended")
     expect(page.locator("#state")).to_have_text("READY")
     assert view.campaigns()[0]["choice"]["effects"]
-    expect(page.locator("#verdict")).to_have_text(told["sentence"])
+
+
+def test_a_diagnosis_is_cancelled(page: Page, view: View) -> None:
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_role("button", name="Cancel: Diagnose").click()
+    expect(page.get_by_role("button", name="Diagnose", exact=True)).to_be_visible()
+    assert view.campaigns()[0]["diagnosis"]["state"] == "none"
+    expect(page.locator("#state")).to_have_text("READY")
 
 
 @pytest.mark.parametrize("widths", [(360, 390, 768), (1366,)])
 def test_nothing_scrolls_sideways(browser: Browser, view: View, widths: tuple[int, ...]) -> None:
     with looking(browser, view.address, width=widths[0], height=844) as seen:
-        drawn(seen, *PLOTS)
+        drawn(seen, *ROWS)
         for width in widths:
             seen.set_viewport_size({"width": width, "height": 844})
-            seen.wait_for_function(_FITS, arg=[width, *PLOTS])
+            seen.wait_for_function(_FITS, arg=width)

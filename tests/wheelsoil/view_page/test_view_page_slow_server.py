@@ -6,15 +6,16 @@ import time
 from pathlib import Path
 
 from playwright.sync_api import APIResponse, Page, Route, expect
-from view_browser import Held, drawn
+from view_browser import Held, add_effect, drawn, unfold
 from view_client import PATIENCE_S, View
 
 from wheelsoil.workflows.choice import load_choice
 
-PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
+ROWS = ("slip", "pull")
 
 
 def set_threshold(page: Page, value: str) -> None:
+    unfold(page, "choice-box")
     page.get_by_label("Slip threshold").fill(value)
     page.get_by_label("Slip threshold").press("Enter")
 
@@ -23,8 +24,9 @@ def test_clicks_while_a_change_is_underway_are_shown_and_taken(page: Page, view:
     held = Held(page, "/api/choose")
     set_threshold(page, "0.15")
     page.get_by_label("Use run-2").uncheck()
+    unfold(page, "conditions-box")
     page.get_by_label("literal", exact=True).check()
-    page.locator("[data-effect=vasilev] input").check()
+    add_effect(page, "vasilev")
     page.get_by_label("torque", exact=True).last.check()
     page.get_by_label("drawbar pull", exact=True).last.uncheck()
     page.get_by_label("let the soil move").check()
@@ -34,7 +36,6 @@ def test_clicks_while_a_change_is_underway_are_shown_and_taken(page: Page, view:
         expect(page.get_by_label("Use run-2")).not_to_be_checked()
         expect(page.locator("button.run.unused")).to_have_count(1)
         expect(page.get_by_label("literal", exact=True)).to_be_checked()
-        expect(page.locator("[data-effect=vasilev] input")).to_be_checked()
         expect(page.locator("[data-parameter=H_m]")).to_be_visible()
         expect(page.get_by_label("torque", exact=True).last).to_be_checked()
         expect(page.get_by_label("drawbar pull", exact=True).last).not_to_be_checked()
@@ -42,7 +43,7 @@ def test_clicks_while_a_change_is_underway_are_shown_and_taken(page: Page, view:
         route = held.next()
         asked = route.request.post_data_json["choice"]
         route.continue_()
-    drawn(page, *PLOTS)
+    drawn(page, *ROWS)
     choice = view.settled()[0]["choice"]
     assert choice["slip_threshold"] == 0.15 and choice["sinkage"] == "literal" and choice["soil_prior"]
     assert choice["channels"] == ["t"] and choice["effects"] == ["vasilev"]
@@ -66,7 +67,7 @@ def test_save_and_refit_take_the_changes_before_them(page: Page, folder: Path) -
     held = Held(page, "/api/choose")
     set_threshold(page, "0.15")
     page.get_by_label("Use run-2").uncheck()
-    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_role("button", name="Save choice").click()
     page.get_by_role("button", name="Refit").click()
     for _ in range(2):
         held.next().continue_()
@@ -82,11 +83,11 @@ def test_nothing_is_saved_where_a_change_before_it_is_refused(page: Page, folder
     page.on("request", lambda request: asked.append(request.url))
     held = Held(page, "/api/choose")
     set_threshold(page, "0.15")
-    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_role("button", name="Save choice").click()
     held.next().fulfill(status=400, json={"faults": [{"what": "no such threshold"}]})
     page.get_by_label("Use run-2").uncheck()
     held.next().continue_()
-    drawn(page, *PLOTS)
+    drawn(page, *ROWS)
     assert not [url for url in asked if url.endswith("/api/save")]
     assert not (folder / "choice.toml").exists()
 
@@ -109,6 +110,7 @@ def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view:
     assert answer.json()["campaigns"][0]["chosen"] < view.campaigns()[0]["chosen"]
     with page.expect_request_finished(lambda request: request.url.endswith("/api/list")):
         route.fulfill(response=answer)
+    unfold(page, "choice-box")
     page.get_by_label("let the soil move").check()
     expect(page.get_by_label("Use run-2")).not_to_be_checked()
     expect(page.locator("#state")).to_have_text("READY")
@@ -117,22 +119,22 @@ def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view:
 
 
 def test_an_answer_leaves_focus_and_half_typed_numbers_alone(page: Page) -> None:
-    page.locator("[data-effect=vasilev] input").check()
-    drawn(page, *PLOTS)
+    add_effect(page, "vasilev")
+    drawn(page, *ROWS)
     held = Held(page, "/api/choose")
     box = page.locator("[data-parameter=H_m] input[type=number]")
-    page.locator("[data-effect=torque_zero] input").check()
+    add_effect(page, "torque_zero")
     box.fill("0.0")
     held.next().continue_()
-    drawn(page, *PLOTS)
-    expect(page.locator("[data-effect=torque_zero] input")).to_be_checked()
+    drawn(page, *ROWS)
+    expect(page.locator("#sliders [data-effect=torque_zero]")).to_be_visible()
     expect(box).to_have_value("0.0")
     box.press_sequentially("5")
     box.press("Enter")
     expect(box).to_have_value("0.05")
-    for element in (page.locator("[data-effect=ding] input"), page.locator(f"#{PLOTS[0]}")):
+    for element in (page.get_by_label("Search effects"), page.get_by_label("Comment")):
         page.get_by_label("Use run-2").click()  # what can be told depends on the runs: the effects are asked for anew
         element.focus()
         held.next().continue_()
-        drawn(page, *PLOTS)
+        drawn(page, *ROWS)
         expect(element).to_be_focused()

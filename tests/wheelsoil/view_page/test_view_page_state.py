@@ -6,13 +6,14 @@ import re
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from view_browser import Held, comes, curve_on_page, drawn, looking, open_run
+from view_browser import Held, curve_line, curve_on_page, drag, drawn, looking, open_run, unfold
 from view_client import View
 
-PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
+ROWS = ("slip", "pull")
 
 
 def test_a_page_that_was_away_takes_what_another_one_chose(page: Page, view: View) -> None:
+    unfold(page, "conditions-box")
     page.get_by_label("literal", exact=True).check()
     expect(page.locator("#state")).to_have_text("READY")
     page.context.set_offline(True)
@@ -21,60 +22,63 @@ def test_a_page_that_was_away_takes_what_another_one_chose(page: Page, view: Vie
     choice = {"slip_threshold": 0.33, "run": [{"id": "run-1", "keep": [[0, 20]]}]}
     view.post("/api/choose", campaign="c1", choice=choice)
     page.context.set_offline(False)
+    unfold(page, "choice-box")
+    unfold(page, "samples-box")
     expect(page.get_by_label("Slip threshold")).to_have_value("0.33")
     expect(page.get_by_label("balanced", exact=True)).to_be_checked()
     expect(page.get_by_role("button", name=re.compile("^By hand"))).to_be_visible()
-    drawn(page, *PLOTS)
+    drawn(page, *ROWS)
     [clay, *_] = view.campaigns()
     assert clay["choice"]["slip_threshold"] == 0.33 and clay["chosen"] == before + 1
 
 
 def test_each_campaign_has_its_own_reading_of_the_sinkage(page: Page, view: View) -> None:
+    unfold(page, "conditions-box")
     page.get_by_label("literal", exact=True).check()
     expect(page.locator("#state")).to_have_text("READY")
     open_run(page, "sandy")
     expect(page.get_by_label("balanced", exact=True)).to_be_checked()
-    assert curve_on_page(page, "drawbar_pull_n", view.post("/api/curve", campaign="c2", run="r3", sinkage="balanced"))
+    assert curve_on_page(page, view.post("/api/curve", campaign="c2", run="r3", sinkage="balanced"))
     open_run(page, "clay field")
     expect(page.get_by_label("literal", exact=True)).to_be_checked()
-    assert curve_on_page(page, "drawbar_pull_n", view.post("/api/curve", campaign="c1", run="r1", sinkage="literal"))
+    assert curve_on_page(page, view.post("/api/curve", campaign="c1", run="r1", sinkage="literal"))
 
 
 def test_a_soil_that_was_let_move_moves_the_curve_by_hand(browser: Browser, view: View) -> None:
     view.post("/api/choose", campaign="c1", choice={"effects": ["vasilev"], "soil_prior": True})
     fit = view.post("/api/fit", campaign="c1")
     with looking(browser, view.address) as page:
-        drawn(page, *PLOTS)
+        drawn(page, *ROWS)
         page.get_by_role("button", name="Refit").click()
         expect(page.locator("#fit-tables table").first).to_be_visible()
         expect(page.locator("#soil-hint")).to_contain_text("moved")
         fitted = view.post("/api/curve", campaign="c1", run="r1", **fit["curves"]["chosen"])
-        assert curve_on_page(page, "drawbar_pull_n", fitted)
-        page.locator("#soil-box summary").click()
+        assert curve_on_page(page, fitted)
         found = fit["models"]["chosen"]["estimates"]["tan_phi"]["value"]
         box = page.locator("[data-parameter=tan_phi] input[type=number]")
         assert float(box.input_value()) == pytest.approx(found, rel=1e-5)
 
 
 def test_a_run_that_failed_is_not_shown_with_the_plots_of_another(page: Page) -> None:
-    comes(page, PLOTS[1], "curve by hand")
+    page.locator(curve_line("model")).wait_for()
     open_run(page, "broken")
     expect(page.locator("#waiting")).to_contain_text("wheel")
-    expect(page.locator("#plots")).to_be_hidden()
+    expect(page.locator("#rows")).to_be_hidden()
     expect(page.locator("#legend")).to_be_hidden()
     open_run(page, "clay field")
-    drawn(page, *PLOTS)
+    drawn(page, *ROWS)
 
 
 def test_a_selection_is_counted_though_the_one_before_it_failed(page: Page, view: View) -> None:
-    start, stop = page.get_by_label("Selection from, seconds"), page.get_by_label("Selection to, seconds")
+    drag(page, 5, 8)
+    start, stop = page.get_by_label("Selection from"), page.get_by_label("Selection to")
     for lost, low in ((False, 10), (True, 12)):
         held = Held(page, "/api/selected", times=1)
-        start.fill(str(low))
-        start.press("Enter")
-        route = held.next()
         stop.fill(str(low + 5))
         stop.press("Enter")
+        route = held.next()
+        start.fill(str(low))
+        start.press("Enter")
         if lost:
             route.abort()
         else:
@@ -103,6 +107,7 @@ def test_numbers_names_and_changes_hold(page: Page, view: View) -> None:
         "async () => { const { change } = await import('/choice.js'); "
         "await change('c1', () => { throw new Error('mine'); }).catch(() => {}); }"
     )
+    unfold(page, "choice-box")
     page.get_by_label("Slip threshold").fill("0.15")
     page.get_by_label("Slip threshold").press("Enter")
     expect(page.locator("#state")).to_have_text("READY")

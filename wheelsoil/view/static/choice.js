@@ -90,11 +90,11 @@ function cut(edit) {
 
 function showKeep() {
   const run = runOf(state.a), keep = run && chosenRun(state.a.campaign, run)?.keep;
-  const time = state.selection?.kind === "time" && samplesOf(state.a);
-  for (const id of ["keep-only", "leave-out"]) get(id).disabled = !time;
-  get("keep-too").disabled = !time || !keep;
+  const time = state.selection?.kind === "time" && Boolean(samplesOf(state.a));
+  for (const id of ["keep-only", "leave-out", "zoom", "mark"]) get(id).hidden = !time;
+  get("keep-too").hidden = !time || !keep;
   get("keep-all").disabled = !keep;
-  get("keep-bar").hidden = !time && !keep;
+  get("keep-all").hidden = !keep;
   const words = keep ? `Kept of ${run.id}: ${keep.map(([from, to]) => `${from} to ${to} s`).join(", ")}` : "";
   write(get("kept"), run && chosenRun(state.a.campaign, run)?.use === false ? `${run.id} is not used` : words);
 }
@@ -108,7 +108,8 @@ function showForm() {
   get("fit-dp").checked = channels.includes("dp");
   get("fit-t").checked = channels.includes("t");
   get("soil-prior").checked = choice.soil_prior ?? false;
-  state.threshold = choice.slip_threshold;
+  const set = NUMBERS.filter(([, name]) => choice[name] !== undefined).length;
+  write(get("choice-hint"), `${channels.map((each) => ({ dp: "pull", t: "torque" })[each] ?? each).join(", ")}${set ? `; ${set} set` : ""}`);
 }
 
 function set(name, value) {
@@ -134,6 +135,6 @@ export function setUp() {
   get("keep-too").addEventListener("click", () => cut(joined));
   get("leave-out").addEventListener("click", () => cut(without));
   get("keep-all").addEventListener("click", () => cut(() => null));
-  for (const topic of ["list", "picked"]) on(topic, showForm);
-  for (const topic of ["list", "picked", "data", "selection"]) on(topic, showKeep);
+  on("list picked", showForm);
+  on("list picked data selection", showKeep);
 }

@@ -1,64 +1,99 @@
-// Plotly, and how everything looks: colours that the colour-blind can tell apart (Okabe and Ito), and never by colour alone.
+// Pieces of a figure: SVG elements, scales, ticks, lines. Colours and widths are classes of page.css, by the tokens.
 
-import { Refused } from "./api.js";
-import { BY_HAND as HAND, MODELS, SPARE } from "./styles.js";
+const NS = "http://www.w3.org/2000/svg";
 
-/** A colour of common.css, as it is now: light or dark. */
-export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-
-export const B_COLOUR = "#E69F00";
-export const PICKED = "#F0E442";
-export const BY_HAND = { name: HAND.label, colour: HAND.colour, dash: HAND.dash, width: 3.5 };
-export const BY_HAND_B = { name: "by hand, on the other soil", colour: B_COLOUR, dash: "longdash", width: 3 };
-/** A model looks as it does in the report; styles.js is made from the report's table. */
-export function modelStyle(key) {
-  const { label, colour: own, dash } = MODELS[key] ?? { ...SPARE, label: key };
-  return { name: label, colour: own, dash, width: 2 };
+export function svg(tag, attributes = {}, ...children) {
+  const made = document.createElementNS(NS, tag);
+  set(made, attributes);
+  made.append(...children);
+  return made;
 }
 
-export const SEGMENTS = {
-  drive: { letter: "D", fill: "rgba(0,158,115,0.13)" },
-  coast: { letter: "C", fill: "rgba(86,180,233,0.16)" },
-  brake: { letter: "B", fill: "rgba(213,94,0,0.13)" },
-  standstill: { letter: "S", fill: "rgba(128,128,128,0.22)" },
-};
+export function set(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+}
 
-/** Plotly reads some HTML in its texts; a name is shown letter for letter. */
-export const words = (text) => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+export const text = (words, x, y, attributes = {}) => svg("text", { x, y, ...attributes }, words);
 
-export const CONFIG = {
-  responsive: true, displaylogo: false, doubleClick: false, scrollZoom: false,
-  modeBarButtons: [["select2d", "zoom2d", "pan2d", "resetScale2d", "toImage"]],
-};
+/** A linear scale from the data's limits to pixels; `back` is its inverse. */
+export function scale([low, high], [from, to]) {
+  const slope = (to - from) / (high - low || 1), at = (value) => from + (value - low) * slope;
+  return Object.assign(at, { back: (pixel) => low + (pixel - from) / slope, limits: [low, high] });
+}
 
-export function layoutOf(xTitle, yTitle, x, y) {
-  const ink = colour("ink"), grid = colour("grid");
-  const axis = (title, range) => ({
-    title: { text: title, standoff: 8 }, range, autorange: false, gridcolor: grid, zerolinecolor: colour("soft"), linecolor: colour("soft"),
-    ticks: "outside", tickcolor: colour("soft"), automargin: true, exponentformat: "none", separatethousands: true,
-  });
-  return {
-    height: 270, margin: { l: 56, r: 8, t: 16, b: 42 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: "system-ui, 'DejaVu Sans', sans-serif", size: 12, color: ink },
-    hovermode: "closest", dragmode: "select", showlegend: false, shapes: [], annotations: [], separators: ".\u202f",
-    modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: ink },
-    newselection: { line: { color: ink, width: 1.5, dash: "dot" } },
-    xaxis: axis(xTitle, x), yaxis: axis(yTitle, y),
+/** Round numbers between two limits, at most so many. */
+export function ticks([low, high], most) {
+  const rough = (high - low) / Math.max(most, 1), power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((each) => each >= rough * (1 - 1e-9));
+  const first = Math.ceil(low / step - 1e-9), count = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({ length: Math.max(0, count) }, (_, i) => (first + i) * step);
+}
+
+/** How a tick is written: with the decimals that its step needs. */
+export function tickText(value, step) {
+  const digits = Math.max(0, -Math.floor(Math.log10(step || 1) + 1e-9));
+  return (Math.abs(value) < step / 1e6 ? 0 : value).toFixed(digits).replace("-", "−").replace(/\B(?=(\d{3})+(?!\d))/g, digits ? "" : "\u202f");
+}
+
+const place = (value) => Math.round(value * 10) / 10;
+
+/** A line through points, broken where one is missing; of many points a pixel its least and greatest. */
+export function line(x, y, X, Y) {
+  let path = "", pen = "M", column = NaN, low = 0, high = 0, first = 0, last = 0, held = 0;
+  const crowded = x.length > 4000;
+  const flush = () => {
+    if (!held) return;
+    const points = held === 1 ? [first] : low === high ? [first, last] : [first, Math.min(low, high), Math.max(low, high), last];
+    for (const value of points) { path += `${pen}${column} ${place(value)}`; pen = "L"; }
+    held = 0;
   };
+  for (let i = 0; i < x.length; i++) {
+    if (y[i] === null || x[i] === null) { flush(); pen = "M"; continue; }
+    const px = X(x[i]), py = Y(y[i]);
+    if (!crowded) { path += `${pen}${place(px)} ${place(py)}`; pen = "L"; continue; }
+    const at = Math.round(px);
+    if (at !== column) { flush(); column = at; low = high = first = py; }
+    low = Math.min(low, py);
+    high = Math.max(high, py);
+    last = py;
+    held += 1;
+  }
+  flush();
+  return path;
 }
 
-/** Load plotly.js once. It brings a stylesheet for maps, which the page's policy refuses and nobody here needs: keep it out. */
-let loading;
-export function plotly() {
-  loading ??= new Promise((done, failed) => {
-    const { head } = document, script = document.createElement("script");
-    const append = head.appendChild.bind(head);
-    const restored = (then) => () => { delete head.appendChild; then(globalThis.Plotly); };
-    script.src = "/plotly.js";
-    script.onload = restored(done);
-    script.onerror = restored(() => { loading = undefined; failed(new Refused([{ what: "plotly.js did not come, so there are no plots", next_step: "reload the page" }])); });
-    append(script);
-    head.appendChild = (node) => (node.tagName === "STYLE" ? node : append(node));
+/** Dots: strokes of no length with round ends, all in one path. */
+export function dots(x, y, X, Y, rows) {
+  let path = "";
+  for (const i of rows) if (x[i] !== null && y[i] !== null) path += `M${place(X(x[i]))} ${place(Y(y[i]))}h0`;
+  return path;
+}
+
+/** The index of the value nearest to one, in ascending values. */
+export function nearest(values, wanted) {
+  let low = 0, high = values.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (values[middle] < wanted) low = middle; else high = middle;
+  }
+  return wanted - values[low] <= values[high] - wanted ? low : high;
+}
+
+/** A sample of a line, for a legend or beside a value. */
+export const sample = (look, x, y, width = 16) => svg("path", { class: look, d: `M${x} ${y}h${width}` });
+
+const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap", "opacity", "font-family", "font-size", "font-weight", "text-anchor"];
+
+/** A figure as a file of its own: its colours and type written into it. */
+export function standalone(figure, title) {
+  const copy = figure.cloneNode(true), mine = [figure, ...figure.querySelectorAll("*")], theirs = [copy, ...copy.querySelectorAll("*")];
+  mine.forEach((element, i) => {
+    const style = getComputedStyle(element);
+    theirs[i].removeAttribute("class");
+    for (const name of KEPT) theirs[i].setAttribute(name, style.getPropertyValue(name));
   });
-  return loading;
+  const { width, height } = figure.getBoundingClientRect(), ground = getComputedStyle(document.documentElement).getPropertyValue("--surface").trim();
+  set(copy, { xmlns: NS, width, height, viewBox: `0 0 ${width} ${height}` });
+  copy.prepend(svg("title", {}, title), svg("rect", { width: "100%", height: "100%", fill: ground }));
+  return new XMLSerializer().serializeToString(copy);
 }

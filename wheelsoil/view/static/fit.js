@@ -3,8 +3,8 @@
 import { ask } from "./api.js";
 import { confirmed } from "./choice.js";
 import { channel, sensible } from "./channels.js";
+import { Job } from "./job.js";
 import { setFitted } from "./curve.js";
-import { modelStyle } from "./drawing.js";
 import { get, part, write } from "./dom.js";
 import { setValues, tellFit } from "./model.js";
 import { campaignOf, current, on, state } from "./store.js";
@@ -14,14 +14,17 @@ const OWN = "chosen";
 const FITTED = { dp: channel("drawbar_pull_n"), t: channel("driving_torque_nm") };
 const fits = new Map(); // campaign -> { fit, of: the choice it was made with }
 const off = new Set(); // models whose curve is not drawn
+const NAMES = { wong: "Wong", vasilev: "Vasil'ev", lyasko: "Lyasko", ding: "Ding" };
 let inTables; // the fit that stands in the tables
+let job;
 
 async function refit() {
   const { key } = current();
   if (!(await confirmed())) return;
   const campaign = campaignOf(key), of = JSON.stringify(campaign.choice);
-  const fit = await during(`fitting the models to ${campaign.name}`, ask("/api/fit", { campaign: campaign.key }));
+  const fit = await job.run(campaign.key, during(`fitting the models to ${campaign.name}`, ask("/api/fit", { campaign: campaign.key }).catch((error) => job.pardon(error))));
   if (!fit) return;
+  get("fit-box").open = true;
   fits.set(campaign.key, { fit, of });
   show();
   const own = fit.models[OWN];
@@ -33,7 +36,8 @@ const valuesOf = (model) => ({ ...model.held, ...Object.fromEntries(estimatesOf(
 
 function show() {
   const campaign = current(), found = fits.get(campaign?.key);
-  get("refit").disabled = !campaign || !campaign.runs.some((run) => run.state === "ready");
+  get("refit").disabled = !campaign?.runs.some((run) => run.state === "ready");
+  write(get("fit-hint"), found ? (found.of === JSON.stringify(campaign.choice) ? "as chosen" : "outdated") : "none yet");
   get("fit-tables").hidden = !found;
   tellFit({}, {});
   if (!found) {
@@ -54,10 +58,10 @@ function show() {
 
 function drawCurves(fit) {
   const shown = Object.entries(fit.curves).filter(([name]) => !off.has(name));
-  setFitted(shown.map(([name, model]) => ({ model, ...modelStyle(name), name, label: `${labelOf(name)}, fitted` })));
+  setFitted(shown.map(([name, model]) => ({ model, name, label: `${labelOf(name)}, fitted` })));
 }
 
-const labelOf = (name) => (name === OWN ? "chosen" : modelStyle(name).name);
+const labelOf = (name) => NAMES[name] ?? name;
 
 function table(caption, head, rows) {
   const box = part("div", "scroll"), made = part("table"), top = part("tr");
@@ -116,8 +120,8 @@ function values(fit) {
 }
 
 export function setUp() {
-  get("refit").addEventListener("click", refit);
-  for (const topic of ["list", "picked"]) on(topic, showOnce);
+  job = new Job(get("refit"), refit);
+  on("list picked", showOnce);
 }
 
 /** Show again only where it is another campaign, choice or fit; the poll comes each second. */

@@ -1,24 +1,28 @@
-// The model by hand: reading of the sinkage, effects, and a slider for each of their parameters and of the soil's.
+// The model by hand: the soil's sliders, those of each effect that is in it, the picker of effects, reading and load.
 
 import { ask, query } from "./api.js";
 import { sensible } from "./channels.js";
 import { change } from "./choice.js";
 import { bend } from "./curve.js";
-import { get, list, part, place, spaced, write } from "./dom.js";
+import { get, part, place, spaced, write } from "./dom.js";
+import { Picker } from "./picker.js";
 import { Slider } from "./slider.js";
 import { choiceOf, current, on, state, tell } from "./store.js";
 import { during } from "./talk.js";
 
-const KINDS = { physical: "Soil and wheel", measurement: "Measurement" };
 const known = new Map(); // campaign -> {soil, effects} of /api/parameters
 const values = new Map(); // parameter -> value, of whatever effect
 const bases = new Map(); // campaign -> what these were asked for
 const boxes = new Map(); // effect that is on -> { box, sliders }
 const sliders = new Map(); // parameter -> Slider
 const soilSliders = new Map();
+const chances = new Map(); // campaign -> { family: probability } of its diagnosis
 let soil = {}; // what was moved by hand
 let loadN = null;
 let shownFor = null;
+let label = "model";
+let picker;
+let later = null; // values that came before the parameters were known
 
 /** An effect that is switched on begins where an estimate would, so that it is seen. */
 const startOf = ({ start, value }) => start ?? value;
@@ -33,15 +37,34 @@ export function effectOf(name, form = "") {
   return all.find((each) => each.key === name) ?? all.find((each) => each.family === name && (!form || each.form === form));
 }
 
+const inModel = () => (about()?.effects ?? []).filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters);
+
 function body() {
-  const parameters = (about()?.effects ?? []).filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters);
-  const held = Object.fromEntries(parameters.map((each) => [each.name, values.get(each.name) ?? startOf(each)]));
+  const held = Object.fromEntries(inModel().map((each) => [each.name, values.get(each.name) ?? startOf(each)]));
   return { sinkage: sinkage(), effects: effectsOn(), values: held, soil, load_n: loadN };
+}
+
+/** What undo, the address and a saved layout keep of the sliders. */
+export const modelNow = () => ({ values: Object.fromEntries(inModel().filter(({ name }) => values.has(name)).map(({ name }) => [name, values.get(name)])), soil: { ...soil }, load: loadN });
+
+/** Put the sliders where they were; those that are not named go back. */
+export function setModel({ values: given = {}, soil: moved = {}, load = null }) {
+  if (!about()) {
+    later = { values: given, soil: moved, load };
+    return;
+  }
+  values.clear();
+  soil = {};
+  for (const each of about().soil) soilSliders.get(each.name)?.put(each.value);
+  for (const each of inModel()) sliders.get(each.name)?.put(given[each.name] ?? startOf(each));
+  loadN = load;
+  get("load").value = load ?? "";
+  setValues({ ...given, ...moved });
 }
 
 /** Bend the curve to what the sliders say. */
 function redraw(since) {
-  if (state.a && about()) bend(body(), since);
+  if (state.a && about()) bend(body(), since, label);
 }
 
 /** Put an effect into the model or take it out; the choice remembers it. */
@@ -52,22 +75,30 @@ export function setEffect(key, use) {
   });
 }
 
-/** Put values where the sliders are, the soil's among its own. */
-export function setValues(given) {
-  for (const [name, value] of Object.entries(given)) {
-    const ofSoil = about()?.soil.find((each) => each.name === name);
-    (ofSoil ? soilSliders : sliders).get(name)?.put(value);
+/** Put values where the sliders are, the soil's among its own; `name` is what the model is called now. */
+export function setValues(given, name = "model") {
+  for (const [key, value] of Object.entries(given)) {
+    const ofSoil = about()?.soil.find((each) => each.name === key);
+    (ofSoil ? soilSliders : sliders).get(key)?.put(value);
     if (ofSoil) moveSoil(ofSoil, value);
-    else values.set(name, value);
+    else values.set(key, value);
   }
+  label = name;
   redraw();
+  tell("model");
 }
 
 function moveSoil({ name, value: laboratory }, value) {
   if (value === laboratory) delete soil[name];
   else soil[name] = value;
   const fits = chosen().soil_prior ? "a fit estimates its own" : "a fit uses the laboratory's";
-  write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "laboratory values");
+  write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "laboratory");
+}
+
+function moved(since) {
+  label = "model";
+  redraw(since);
+  tell("model");
 }
 
 function showSinkage() {
@@ -76,7 +107,13 @@ function showSinkage() {
 
 /** Say beside each slider what a fit found: estimates and held values by the parameter's name. */
 export function tellFit(estimates, held) {
-  for (const [name, slider] of sliders) slider.tell(estimates[name], held[name]);
+  for (const [name, slider] of [...sliders, ...soilSliders]) slider.tell(estimates[name], held[name]);
+}
+
+/** What a diagnosis says of the families, for the order of the picker. */
+export function setChances(campaign, found) {
+  chances.set(campaign, found);
+  picker.show();
 }
 
 /** Which effects are identifiable depends on the runs and on the reading. */
@@ -92,7 +129,6 @@ async function showModel() {
     if (!told) return bases.delete(campaign);
     known.set(campaign, told);
     tell("parameters");
-    if (state.a?.campaign === campaign && shownFor === campaign) showEffects();
   }
   if (state.a?.campaign !== campaign || !about()) return;
   if (shownFor !== campaign) {
@@ -100,25 +136,28 @@ async function showModel() {
     soil = {};
     boxes.clear();
     showSoil();
-    showEffects();
     showSliders();
+    if (later) setModel(later);
+    later = null;
   }
   showSinkage();
+  picker.show();
   redraw();
 }
 
 function showSoil() {
+  soilSliders.clear();
   const rows = about().soil.map((each) => {
     const slider = new Slider(each, each.value, (value, since) => {
       moveSoil(each, value);
-      redraw(since);
+      moved(since);
     });
     soilSliders.set(each.name, slider);
     slider.reset.title = `back to ${sensible(each.value)}`;
     return slider.row;
   });
   get("soil").replaceChildren(...rows);
-  write(get("soil-hint"), "laboratory values");
+  write(get("soil-hint"), "laboratory");
 }
 
 /** A slider for each parameter of the effects that are on. Those that stay on are left as they are, in the middle of a drag or a number. */
@@ -130,80 +169,51 @@ function showSliders() {
   place(get("sliders"), shown.map(({ box }) => box));
   sliders.clear();
   for (const slider of shown.flatMap((each) => each.sliders)) sliders.set(slider.about.name, slider);
-  get("no-effect").hidden = shown.length > 0;
 }
 
 function slidersOf(effect) {
-  const box = part("div", "effect-on");
+  const box = part("section", "effect-on"), head = part("h3", "", nameOf(effect)), away = part("button", "icon", "✕");
   const made = effect.parameters.map((parameter) => new Slider(parameter, values.get(parameter.name) ?? startOf(parameter), (value, since) => {
     values.set(parameter.name, value);
-    redraw(since);
+    moved(since);
   }));
-  box.append(part("h3", "", nameOf(effect)), ...made.map((slider) => slider.row));
+  box.dataset.effect = effect.key;
+  away.type = "button";
+  away.setAttribute("aria-label", `Take ${nameOf(effect)} out`);
+  away.addEventListener("click", () => setEffect(effect.key, false));
+  head.title = effect.summary;
+  head.append(part("small", "", effect.in_curve === false ? "seen in a fit only" : "in the model"), away);
+  box.append(head, ...made.map((slider) => slider.row));
   return { box, sliders: made };
 }
 
-const nameOf = ({ family, form }) => (form ? `${spaced(family)}: ${form}` : spaced(family));
+const capital = (words) => words[0].toUpperCase() + words.slice(1);
+const nameOf = ({ family, form }) => capital(form ? `${spaced(family)} (${capital(spaced(form))})` : spaced(family));
 
-function showEffects() {
-  list(get("effects"), Object.entries(KINDS), makeGroup, (box, [kind, title]) => {
-    const [legend, rows] = box.children;
-    write(legend, title);
-    list(rows, about().effects.filter((each) => each.kind === kind), makeEffect, showEffect);
-  });
-  search();
+/** The effects that are not in the model: the likeliest first, those that cannot be identified last. */
+function options() {
+  const found = chances.get(state.a?.campaign) ?? {}, chance = ({ family }) => found[family] ?? 0;
+  return (about()?.effects ?? []).filter(({ key }) => !effectsOn().includes(key)).sort((p, q) => q.can - p.can || chance(q) - chance(p)).map((each) => ({
+    key: each.key, name: nameOf(each), note: chance(each) >= 0.005 ? `${(100 * chance(each)).toFixed(1)} %` : "", off: !each.can,
+    more: each.can ? `${each.summary}${each.in_curve === false ? " It does not show in this curve, only in a fit." : ""}` : `not identifiable here: ${each.why_not}`,
+  }));
 }
 
-function makeGroup() {
-  const box = part("fieldset", "effects");
-  box.append(part("legend"), part("div"));
-  return box;
-}
-
-function makeEffect() {
-  const label = part("label", "effect"), input = part("input"), text = part("span");
-  input.type = "checkbox";
-  text.append(part("strong"), part("small"));
-  label.append(input, text);
-  return label;
-}
-
-function showEffect(label, effect) {
-  const [input, text] = label.children, [name, small] = text.children;
-  input.checked = effectsOn().includes(effect.key);
-  input.disabled = !effect.can && !input.checked;
-  input.onchange = () => setEffect(effect.key, input.checked);
-  const unseen = effect.in_curve === false ? " It does not show in this curve, only in a fit." : "";
-  write(name, nameOf(effect));
-  write(small, effect.can ? effect.summary + unseen : `not identifiable here: ${effect.why_not}`);
-  label.dataset.effect = effect.key;
-  label.dataset.words = `${effect.key} ${nameOf(effect)} ${effect.summary}`.toLowerCase();
-}
-
-function search() {
-  const wanted = get("effect-search").value.trim().toLowerCase().split(/\s+/);
-  for (const box of get("effects").children) {
-    const rows = [...box.querySelectorAll(".effect")];
-    for (const row of rows) row.hidden = !wanted.every((word) => row.dataset.words.includes(word));
-    box.hidden = rows.every((row) => row.hidden);
-  }
-}
-
-/** The server has taken (or refused) another choice: switches and sliders follow it. */
+/** The server has taken (or refused) another choice: sliders follow it. */
 function follow() {
   if (!about() || shownFor !== state.a?.campaign) return;
-  const before = [...get("sliders").querySelectorAll("[data-parameter]")].map((row) => row.dataset.parameter).join();
-  const now = about().effects.filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters.map(({ name }) => name)).join();
-  for (const row of get("effects").querySelectorAll("[data-effect]")) row.querySelector("input").checked = effectsOn().includes(row.dataset.effect);
-  write(get("effects-count"), effectsOn().length ? `${effectsOn().length} on` : "none on");
+  const before = [...get("sliders").children].map(({ dataset }) => dataset.effect).sort().join(), now = [...effectsOn()].sort().join();
+  write(get("effects-count"), `${about().effects.length - effectsOn().length} more`);
   const reading = sinkage();
   showSinkage();
   if (before === now && reading === sinkage()) return;
   showSliders();
+  picker.show();
   redraw();
 }
 
 export function setUp() {
+  picker = new Picker(get("effect-picker"), "Search effects", { options, take: ({ key }) => setEffect(key, true), most: 6 });
   get("sinkage").addEventListener("change", () => {
     const reading = sinkage();
     redraw();
@@ -211,12 +221,11 @@ export function setUp() {
   });
   get("load").addEventListener("change", (event) => {
     loadN = Number(get("load").value) > 0 ? Number(get("load").value) : null;
-    redraw(event.timeStamp);
+    moved(event.timeStamp);
   });
-  get("effect-search").addEventListener("input", search);
   on("load", (newtons) => {
     get("load").placeholder = newtons === null ? "" : String(Math.round(newtons));
-    write(get("load-hint"), loadN === null ? "empty: the run's median load" : "");
+    write(get("load-hint"), `${sensible(newtons, 3)} N, ${sinkage()}`);
   });
   on("picked", showModel);
   on("list", follow);

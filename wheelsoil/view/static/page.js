@@ -1,17 +1,29 @@
 // Puts the page together, and asks the server how things stand.
 
+import * as address from "./address.js";
 import { ask } from "./api.js";
 import * as choice from "./choice.js";
+import * as compare from "./compare.js";
+import * as cross from "./cross.js";
+import * as cursor from "./cursor.js";
+import * as curve from "./curve.js";
 import { get } from "./dom.js";
+import * as exports from "./export.js";
 import * as fit from "./fit.js";
+import * as undoing from "./history.js";
+import * as keys from "./keys.js";
+import * as layout from "./layout.js";
 import * as campaigns from "./list.js";
+import * as marks from "./marks.js";
 import * as model from "./model.js";
-import * as plots from "./plots.js";
+import * as rows from "./rows.js";
 import * as save from "./save.js";
 import * as selection from "./selection.js";
-import { state, tell } from "./store.js";
+import * as signals from "./signals.js";
+import { become, state, tell } from "./store.js";
 import { isOpen, setLink, show, tellError } from "./talk.js";
 import { takeToken } from "./token.js";
+import * as track from "./track.js";
 import * as verdict from "./verdict.js";
 
 const BUSY_MS = 1000;
@@ -49,6 +61,7 @@ async function take(told) {
   }
   choice.arrive(told.campaigns, again);
   state.remarks = told.remarks ?? [];
+  address.arrive();
   show();
   tell("list");
   if (again) await tellAgain(before, told.campaigns);
@@ -61,20 +74,14 @@ const runsOf = ({ key, name, path, runs }) => [key, name, path, runs.map((run) =
 async function tellAgain(before, now) {
   for (const { key, name, path, choice: theirs, chosen } of now) {
     const ours = before.find((each) => each.name === name && each.path === path)?.choice;
-    if (ours && !chosen && JSON.stringify(ours) !== JSON.stringify(theirs)) await choice.change(key, (copy) => Object.assign(emptied(copy), ours));
+    if (ours && !chosen && JSON.stringify(ours) !== JSON.stringify(theirs)) await choice.change(key, (copy) => { become(copy, ours); });
   }
 }
 
-function emptied(copy) {
-  for (const name of Object.keys(copy)) delete copy[name];
-  return copy;
-}
-
-for (const each of [plots, selection, choice, campaigns, model, fit, verdict, save]) each.setUp();
+for (const each of [rows, cross, track, cursor, selection, choice, marks, campaigns, model, curve, fit, verdict, compare, layout, signals, save, exports, undoing, address, keys]) each.setUp();
 get("ask-token").addEventListener("submit", (event) => {
   event.preventDefault();
   takeToken(get("token").value);
 });
 addEventListener("hashchange", poll);
-plots.draw().catch((error) => tellError("plotly.js", error));
 poll();

@@ -44,7 +44,7 @@ function wanted() {
   const { a, b } = state;
   const places = a ? [a] : [];
   if (b) places.push(...(b.run === null ? othersOf(b.campaign) : [b]));
-  if (a && state.others) places.push(...othersOf(a.campaign, a.run));
+  if (a && state.colour !== "none") places.push(...othersOf(a.campaign, a.run));
   return places;
 }
 

@@ -18,7 +18,8 @@ async function save() {
 function show() {
   const campaign = current(), at = campaign?.saved_at;
   get("save").disabled = !campaign;
-  write(get("saved"), at ? `Saved: ${at}` : "Not saved yet. The file goes into the campaign's folder.");
+  write(get("saved"), at ? `Saved: ${at}` : "");
+  write(get("saved-hint"), at ? "saved" : "not saved");
   const make = () => {
     const item = part("li"), button = part("button", "copy", "Copy");
     button.type = "button";
@@ -48,5 +49,5 @@ export function setUp() {
     event.preventDefault();
     save();
   });
-  for (const topic of ["list", "picked"]) on(topic, show);
+  on("list picked", show);
 }

@@ -31,12 +31,12 @@ export function selectedIn(data) {
   return data.time_s.map((_, i) => i).filter((i) => seen(i) && matches(i));
 }
 
-function said({ samples, of, seconds, left_out: out, slip, drawbar_pull_n: pull }, run) {
-  const parts = [`${samples} of ${of} samples of ${run.id}, ${sensible(seconds, 3)} s`];
-  if (out) parts.push(`${out} of them excluded`);
+function said({ samples, of, left_out: out, slip, drawbar_pull_n: pull }, run) {
+  const parts = [`${samples} of ${of} samples of ${run.id}`];
+  if (out) parts.push(`${out} excluded`);
   if (slip) parts.push(`slip ${sensible(slip[0], 2)} to ${sensible(slip[1], 2)}`);
-  if (pull !== null) parts.push(`mean drawbar pull${out && out < samples ? " of those used" : ""} ${sensible(pull, 3)} N`);
-  return `${parts.join(", ")}.`;
+  if (pull !== null) parts.push(`mean pull ${sensible(pull, 3)} N`);
+  return parts.join(", ");
 }
 
 /** What is drawn are few points of many samples: the server counts them all. One question at a time, with the newest limits. */
@@ -71,39 +71,30 @@ async function counted(asked) {
 }
 
 function show() {
-  const chosen = state.selection, time = chosen?.kind === "time", slip = chosen?.kind === "slip";
+  const chosen = state.selection, limits = chosen?.kind === "time" || chosen?.kind === "slip", digits = chosen?.kind === "slip" ? 2 : 1;
   const fill = (id, value) => { if (document.activeElement !== get(id)) get(id).value = value; };
-  fill("time-from", time ? chosen.from.toFixed(1) : "");
-  fill("time-to", time ? chosen.to.toFixed(1) : "");
-  fill("slip-from", slip ? chosen.from.toFixed(2) : "");
-  fill("slip-to", slip ? chosen.to.toFixed(2) : "");
-  get("clear").disabled = !chosen;
-  get("brush-box").classList.toggle("chosen", Boolean(chosen));
+  get("bar").hidden = !chosen;
+  get("bar").querySelector(".numbers").hidden = !limits;
+  if (limits) for (const end of ["from", "to"]) fill(end, chosen[end].toFixed(digits));
+  write(get("bar-unit"), chosen?.kind === "slip" ? "slip" : "s");
   count();
 }
 
-/** Limits that are typed: a missing one is open. */
-function typed(kind) {
-  const number = (id, open) => (get(id).value === "" ? open : Number(get(id).value));
-  const [from, to] = [number(`${kind}-from`, NaN), number(`${kind}-to`, NaN)];
-  if (Number.isNaN(from) && Number.isNaN(to)) return select(null);
-  const data = samplesOf(state.a), ends = kind === "time" ? [0, data?.time_s.at(-1) ?? 0] : [-1, 1];
-  const [low, high] = [Number.isNaN(from) ? ends[0] : from, Number.isNaN(to) ? ends[1] : to];
-  select({ kind, from: Math.min(low, high), to: Math.max(low, high) });
+/** Limits that are typed; the other one stays. */
+function typed() {
+  const chosen = state.selection, [from, to] = ["from", "to"].map((id) => (get(id).value === "" ? chosen[id] : Number(get(id).value)));
+  select({ ...chosen, from: Math.min(from, to), to: Math.max(from, to) });
 }
 
-/** Arrow keys on a plot over time move the stretch, with Shift they stretch it. */
-export function arrow(event) {
-  const chosen = state.selection, step = { ArrowLeft: -0.5, ArrowRight: 0.5 }[event.key];
-  if (!step) return;
-  event.preventDefault();
-  const { from, to } = chosen?.kind === "time" ? chosen : { from: 0, to: 5 };
-  select(event.shiftKey ? { kind: "time", from, to: Math.max(from + 0.5, to + step) } : { kind: "time", from: from + step, to: to + step });
+/** Stretch the selection of time by so many seconds; it begins at the cursor. */
+export function stretch(by) {
+  const at = state.cursor ?? 0, end = samplesOf(state.a)?.time_s.at(-1) ?? 0, chosen = state.selection?.kind === "time" ? state.selection : { kind: "time", from: at, to: at };
+  const to = Math.min(end, Math.max(0, chosen.to + by));
+  select({ kind: "time", from: Math.min(chosen.from, to), to: Math.max(chosen.from, to) });
 }
 
 export function setUp() {
-  for (const kind of ["time", "slip"]) for (const end of ["from", "to"]) get(`${kind}-${end}`).addEventListener("change", () => typed(kind));
+  for (const end of ["from", "to"]) get(end).addEventListener("change", typed);
   get("clear").addEventListener("click", () => select(null));
-  document.addEventListener("keydown", (event) => { if (event.key === "Escape" && state.selection) select(null); });
-  for (const topic of ["selection", "data", "picked", "shown"]) on(topic, show);
+  on("selection data picked shown", show);
 }

@@ -1,9 +1,10 @@
-// A parameter: slider, box for its value, unit, bounds, reset; beside them what the fit says.
+// A parameter in one row: letter, slider with the fit's interval and the laboratory's value, box, unit, reset.
 
 import { sensible } from "./channels.js";
 import { part, write } from "./dom.js";
 
 const SUFFIXES = { "m/s": "mps", "N m": "nm", N: "n" };
+const SHORT = 5;
 
 /** "height m" in m is a height. */
 const plain = (label, unit) => (label.endsWith(` ${SUFFIXES[unit] ?? unit}`) ? label.slice(0, label.lastIndexOf(" ")) : label);
@@ -14,24 +15,38 @@ export class Slider {
     this.about = about;
     this.on = on;
     this.row = part("div", "slider");
-    const { name, label = name, unit, low, high, step } = about, title = part("span", "label", plain(label, unit));
-    title.title = about.source || "";
+    const { name, label = name, unit, low, high, step } = about, words = plain(label, unit), last = words.split(" ").at(-1);
+    const shown = words.includes("tan ") ? `tan ${last}` : /^.(_.)?$/u.test(last) ? last : words, [letter, index] = shown.length <= 3 ? shown.split("_") : [shown];
+    const title = part("span", "label", letter);
+    if (index) title.append(part("sub", "", index));
+    title.title = [words, about.source].filter(Boolean).join(": ");
+    this.row.classList.toggle("long", shown.length > SHORT);
     this.range = this.input("range", `${label}, slider`, low, high, step || (high - low) / 1000 || "any");
     this.box = this.input("number", `${label}, value`, "", "", "any");
-    this.reset = part("button", "reset", "↺");
+    this.reset = part("button", "icon reset", "↺");
     this.reset.type = "button";
     this.reset.setAttribute("aria-label", `Reset ${label}`);
-    this.reset.title = `back to ${sensible(this.about.neutral)}`;
+    this.reset.title = `back to ${sensible(about.neutral)}`;
     this.fit = part("p", "fitted");
-    const boxed = part("span", "boxed");
-    boxed.append(this.box, ` ${unit === "1" ? "" : unit}`);
-    this.row.append(title, boxed, this.reset, part("span", "bound", sensible(low, 3)), this.range, part("span", "bound high", sensible(high, 3)), this.fit);
+    this.track = part("div", "track");
+    this.interval = part("i", "interval");
+    this.interval.hidden = true;
+    const tick = part("i", "laboratory");
+    tick.style.setProperty("left", this.share(about.neutral));
+    this.track.append(this.interval, tick, this.range);
+    this.row.append(title, this.track, this.box, this.unit(unit), this.reset, this.fit);
     this.row.dataset.parameter = name;
     this.range.addEventListener("input", (event) => this.take(Number(this.range.value), event.timeStamp));
     this.box.addEventListener("change", (event) => this.box.value !== "" && this.take(Number(this.box.value), event.timeStamp));
     this.reset.addEventListener("click", (event) => this.take(about.neutral, event.timeStamp));
     this.box.addEventListener("blur", () => this.write()); // what was typed by halves, or fitted meanwhile
     this.put(start);
+  }
+
+  unit(words) {
+    const made = part("span", "unit", words === "1" ? "" : words.replace("^(n+1)", "ⁿ⁺¹").replace("^(n+2)", "ⁿ⁺²"));
+    made.title = words;
+    return made;
   }
 
   input(type, label, min, max, step) {
@@ -41,6 +56,12 @@ export class Slider {
     return made;
   }
 
+  /** Where a value stands on the slider, whose knob is 12 px wide. */
+  share(value) {
+    const { low, high } = this.about, at = Math.min(1, Math.max(0, (value - low) / (high - low || 1)));
+    return `calc(6px + ${at} * (100% - 12px))`;
+  }
+
   take(value, since) {
     this.put(value);
     this.write();
@@ -48,9 +69,10 @@ export class Slider {
   }
 
   put(value) {
-    const { low, high, lowest = low, highest = high } = this.about; // the box takes what the model does, the slider what is plausible
+    const { low, high, lowest = low, highest = high, neutral } = this.about; // the box takes what the model does, the slider what is plausible
     this.value = Math.min(highest, Math.max(lowest, value));
     this.range.value = String(this.value);
+    this.row.classList.toggle("moved", this.value !== neutral);
     if (document.activeElement !== this.box) this.write(); // somebody types in it
   }
 
@@ -60,8 +82,13 @@ export class Slider {
 
   /** Say what the fit found: an estimate {value, interval, at_bound}, what it held, or nothing. */
   tell(estimate, held) {
-    const interval = estimate?.interval?.every((end) => end !== null) ? ` (95 %: ${sensible(estimate.interval[0])} to ${sensible(estimate.interval[1])})` : "";
-    const bound = estimate?.at_bound ? ", at its bound" : "";
+    const known = estimate?.interval?.every((end) => end !== null), [low, high] = known ? estimate.interval : [0, 0];
+    const interval = known ? ` (95 %: ${sensible(low)} to ${sensible(high)})` : "", bound = estimate?.at_bound ? ", at its bound" : "";
+    this.interval.hidden = !known;
+    if (known) {
+      this.interval.style.setProperty("left", this.share(low));
+      this.interval.style.setProperty("right", `calc(100% - ${this.share(high).slice(5, -1)})`);
+    }
     write(this.fit, estimate ? `fit: ${sensible(estimate.value)}${interval}${bound}` : held === undefined ? "" : `held at ${sensible(held)} in the fit`);
   }
 }

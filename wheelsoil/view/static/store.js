@@ -5,23 +5,26 @@ export const state = {
   remarks: [], // what the server says of what it could not open
   a: null, // { campaign, run }: the run that is looked at
   b: null, // { campaign, run }: the one it is compared with; run is null for all runs of a campaign
-  shown: new Set(["drawbar_pull_n", "driving_torque_nm", "sinkage_m"]),
+  rows: null, // keys of the rows of time histories; null: the usual ones
+  cross: { x: "slip", y: "drawbar_pull_n" },
+  colour: "density", // how the other runs stand in the cross plot
   leftOut: true,
-  others: true,
-  touchSelects: false, // a finger that drags in a plot selects; else it scrolls the page
-  part: "driving", // what the axes over slip hold: driving, all, braking
+  part: "driving", // what of the slip the axes hold: driving, all, braking
+  zoom: null, // [from, to] in seconds
+  cursor: null, // seconds
   selection: null,
   changes: [], // of a choice, that the server has not confirmed yet: { campaign, edit }
-  curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }
+  curves: [], // { name, label, look, campaign, slip, drawbar_pull_n, ... }
+  predictions: {}, // by the look "model" or "baseline": { key, drawbar_pull_n, ... } at the samples of a
 };
 
 const listeners = new Map();
 
 export function on(what, listener) {
-  listeners.set(what, [...(listeners.get(what) ?? []), listener]);
+  for (const topic of what.split(" ")) listeners.set(topic, [...(listeners.get(topic) ?? []), listener]);
 }
 
-/** Topics: list, picked, data, shown, selection, curves, load, parameters. */
+/** Topics: list, picked, data, shown, zoom, cursor, selection, curves, prediction, load, parameters, model, diagnosis. */
 export function tell(what, ...details) {
   for (const listener of listeners.get(what) ?? []) listener(...details);
 }
@@ -41,4 +44,10 @@ export function edited(choice, changes) {
   const copy = structuredClone(choice);
   for (const { edit } of changes) edit(copy);
   return copy;
+}
+
+/** Have a choice be another one, whole. */
+export function become(copy, other) {
+  for (const name of Object.keys(copy)) delete copy[name];
+  return Object.assign(copy, structuredClone(other));
 }

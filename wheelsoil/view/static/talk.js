@@ -1,4 +1,4 @@
-// What is happening, and what went wrong: the band, the list of faults.
+// What is happening, and what went wrong: the status line, the list of faults.
 
 import { Gone, Locked, Refused } from "./api.js";
 import { get, list, part, write } from "./dom.js";
@@ -45,11 +45,14 @@ export function tellError(task, error) {
   show();
 }
 
-function band(level, word, headline) {
-  get("band").dataset.level = level;
+function say(level, word, headline) {
+  const lost = link === "lost" || link === "locked";
+  get("status").dataset.level = level;
   write(get("state"), word);
   write(get("headline"), headline);
   write(get("spoken"), `${word}: ${headline.replace(/\d+ s\b/, "")}`);
+  get("alert").hidden = !lost;
+  write(get("alert"), lost ? `${word}: ${headline}` : "");
 }
 
 export function show() {
@@ -57,25 +60,33 @@ export function show() {
   get("ask-token").hidden = link !== "locked";
   get("main").hidden = link === "locked";
   document.body.classList.toggle("away", link !== "open");
-  if (link === "opening") return band("none", "OPENING", "asking the server");
-  if (link === "locked") return band("none", "TOKEN NEEDED", "nothing is shown without it");
+  if (link === "opening") return say("none", "OPENING", "asking the server");
+  if (link === "locked") return say("none", "TOKEN NEEDED", "nothing is shown without it");
   if (link === "lost") {
     const since = Math.round((performance.now() - lostAt) / 1000);
-    return band("none", "NO CONNECTION", `the server has not answered for ${since} s, trying again; what stands here stays: is \`wheelsoil view\` still running?`);
+    return say("none", "NO CONNECTION", `the server has not answered for ${since} s, trying again; what stands here stays: is \`wheelsoil view\` still running?`);
   }
   const runs = state.campaigns.flatMap((campaign) => campaign.runs);
   const unread = runs.filter((run) => run.state === "waiting" || run.state === "processing").length;
   const busy = [...tasks].map((task) => task.words);
   if (unread) busy.push(`reading runs, ${runs.length - unread} of ${runs.length} done`);
   busy.push(...state.campaigns.filter((each) => each.diagnosis.state === "running").map((each) => `diagnosing ${each.name}`));
-  if (busy.length) return band("busy", "WORKING", busy.join("; "));
-  if (faults.length) return band("red", "NOT DONE", faults[0].what);
-  return band("calm", "READY", runs.length ? "drag in a plot to select, double-click slip for all; move a slider to bend the curve" : "there are no runs");
+  if (busy.length) return say("busy", "WORKING", busy.join("; "));
+  if (faults.length) return say("red", "NOT DONE", faults[0].what);
+  return say("calm", "READY", runs.length ? "drag in a plot to select, double-click for all; ? lists the keys" : "there are no runs");
+}
+
+/** Say something that has been done, for some seconds. */
+let fading;
+export function note(words) {
+  write(get("measure"), words);
+  clearTimeout(fading);
+  fading = setTimeout(() => { if (get("measure").textContent === words) write(get("measure"), ""); }, 5000);
 }
 
 function showFaults() {
   const make = () => {
-    const item = part("li"), close = part("button", "close", "✕");
+    const item = part("li"), close = part("button", "icon close", "✕");
     close.type = "button";
     close.setAttribute("aria-label", "Close");
     item.append(part("strong"), part("dl"), close);

@@ -1,16 +1,20 @@
-// Diagnose: the sentence, and the candidates; a click puts one into the model.
+// Diagnose: the verdict in one line, the causes with their probabilities, and what an error becomes; one press takes the model.
 
 import { ask, query } from "./api.js";
 import { confirmed, took } from "./choice.js";
+import { fixed, sensible } from "./channels.js";
 import { get, list, part, spaced, write } from "./dom.js";
+import { Job } from "./job.js";
 import { verdictOf } from "./list.js";
-import { effectOf, setEffect, setValues } from "./model.js";
+import { effectOf, setChances, setEffect, setValues } from "./model.js";
 import { choiceOf, current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
 const MOST = 8;
 const LEAST = 0.01;
+const ERRORS = [["dp", "R0", "Pull (N)", 1], ["t", "R0", "Torque (N m)", 1], ["dp", "R2", "R², pull", 3]];
 const kept = new Map(); // campaign -> { sentence, diagnosis }
+let job;
 
 async function diagnose() {
   const campaign = current();
@@ -21,26 +25,89 @@ async function diagnose() {
 }
 
 async function show() {
-  const campaign = current(), told = campaign?.diagnosis;
-  const ready = campaign?.runs.some((run) => run.state === "ready");
-  get("diagnose").disabled = !ready || told.state === "running";
-  write(get("diagnose"), told?.state === "done" ? "Diagnose again" : "Diagnose");
-  const words = told ? verdictOf(told) : "";
-  write(get("verdict"), told?.state === "running" ? "diagnosis running: this takes a while; the page can be used in the meantime" : words || "not diagnosed yet");
-  if (told?.state !== "done") return list(get("candidates"), [], makeRow, fillRow);
-  await fetchOnce(campaign);
-  if (current() === campaign || current()?.key === campaign.key) list(get("candidates"), rowsOf(kept.get(campaign.key)?.diagnosis), makeRow, fillRow);
+  const campaign = current(), told = campaign?.diagnosis, ready = campaign?.runs.some((run) => run.state === "ready");
+  if (told?.state === "running") job.begin(campaign.key);
+  else if (job.campaign) job.end();
+  get("diagnose").disabled = !ready;
+  if (told?.state === "done") await fetchOnce(campaign);
+  if (campaign && current()?.key !== campaign.key) return;
+  const diagnosis = told?.state === "done" ? kept.get(campaign.key)?.diagnosis : undefined;
+  showLine(told, diagnosis);
+  showErrors(diagnosis);
+  const rows = rowsOf(diagnosis);
+  write(get("causes-count"), diagnosis ? `${rows.length}` : "not diagnosed");
+  list(get("candidates"), rows, makeRow, fillRow);
 }
 
 async function fetchOnce({ key, diagnosis }) {
   if (kept.get(key)?.sentence === diagnosis.sentence) return;
   kept.set(key, { sentence: diagnosis.sentence });
   try {
-    kept.set(key, { sentence: diagnosis.sentence, diagnosis: await ask(query("/api/diagnosis", { campaign: key })) });
+    const found = await ask(query("/api/diagnosis", { campaign: key }));
+    kept.set(key, { sentence: diagnosis.sentence, diagnosis: found });
+    setChances(key, Object.fromEntries(found.candidates.map(({ name, probability }) => [name, probability])));
   } catch (error) {
     kept.delete(key);
     tellError("the diagnosis", error);
   }
+}
+
+/** The verdict's first sentence, its numbers, and what is next; the whole of it on a press. */
+function showLine(told, diagnosis) {
+  const line = get("verdict"), words = told ? verdictOf(told) : "";
+  get("verdict-line").dataset.state = told?.state ?? "none";
+  get("recommended").hidden = !recommendedOf(diagnosis);
+  if (!diagnosis) return write(line, told?.state === "running" ? "Diagnosis running; the page can be used meanwhile." : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
+  const [first, ...rest] = diagnosis.sentence.split(/(?<=[.)])\s+(?=[A-Z])/), next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
+  const parts = [part("b", "", first)];
+  if (best?.parameters.length) {
+    const [{ name, value, interval95, unit }] = best.parameters, interval = interval95.every((end) => end !== null) ? ` [${interval95.map((end) => sensible(end, 3)).join(", ")}]` : "";
+    parts.push(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${name} = ${sensible(value, 3)}${interval}${unit === "1" ? "" : ` ${unit}`}`));
+  }
+  if (gain?.held_out) {
+    const { base, extended } = gain.held_out, better = part("span", "", `Held-out error ${fixed(base.R0_N, 0)} → ${fixed(extended.R0_N, 0)} N `);
+    better.append(part("strong", gain.reduction_percent > 0 ? "better" : "", `${fixed(-gain.reduction_percent, 0)} %`));
+    parts.push(better);
+  }
+  parts.push(part("span", "rest", rest.filter((each) => each !== next).join(" ")));
+  if (next) parts.push(part("span", "next", next));
+  line.replaceChildren(...parts.flatMap((each) => [each, " "]));
+  line.title = diagnosis.sentence;
+}
+
+/** The model that the diagnosis recommends: the likeliest cause's form with its values, and the soil that goes with it. */
+function recommendedOf(diagnosis) {
+  const best = diagnosis?.causes[0], effect = best && effectOf(best.name, best.form);
+  if (!effect?.can) return null;
+  const soil = diagnosis.soils.find(({ campaign }) => campaign === current().name) ?? diagnosis.soils[0];
+  return { effect, values: { ...(soil?.values ?? {}), ...Object.fromEntries(best.parameters.map(({ name, value }) => [name, value])) } };
+}
+
+function take() {
+  const found = recommendedOf(kept.get(current().key)?.diagnosis);
+  if (!found) return;
+  if (!choiceOf(current().key).effects?.includes(found.effect.key)) setEffect(found.effect.key, true);
+  setValues(found.values, "recommended");
+}
+
+function showErrors(diagnosis) {
+  const { base, extended } = diagnosis?.gain?.held_out ?? {};
+  get("error-box").hidden = !base;
+  if (!base) return;
+  const rows = ERRORS.filter(([channel]) => base.channels[channel] && extended.channels[channel]).map(([channel, key, words, digits]) => {
+    const [before, after] = [base.channels[channel][key], extended.channels[channel][key]];
+    return [words, fixed(before, digits), fixed(after, digits), key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
+  });
+  fillTable(get("error-table"), ["", "baseline", "recommended", "difference"], rows);
+}
+
+export function fillTable(table, head, rows) {
+  const row = (cells, tag) => {
+    const made = part("tr");
+    made.append(...cells.map((words, i) => part(i ? tag : "th", "", words)));
+    return made;
+  };
+  table.replaceChildren(row(head, "th"), ...rows.map((cells) => row(cells, "td")));
 }
 
 function rowsOf(diagnosis) {
@@ -48,12 +115,12 @@ function rowsOf(diagnosis) {
   return (diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
 }
 
-const percent = (share) => `${(100 * share).toFixed(share < 0.995 ? 1 : 0)} %`;
+const percent = (share) => (share > 0.999 ? "> 99.9 %" : `${(100 * share).toFixed(1)} %`);
 
 function makeRow() {
   const item = part("li"), button = part("button", "", "Put into the model");
   button.type = "button";
-  item.append(part("span", "name"), part("meter"), part("span", "share"), part("span", "form"), button);
+  item.append(part("span", "name"), part("meter"), part("span", "share number"), part("span", "form"), button);
   return item;
 }
 
@@ -69,12 +136,13 @@ function fillRow(item, { name, probability, cause }) {
   button.title = effect ? effect.summary : "";
   button.onclick = () => {
     setEffect(effect.key, true);
-    const found = Object.fromEntries((cause?.parameters ?? []).map((each) => [each.name, each.value]));
-    setValues(found);
+    setValues(Object.fromEntries((cause?.parameters ?? []).map((each) => [each.name, each.value])));
   };
 }
 
 export function setUp() {
-  get("diagnose").addEventListener("click", diagnose);
-  for (const topic of ["list", "picked", "parameters"]) on(topic, show);
+  job = new Job(get("diagnose"), diagnose);
+  get("recommended").addEventListener("click", take);
+  get("verdict-line").addEventListener("click", (event) => { if (event.target !== get("recommended")) get("verdict-line").classList.toggle("open"); });
+  on("list picked parameters", show);
 }
