@@ -5,7 +5,7 @@ import { get, list, part, write } from "./dom.js";
 import { dots, line, nearest, scale, set, svg, text, ticks, tickText } from "./drawing.js";
 import { othersOf, samplesOf } from "./samples.js";
 import { select, selectedIn } from "./selection.js";
-import { choiceOf, on, runOf, state, tell } from "./store.js";
+import { campaignOf, choiceOf, on, runOf, state, tell } from "./store.js";
 
 const LEFT = 54, RIGHT = 12, TOP = 12, BOTTOM = 40, COLUMNS = 44, LINES = 30, SHADES = 5, DRAG_PX = 5, MOST_BY_COLOUR = 3000;
 const MODELLED = ["drawbar_pull_n", "driving_torque_nm", "sinkage_m"];
@@ -81,7 +81,7 @@ function drawNow() {
   figure.append(inside);
   box.replaceChildren(figure);
   const load = state.curves[0]?.load_n, note = state.colour === "density" ? "density: all runs" : state.colour === "none" ? "" : `runs by ${state.colour}`;
-  write(get("cross-note"), [note, `points: ${runOf(state.a)?.id ?? ""}`, load && curves.length ? `model at ${fixed(load / 1000, 1)} kN` : ""].filter(Boolean).join(" · "));
+  write(get("cross-note"), [note, `points: ${runOf(state.a)?.id ?? ""}`, state.b && `violet: ${runOf(state.b)?.id ?? campaignOf(state.b.campaign)?.name}`, load && curves.length ? `model at ${fixed(load / 1000, 1)} kN` : ""].filter(Boolean).join(" · "));
   showCursor();
 }
 

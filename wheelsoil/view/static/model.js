@@ -45,12 +45,12 @@ function body() {
 }
 
 /** What undo, the address and a saved layout keep of the sliders. */
-export const modelNow = () => ({ values: Object.fromEntries(inModel().filter(({ name }) => values.has(name)).map(({ name }) => [name, values.get(name)])), soil: { ...soil }, load: loadN });
+export const modelNow = () => ({ values: Object.fromEntries(inModel().filter(({ name }) => values.has(name)).map(({ name }) => [name, values.get(name)])), soil: { ...soil }, load: loadN, label });
 
 /** Put the sliders where they were; those that are not named go back. */
-export function setModel({ values: given = {}, soil: moved = {}, load = null }) {
+export function setModel({ values: given = {}, soil: moved = {}, load = null, label: name = "model" }) {
   if (!about()) {
-    later = { values: given, soil: moved, load };
+    later = { values: given, soil: moved, load, label: name };
     return;
   }
   values.clear();
@@ -59,7 +59,7 @@ export function setModel({ values: given = {}, soil: moved = {}, load = null }) 
   for (const each of inModel()) sliders.get(each.name)?.put(given[each.name] ?? startOf(each));
   loadN = load;
   get("load").value = load ?? "";
-  setValues({ ...given, ...moved });
+  setValues({ ...given, ...moved }, name);
 }
 
 /** Bend the curve to what the sliders say. */

@@ -144,7 +144,7 @@ function rowFigure(row, data, other, top, height, width, wide) {
   group.append(inside);
   const said = series.filter(({ quiet }) => !quiet);
   const dots = said.map(({ look }) => svg("circle", { class: `at ${look}`, r: 3.5 })), values = said.map((one, i) => value(one, i, title, right, top, wide));
-  group.append(...dots, ...values.flatMap((each) => each.parts));
+  group.append(...dots.toReversed(), ...values.flatMap((each) => each.parts));
   drawn.push({ row, Y, series: said, values, dots, digits });
   return group;
 }
