@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import re
-from dataclasses import asdict, replace
-from importlib.resources import files
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wheelsoil.report.figures import BY_HAND, STYLES, axes, density, set_axis_range, styles_script
+from wheelsoil.report.figures import STYLES, axes, density, set_axis_range
 from wheelsoil.report.sections.against_slip import drawbar_pull
 
 
@@ -53,15 +50,7 @@ def test_a_model_that_is_far_off_is_seen_to_be(material):
     assert low < highest < high
 
 
-def test_a_model_looks_alike_in_the_report_and_on_the_page():
-    lines = styles_script().decode().splitlines()
-    said = {
-        name: json.loads(value)
-        for name, value in (re.fullmatch(r"export const (\w+) = (.*);", x).groups() for x in lines)
-    }
-    assert said["MODELS"] == {name: asdict(style) for name, style in STYLES.items()}
-    assert said["BY_HAND"]["colour"] == BY_HAND.colour == STYLES["chosen"].colour
-    assert len({style.colour for style in STYLES.values()}) == len(STYLES)
-    page = (files("wheelsoil.view") / "static" / "drawing.js").read_text()
-    assert "styles.js" in page
-    assert not [style.colour for style in (*STYLES.values(), BY_HAND) if style.colour in page], "one table of styles"
+def test_a_model_has_a_look_of_its_own():
+    looks = (*STYLES.values(),)
+    for part in ("colour", "dash", "symbol"):
+        assert len({getattr(one, part) for one in looks}) == len(looks), part

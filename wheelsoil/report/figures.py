@@ -1,11 +1,10 @@
-"""Plotly figures as dicts: one style, also of the analyst's page, for colour-blind readers and print; few points."""
+"""Plotly figures as dicts: one style, for colour-blind readers and print; few points."""
 
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
@@ -52,21 +51,12 @@ STYLES: dict[str, Style] = {
     "chosen": Style("chosen", "#7A5FD0", "longdashdot", "star"),
 }
 """Okabe and Ito's colours, and one for a model of one's own; dash and marker keep a black-and-white print legible."""
-BY_HAND = Style("by hand", STYLES["chosen"].colour, "solid", "star")
-"""A model of one's own before it is fitted: its colour is that of the fitted one."""
 _SPARE = Style("", "#777777", "longdash", "hexagon")
 
 
 def style(model: str) -> Style:
     """Return a model's style; an unknown model gets a spare one under its own name."""
     return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
-
-
-def styles_script() -> bytes:
-    """Return the table as a module of JavaScript."""
-    table = {name: asdict(one) for name, one in STYLES.items()}
-    parts = {"MODELS": table, "BY_HAND": asdict(BY_HAND), "SPARE": asdict(_SPARE)}
-    return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in parts.items()).encode()
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,11 @@ from processing.pipeline import shares_of
 from wheelsoil import __version__
 from wheelsoil.view import jobs
 from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
-from wheelsoil.view.counts import compared, selected_of
+from wheelsoil.view.counts import selected_of
 from wheelsoil.view.curve import checked_values, curve_of, effect_entries, over_time, soil_parameters
 from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.view.jobs import Member, PlotData, process_run
+from wheelsoil.view.medians import compared
 from wheelsoil.view.messages import CurveAsked, PredictionAsked, SelectedAsked, campaign_entry, fault_of_ours
 from wheelsoil.view.saving import saved
 from wheelsoil.view.trace import Signals, signal_as_json, trace_as_json

@@ -1,8 +1,7 @@
-"""Numbers of the page from all samples: a selection, the medians of a run, and the comparison of two groups of runs."""
+"""What the page says of a selection, from all samples."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +13,6 @@ if TYPE_CHECKING:
     from wheelsoil.view.messages import SelectedAsked
 
 _REASONS = {why.name.lower(): why for why in Reason}
-_EDGES = np.round(np.arange(-0.5, 1.0001, 0.05), 2)
-_LEAST = 20
-"""Samples of a bin that has a median."""
-_CHANNELS = ("drawbar_pull_n", "driving_torque_nm")
-_USUAL_SLIP, _NEAR = 0.2, 0.025
 
 
 def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
@@ -55,61 +49,3 @@ def _rows(run: ProcessedRun, asked: SelectedAsked) -> BoolArray:
 
 def _within(values: FloatArray, low: float, high: float) -> BoolArray:
     return np.asarray((values >= low) & (values <= high))
-
-
-def medians_of(run: ProcessedRun) -> dict[str, float | None]:
-    """Return median load (N), ground speed (m/s) and the greatest slip of the used samples; None where unknown."""
-    used = run.used
-    slip = run.slip[used]
-    slip = slip[np.isfinite(slip)]
-    return {
-        "load_n": _median(run.vertical_load_n[used]),
-        "speed_mps": _median(run.ground_speed_mps[used]),
-        "greatest_slip": float(slip.max()) if len(slip) else None,
-    }
-
-
-def compared(groups: Sequence[Sequence[ProcessedRun]]) -> dict[str, Any]:
-    """Return medians of each group of runs, by bins of slip and as single numbers, from all used samples.
-
-    The runs are with the manual exclusions. A bin with fewer than 20 samples has no median.
-    """
-    centres = np.round((_EDGES[:-1] + _EDGES[1:]) / 2, 3)
-    return {"slip": centres.tolist(), "groups": [_summary(group) for group in groups]}
-
-
-def _summary(runs: Sequence[ProcessedRun]) -> dict[str, Any]:
-    used = [run.used for run in runs]
-
-    def of(name: str) -> FloatArray:
-        pieces = [np.asarray(getattr(run, name), np.float64) for run in runs]
-        pieces = [
-            p[u] if len(p) == len(u) else np.full(int(u.sum()), np.nan) for p, u in zip(pieces, used, strict=True)
-        ]
-        return np.concatenate([np.zeros(0), *pieces])
-
-    slip, pull, load = of("slip"), of("drawbar_pull_n"), of("vertical_load_n")
-    number = np.where(np.isfinite(slip), np.digitize(slip, _EDGES) - 1, -1)
-    near = np.abs(slip - _USUAL_SLIP) <= _NEAR
-    return {
-        "runs": len(runs),
-        "seconds": float(sum(u.sum() / run.rate_hz for run, u in zip(runs, used, strict=True))),
-        "load_n": _median(load),
-        "speed_mps": _median(of("ground_speed_mps")),
-        "greatest_slip": float(np.nanmax(slip)) if np.isfinite(slip).any() else None,
-        "greatest_pull_n": max(filter(None, (binned := _binned(number, pull))), default=None),
-        "pull_n": _median(pull[near]),
-        "pull_coefficient": _median((pull / load)[near]),
-        "torque_nm": _median(of("driving_torque_nm")[near]),
-        "curves": {name: binned if name == "drawbar_pull_n" else _binned(number, of(name)) for name in _CHANNELS},
-    }
-
-
-def _binned(number: FloatArray, values: FloatArray) -> list[float | None]:
-    inside = [values[(number == i) & np.isfinite(values)] for i in range(len(_EDGES) - 1)]
-    return [_median(each) if len(each) >= _LEAST else None for each in inside]
-
-
-def _median(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None

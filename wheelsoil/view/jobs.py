@@ -18,7 +18,7 @@ from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
-from wheelsoil.view.counts import medians_of
+from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
@@ -47,7 +47,7 @@ class PlotData:
     conditions : Conditions
         Of the drawn samples; place on the line and clock as if the run were alone.
     medians : mapping
-        See `wheelsoil.view.counts.medians_of`.
+        See `wheelsoil.view.medians.medians_of`.
     marks : tuple of (seconds since the run's time base begins, text)
         That were set in the field.
     """
