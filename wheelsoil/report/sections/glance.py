@@ -8,7 +8,7 @@ from math import exp, isfinite
 import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
-from model.diagnosis import Diagnosis
+from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.content import Block, Contents, Drawing, Step, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, binned
@@ -76,16 +76,21 @@ def _error_tile(material: ReportInputs) -> Tile:
     if gain is None or gain.channel not in gain.base:
         return _in_sample_tile(material)
     channel = OUTPUTS[gain.channel]
-    before, after = gain.base[gain.channel].R0, gain.extended[gain.channel].R0
+    factor, unit = in_page_unit(gain.channel)
+    before, after = (factor * scores[gain.channel].R0 for scores in (gain.base, gain.extended))
     low, high = gain.interval95
     notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %"] if isfinite(low) else []
-    for other in gain.base:
-        if other != gain.channel and other in gain.extended:
-            was, now = (number(scores[other].R0) for scores in (gain.base, gain.extended))
-            notes.append(f"{OUTPUTS[other].name} {was} → {now}\u00a0{OUTPUTS[other].unit_text.replace(' ', chr(160))}")
+    others = [one for one in gain.base if one != gain.channel and one in gain.extended]
+    notes += [_errors_of(gain, one) for one in others]
     change = f"{signed(-gain.reduction_percent, '+.0f')} %" if isfinite(gain.reduction_percent) else ""
     title = f"{channel.name.capitalize()} error, held-out"
-    return Tile(title, number(after), channel.unit_text, " · ".join(notes), number(before), change)
+    return Tile(title, number(after), unit, " · ".join(notes), number(before), change)
+
+
+def _errors_of(gain: Gain, channel: str) -> str:
+    factor, unit = in_page_unit(channel)
+    before, after = (number(factor * scores[channel].R0) for scores in (gain.base, gain.extended))
+    return f"{OUTPUTS[channel].name} {before} → {after}\u00a0{unit.replace(' ', chr(160))}"
 
 
 def _in_sample_tile(material: ReportInputs) -> Tile:
@@ -261,7 +266,7 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     found = material.diagnosed
     poor = any(grade.level == "poor" for grade in grades.values())
     if found is None or not found.next_run or poor:
-        first = [Step(_upper(next_step(material, grades)))]
+        first = [Step(_upper(next_step(material, grades)).replace("`", ""))]
         if found is None or not found.next_run:
             return first
     else:
