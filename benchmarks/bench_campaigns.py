@@ -23,7 +23,7 @@ CPU = {("diagnose", 60): 25.0, ("diagnose", 200): 120.0}
 WALL = {("report", 20): 8.0}
 MEMORY_MB = {("diagnose", 60): 500.0, ("diagnose", 200): 1000.0}
 LARGEST_EXPONENT = 1.1
-LARGEST_PAGE_MB = 12.0
+LARGEST_PAGE_MB = 8.0
 
 
 def rows() -> list[Row]:
