@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 120.0
-_START = "from wheelsoil.cli.app import main; main()"
+START = "from wheelsoil.cli.app import main; main()"
+"""The program, as ``python -c`` takes it."""
 
 
 @dataclass
@@ -124,7 +125,7 @@ class View:
 
 @contextmanager
 def viewing(
-    *args: object, port: int | None = 0, browser: bool = False, program: str = _START, **env: str
+    *args: object, port: int | None = 0, browser: bool = False, program: str = START, **env: str
 ) -> Iterator[View]:
     """``wheelsoil view`` with some arguments; it must end by Ctrl-C, with 130 and without a traceback."""
     given = [*([] if port is None else ["--port", port]), *([] if browser else ["--no-browser"])]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 from cli_support import invoke
-from view_client import View, taken_from, viewing
+from view_client import START, View, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 
@@ -125,7 +125,7 @@ def test_ctrl_c_waits_for_no_fit(folder: Path) -> None:
 
 def test_sigterm_ends_it_with_its_helpers(folder: Path, tmp_path: Path) -> None:
     process = _started(folder, tmp_path)
-    children = _children(process.pid)
+    children = _helpers(process)
     process.send_signal(signal.SIGTERM)
     _, rest = process.communicate(timeout=60)
     assert process.returncode == 143 and "Traceback" not in rest
@@ -133,10 +133,25 @@ def test_sigterm_ends_it_with_its_helpers(folder: Path, tmp_path: Path) -> None:
     _gone(children)
 
 
+_SIGTERM_BEFORE_THE_LOOP = """
+import asyncio.events as events, signal
+from wheelsoil.cli.app import main
+make = events.new_event_loop
+events.new_event_loop = lambda: signal.raise_signal(signal.SIGTERM) or make()
+main()
+"""
+
+
+def test_sigterm_while_the_page_starts_says_nothing(folder: Path, tmp_path: Path) -> None:
+    process = _started(folder, tmp_path, _SIGTERM_BEFORE_THE_LOOP)
+    _, rest = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert not rest.removeprefix("Ctrl-C ends\n")  # which may have been read with the address
+
+
 def test_helpers_do_not_outlive_a_page_that_is_killed(folder: Path, tmp_path: Path) -> None:
     process = _started(folder, tmp_path)
-    children = _children(process.pid)
-    assert children
+    children = _helpers(process)
     process.kill()
     process.communicate(timeout=60)
     _gone(children)
@@ -147,8 +162,7 @@ def _ask_for_a_fit(view: View, answers: list[int]) -> None:
         answers.append(view.tell("/api/fit", campaign="c1").status)
 
 
-def _started(folder: Path, scratch: Path) -> subprocess.Popen[str]:
-    code = "from wheelsoil.cli.app import main; main()"
+def _started(folder: Path, scratch: Path, code: str = START) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-c", code, "view", str(folder), "--no-browser", "--port", "0"],
         stderr=subprocess.PIPE,
@@ -157,11 +171,16 @@ def _started(folder: Path, scratch: Path) -> subprocess.Popen[str]:
     )
     assert process.stderr is not None
     assert process.stderr.readline().startswith("analyst's page: http://127.0.0.1:")
+    return process
+
+
+def _helpers(process: subprocess.Popen[str]) -> list[int]:
+    """The processes that read its runs."""
     until = time.monotonic() + 60
-    while not _children(process.pid):
+    while not (children := _children(process.pid)):
         assert time.monotonic() < until
         time.sleep(0.02)
-    return process
+    return children
 
 
 def _children(pid: int) -> list[int]:

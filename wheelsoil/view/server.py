@@ -181,7 +181,8 @@ def serve(
         bound = listening.getsockname()[0]
         token_asked = checked_token(token, bound)
         addresses = page_addresses(listening, token_asked)
-        before = signal.signal(signal.SIGTERM, _end)
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        signal.signal(signal.SIGTERM, _end)
         try:
             session = AnalysisSession(paths, files)
             try:
@@ -189,11 +190,17 @@ def serve(
                 if browser and _has_display():
                     threading.Thread(target=webbrowser.open, args=(addresses[0],), daemon=True).start()
                 server = server_of(make_app(session, Rules.of(host, bound, token_asked)), session.close)
+                for number in before:
+                    signal.signal(number, server.handle_exit)  # an exception would break asyncio's start
                 asyncio.run(server.serve(sockets=[listening]))
             finally:
                 session.close()
         finally:
-            signal.signal(signal.SIGTERM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        if server.ended_by == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(_TERMINATED_EXIT)
 
 
 def _print_addresses(remarks: Iterable[str], addresses: Iterable[str], say: Callable[[str], None]) -> None:

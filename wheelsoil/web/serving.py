@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import PurePosixPath
+from types import FrameType
 
 import uvicorn
 from starlette.datastructures import Headers, MutableHeaders
@@ -224,11 +225,23 @@ class Connection(H11Protocol):
 
 
 class Server(uvicorn.Server):
-    """A server that calls `on_end` when its shutdown begins, so that pending answers end soon."""
+    """A server that calls `on_end` when its shutdown begins, so that pending answers end soon.
+
+    Attributes
+    ----------
+    ended_by : int or None
+        The signal that ended it.
+    """
 
     def __init__(self, config: uvicorn.Config, on_end: Callable[[], None]) -> None:
         super().__init__(config)
         self._on_end = on_end
+        self.ended_by: int | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End soon; see `uvicorn.Server`."""
+        self.ended_by = sig
+        super().handle_exit(sig, frame)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End; see `uvicorn.Server`."""

@@ -176,8 +176,8 @@ def test_a_diagnosis_is_cancelled(page: Page, view: View) -> None:
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_role("button", name="Cancel: Diagnose").click()
     expect(page.get_by_role("button", name="Diagnose", exact=True)).to_be_visible()
-    assert view.campaigns()[0]["diagnosis"]["state"] == "none"
     expect(page.locator("#state")).to_have_text("READY")
+    assert view.campaigns()[0]["diagnosis"]["state"] == "none"
 
 
 @pytest.mark.parametrize("widths", [(360, 390, 768), (1366,)])
