@@ -51,7 +51,6 @@ class Done:
     """What became of a campaign; `new` tells one that was worked on from one that the store had already."""
 
     manifest: Manifest
-    verdict: str = ""
     new: bool = True
 
 
@@ -102,6 +101,7 @@ def _written(found: Found, opened: _Opened, url: str, options: FleetOptions, sta
         opened.content,
         found.state,
         found.fault,
+        found.diagnosis.verdict if found.diagnosis else "",
         opened.facts,
         rows={name: len(rows) for name, rows in tables.items()},
         options=asdict(options),
@@ -109,7 +109,7 @@ def _written(found: Found, opened: _Opened, url: str, options: FleetOptions, sta
         peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
     )
     open_store(url).put(manifest, tables)
-    return Done(manifest, found.diagnosis.verdict if found.diagnosis else "")
+    return Done(manifest)
 
 
 def content_of(source: Source, inputs: object, options: FleetOptions) -> str:
@@ -154,9 +154,7 @@ def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
         fit = fit_runs(processed, choice.fit_choices(), None)
     except WheelsoilError as error:
         remarks.append(("fit", _fault_of(error)))
-    settings = diagnosis_options(
-        choice.fit_choices().reading, effects=options.effects, most_causes=options.most_causes
-    )
+    settings = diagnosis_options(choice.fit_choices().reading, effects=options.effects, most_causes=options.most_causes)
     campaigns = campaigns_of([Path(source.path)], processed)
     if len(campaigns) > 1:
         step = "put the runs of each soil and wheel into a folder of their own"

@@ -178,5 +178,3 @@ def _connected(scheduler: str) -> Any:
 def version() -> str:
     """Return the version of wheelsoil that a worker runs."""
     return __version__
-
-

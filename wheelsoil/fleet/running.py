@@ -179,7 +179,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         yield Step(
             name=source.name,
             state=manifest.state,
-            said=manifest.fault or done.verdict or "was there already",
+            said=manifest.fault or manifest.verdict.replace("_", " ") or "was there already",
             finished=finished,
             failed=failed,
             total=len(plan.todo),

@@ -45,6 +45,8 @@ class Manifest:
     state : "done" or "failed"
     fault : str
         Why it failed.
+    verdict : str
+        Of its diagnosis.
     files : mapping path -> (bytes, time of change in ns)
         Of its sources when it was made.
     rows : mapping table -> number of rows
@@ -58,6 +60,7 @@ class Manifest:
     content: str
     state: str
     fault: str = ""
+    verdict: str = ""
     files: dict[str, tuple[int, int]] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
@@ -85,6 +88,17 @@ class Store:
     files: AbstractFileSystem
     root: str
     url: str
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a folder of this machine."""
+        return self.protocol == "file"
+
+    @property
+    def protocol(self) -> str:
+        """Of its address: "file", "s3"."""
+        known = self.files.protocol
+        return known if isinstance(known, str) else str(known[0])
 
     def manifests(self) -> dict[str, Manifest]:
         """Return the manifest of each campaign, by name.
@@ -150,7 +164,7 @@ class Store:
 
     def _write(self, path: str, data: bytes, *, once: bool = False) -> None:
         """Write a whole file or nothing; of two that write one `once`, the first wins."""
-        if _is_local(self.files):
+        if self.is_local:
             _write_beside_and_rename(Path(path), data)
             return
         try:
@@ -204,7 +218,9 @@ def open_store(url: str, *, create: bool = False) -> Store:
             if files.exists(store.root) and files.ls(store.root):
                 step = "name an empty or a new folder"
                 raise ConfigError.of("the folder is no store, and not empty", url, next_step=step)
-            store._write(head, json.dumps({"schema": SCHEMA, "made_by": f"wheelsoil {__version__}"}).encode(), once=True)
+            store._write(
+                head, json.dumps({"schema": SCHEMA, "made_by": f"wheelsoil {__version__}"}).encode(), once=True
+            )
         schema = json.loads(files.cat_file(head)).get("schema")
     if schema != SCHEMA:
         step = "name another store, or use the version of wheelsoil that made it"
@@ -240,10 +256,6 @@ def campaign_of(path: str) -> str:
 
 def _changed(entry: Mapping[str, Any]) -> Any:
     return entry.get("mtime") or entry.get("LastModified") or 0
-
-
-def _is_local(files: AbstractFileSystem) -> bool:
-    return "file" in ((files.protocol,) if isinstance(files.protocol, str) else files.protocol)
 
 
 def _write_beside_and_rename(path: Path, data: bytes) -> None:
