@@ -75,14 +75,17 @@ def run_command(
     settings = FleetOptions(tuple(chosen))
     plan = plan_fleet(roots, store, settings, shard=Shard.of(shard), retry_failed=retry_failed)
     there = len(plan.found) - len(plan.todo)
-    say(f"{len(plan.found)} campaigns, {there} in the store already")
+    say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
     workers = Workers(engine.value, scheduler, jobs, int(memory * 1e9))
-    failed = [step for step in _shown(run_fleet(plan, workers), len(plan.todo)) if step.state == "failed"]
+    failed = dict(plan.failed)
+    for step in _shown(run_fleet(plan, workers), len(plan.todo)):
+        if step.state == "failed":
+            failed[step.name] = step.said
     if json:
-        faults = {step.name: step.said for step in failed}
-        print_json({"store": store, "campaigns": len(plan.found), "done_before": there, "failed": faults})
+        print_json({"store": store, "campaigns": len(plan.found), "done_before": there, "failed": failed})
     if failed:
-        say(f"{len(failed)} failed: `wheelsoil fleet status {store}` lists them")
+        before = f", {len(plan.failed)} of them before: --retry-failed" if plan.failed else ""
+        say(f"{len(failed)} failed{before}; `wheelsoil fleet status {store}` lists them")
         raise SystemExit(1)
 
 

@@ -29,7 +29,7 @@ _ITEMS_OF_A_WORKER = 50
 _AHEAD = 3
 """Items that wait for each local worker: enough that none idles."""
 _AHEAD_ON_DASK = 10_000
-_CONNECT_S = 10.0
+_CONNECT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,7 @@ def _pooled(
     task: Callable[[S], T], items: Sequence[S], waiting: Sequence[int], jobs: int, memory_bytes: int, lost: list[int]
 ) -> Iterator[tuple[int, T]]:
     """Yield what ends well; when a process ends, `lost` takes what may have been worked on."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["wheelsoil.fleet.campaign_task"])
+    context = multiprocessing.get_context("spawn")
     todo = iter(waiting)
     running: dict[Future[T], int] = {}
     with ProcessPoolExecutor(

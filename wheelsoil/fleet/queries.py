@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, Fault, nearest, not_installed
 from daq.series import draft_of
-from wheelsoil.fleet.rows import COLUMNS, schema_of
 from wheelsoil.fleet.store import Store
+from wheelsoil.fleet.tables import COLUMNS, schema_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

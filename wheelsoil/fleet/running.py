@@ -107,11 +107,20 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done: the campaigns found, and those of them that the store does not have as they are now."""
+    """What is to be done.
+
+    Attributes
+    ----------
+    found, todo : tuple of Source
+        All campaigns, and those that the store does not have as they are now.
+    failed : mapping name -> fault
+        Of those that it has.
+    """
 
     store: Store
     found: tuple[Source, ...]
     todo: tuple[Source, ...]
+    failed: dict[str, str]
     options: FleetOptions
 
 
@@ -144,7 +153,9 @@ def plan_fleet(
             return False
         return _as_now(source, manifest, options)
 
-    return Plan(store, found, tuple(source for source in found if not is_there(source)), options)
+    todo = tuple(source for source in found if not is_there(source))
+    there = (known[source.name] for source in found if source not in todo)
+    return Plan(store, found, todo, {one.campaign: one.fault for one in there if one.state == "failed"}, options)
 
 
 def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:

@@ -24,6 +24,7 @@ from urllib.parse import quote, unquote
 
 from daq import ConfigError, not_installed
 from wheelsoil import __version__
+from wheelsoil.fleet.tables import schema_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -143,16 +144,17 @@ class Store:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        pieces = []
+        columns = schema_of(name).names if columns is None else columns
+        none = pa.schema([schema_of(name).field(column) for column in columns]).empty_table()
+        pieces = [_of_campaign("", none)]
         manifests = self.manifests()
         with _reached(self.url):
             for manifest in manifests.values():
                 if not manifest.rows.get(name):
                     continue
                 data = BytesIO(self.files.cat_file(self._path(name, manifest)))
-                rows = pq.read_table(data, columns=columns)
-                pieces.append(rows.add_column(0, "campaign", pa.array([manifest.campaign] * len(rows), pa.string())))
-        return pa.concat_tables(pieces) if pieces else pa.table({"campaign": pa.array([], pa.string())})
+                pieces.append(_of_campaign(manifest.campaign, pq.read_table(data, columns=columns)))
+        return pa.concat_tables(pieces)
 
     def _path(self, table: str, manifest: Manifest) -> str:
         return f"{self.root}/{table}/campaign={_quoted(manifest.campaign)}/{manifest.content}.parquet"
@@ -185,6 +187,12 @@ class Store:
                 self.files.rm(self._path(table, old))
 
 
+def _of_campaign(name: str, rows: pa.Table) -> pa.Table:
+    import pyarrow as pa
+
+    return rows.add_column(0, "campaign", pa.array([name] * len(rows), pa.string()))
+
+
 def open_store(url: str, *, create: bool = False) -> Store:
     """Open a store.
 
@@ -206,7 +214,9 @@ def open_store(url: str, *, create: bool = False) -> Store:
         try:
             files, root = url_to_fs(url)
         except ImportError as error:
-            raise not_installed("buckets", str(error.name or "s3fs"), url, "s3") from None
+            if url.startswith("s3:"):
+                raise not_installed("S3 buckets", "s3fs", url, "s3") from None
+            raise ConfigError.of("the store's file system is not installed", url, str(error)) from None
         except ValueError as error:
             raise ConfigError.of("the store's address is not known", url, str(error), "a folder, or s3://...") from None
         store = Store(files, root.rstrip("/"), url)
