@@ -9,8 +9,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 import pyarrow as pa
 from cli_support import ok
@@ -48,42 +51,46 @@ def contents(url: object) -> dict[str, str]:
     return {name: one.content for name, one in open_store(str(url)).manifests().items()}
 
 
+@dataclass
+class Program:
+    """A program that runs, and what it has printed so far."""
+
+    process: subprocess.Popen[bytes]
+    printed: IO[bytes]
+    read: list[str] = field(default_factory=list)
+
+    def line_with(self, words: str) -> None:
+        """Wait until it prints a line with some words, after those that were waited for before."""
+        end, rest = time.monotonic() + PATIENCE_S, b""
+        while True:
+            ended = self.process.poll() is not None
+            rest += self.printed.read()
+            while b"\n" in rest:
+                line, _, rest = rest.partition(b"\n")
+                self.read.append(line.decode())
+                if words in self.read[-1]:
+                    self.printed.seek(-len(rest), 1)
+                    return
+            assert not ended and time.monotonic() < end, f"no {words!r}:\n" + "\n".join(self.read)
+            time.sleep(0.02)
+
+    def kill(self) -> None:
+        """End it and all that it has started, at once."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
 @contextmanager
-def running(*args: object, env: Mapping[str, str] | None = None) -> Iterator[subprocess.Popen[str]]:
-    """A program with its own group of processes, all of which are gone afterwards."""
-    process = subprocess.Popen(
-        [str(arg) for arg in args],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=os.environ | (env or {}),
-        start_new_session=True,
-    )
-    try:
-        yield process
-    finally:
-        with_group(process, signal.SIGKILL)
-        process.wait()
-        assert process.stdout is not None
-        process.stdout.close()
-
-
-def with_group(process: subprocess.Popen[str], number: signal.Signals) -> None:
-    """Send a signal to a process and all that it has started."""
-    try:
-        os.killpg(process.pid, number)
-    except ProcessLookupError:
-        pass
-
-
-def line_with(process: subprocess.Popen[str], words: str) -> str:
-    """The next line of a process that has some words."""
-    assert process.stdout is not None
-    end = time.monotonic() + PATIENCE_S
-    seen = []
-    while line := process.stdout.readline():
-        if words in line:
-            return line
-        seen.append(line)
-        assert time.monotonic() < end
-    raise AssertionError(f"{process.args} ended without {words!r}:\n{''.join(seen)}")
+def running(*args: object, env: Mapping[str, str] | None = None) -> Iterator[Program]:
+    """A program, which is gone afterwards with all that it has started."""
+    with TemporaryFile() as out:  # a pipe that nobody empties would stop it
+        process = subprocess.Popen(
+            [str(arg) for arg in args], stdout=out, stderr=out, env=os.environ | (env or {}), start_new_session=True
+        )
+        with Path(f"/proc/self/fd/{out.fileno()}").open("rb") as printed:  # with a place of its own in the file
+            program = Program(process, printed)
+            try:
+                yield program
+            finally:
+                program.kill()

@@ -102,7 +102,7 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def load(name: str) -> Any:
-    """Return the click command of a subcommand: ``fleet_app``, or ``soil_command``, of class ``SoilCommand`` if defined."""
+    """Return the click command of a subcommand: ``fleet_app``, or ``soil_command``, of class ``SoilCommand`` if any."""
     module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
     if group := getattr(module, f"{name}_app", None):
         return typer.main.get_command(group)

@@ -209,7 +209,7 @@ def export_command(
     tables: Annotated[
         list[str] | None, typer.Option("--tables", metavar="NAME,...", help="Only these (default: all).")
     ] = None,
-    format: Annotated[str, typer.Option(metavar="SUFFIX", help="parquet or csv.")] = "parquet",  # noqa: A002
+    format: Annotated[str, typer.Option(metavar="SUFFIX", help="parquet or csv.")] = "parquet",
 ) -> None:
     """Write the store's tables as one file each, all campaigns in it."""
     from wheelsoil.fleet import export, open_store

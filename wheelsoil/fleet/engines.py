@@ -123,22 +123,24 @@ def on_dask(
         There is no scheduler at the address, or it has no workers.
     """
     try:
-        from distributed import KilledWorker, LocalCluster, as_completed
+        import distributed
     except ImportError:
         raise not_installed("clusters", "dask.distributed", scheduler, "dask") from None
     logging.getLogger("distributed").setLevel(logging.ERROR)
     with ExitStack() as stack:
         if not scheduler:
             limit = memory_bytes or "auto"
-            cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, memory_limit=limit, dashboard_address=":0")
+            cluster = distributed.LocalCluster(
+                n_workers=jobs, threads_per_worker=1, memory_limit=limit, dashboard_address=":0"
+            )
             scheduler = stack.enter_context(cluster).scheduler_address
         client = stack.enter_context(_connected(scheduler))
         for start in range(0, len(items), _AHEAD_ON_DASK):
             some = range(start, min(start + _AHEAD_ON_DASK, len(items)))
             futures = {client.submit(task, items[i], key=keys[i]): i for i in some}
-            for future in as_completed(list(futures)):
+            for future in distributed.as_completed(list(futures)):
                 i = futures.pop(future)
-                if isinstance(future.exception(), KilledWorker):
+                if isinstance(future.exception(), distributed.KilledWorker):
                     yield items[i], Lost("every worker that worked on it was lost")
                 else:
                     yield items[i], future.result()
@@ -147,10 +149,10 @@ def on_dask(
 
 def _connected(scheduler: str) -> Any:
     """Return a client of a scheduler whose workers have this version."""
-    from distributed import Client
+    import distributed
 
     try:
-        client = Client(scheduler, timeout=_CONNECT_S)
+        client: Any = distributed.Client(scheduler, timeout=_CONNECT_S)
     except (OSError, ValueError) as error:
         step = "start one (`dask scheduler`) or check the address; --engine local needs none"
         raise HardwareError.of("there is no Dask scheduler", scheduler, str(error), "tcp://HOST:8786", step) from None
@@ -161,7 +163,7 @@ def _connected(scheduler: str) -> Any:
         client.close()
         step = f"start some: `dask worker {scheduler} --nthreads 1`"
         raise HardwareError.of("the Dask scheduler has no workers", scheduler, next_step=step) from None
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  # whatever its import raised there
         client.close()
         step = "install this version of wheelsoil where the workers run"
         raise ConfigError.of("a worker cannot run wheelsoil", scheduler, str(error), __version__, step) from None

@@ -46,7 +46,7 @@ class Source:
         return self.path.endswith(".csv")
 
     def facts(self) -> Facts:
-        """Return the facts of its files: of a table and what describes it, or of a campaign's folder but for reports."""
+        """Return the facts of a table and what describes it, or of all files of a campaign's folder but reports."""
         if self.is_table:
             beside = (self.folder / name for name in (VEHICLE_FILE, TERRAIN_FILE))
             return facts_of([Path(self.path), *(path for path in beside if path.is_file())])

@@ -60,6 +60,7 @@ def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
         "diagnoses": [] if found.diagnosis is None else [_diagnosis(found.diagnosis)],
         "causes": [] if found.diagnosis is None else list(_causes(found.diagnosis)),
         "gains": [] if found.diagnosis is None else list(_gains(found.diagnosis)),
+        "evidence": list(_evidence(found)),
         "sensors": [row for run, done in found.processed for row in _sensors(run, done)],
     }
     tables = {name: _table(name, rows, content) for name, rows in made.items() if rows}
@@ -85,7 +86,7 @@ def _known(value: Any) -> Any:
 
 def _campaign(found: Found) -> dict[str, Any]:
     runs = tuple(done for _, done in found.processed)
-    row = {
+    row: dict[str, Any] = {
         "kind": "table" if found.source.is_table else "runs",
         "state": found.state,
         "fault": found.fault,
@@ -156,7 +157,7 @@ def _run(run: Run, done: ProcessedRun) -> dict[str, Any]:
 
 
 def _samples(runs: Sequence[ProcessedRun], content: str) -> pa.Table:
-    """Return every run at `SAMPLES_HZ`: samples of the filtered run, not means, so that each is one of the run's own."""
+    """Return every run at `SAMPLES_HZ`: some of its own samples, which are filtered already, and no means."""
     import pyarrow as pa
 
     schema = schema_of("samples")
@@ -232,7 +233,7 @@ def _estimate(name: str, unit: str, value: float, lower: float, upper: float) ->
 
 
 def _diagnosis(found: Diagnosis) -> dict[str, Any]:
-    row = {
+    row: dict[str, Any] = {
         "verdict": found.verdict,
         "sentence": sentence_of(found),
         "none_probability": next((c.probability for c in found.candidates if c.name == "none"), None),
@@ -271,9 +272,11 @@ def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
 
 def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:
     gain = found.gain
-    for model, scores in (("base", gain.base), ("extended", gain.extended)) if gain else ():
+    if gain is None:
+        return
+    for model, scores in (("base", gain.base), ("extended", gain.extended)):
         for channel, one in scores.items():
-            row = {
+            row: dict[str, Any] = {
                 "channel": OUTPUTS[channel].role,
                 "model": model,
                 "R0": one.R0,
@@ -284,6 +287,19 @@ def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:
             if fall:
                 row |= {"reduction_percent": fall.percent, "lower95": fall.interval95[0], "upper95": fall.interval95[1]}
             yield row
+
+
+def _evidence(found: Found) -> Iterator[dict[str, Any]]:
+    """Yield what can be pooled with other campaigns, with what it is pooled by."""
+    if found.diagnosis is None or found.diagnosis.information is None:
+        return
+    information = found.diagnosis.information
+    campaign = _campaign(found)
+    yield {
+        **{name: campaign[name] for name in ("transducer", "terrain", "start")},
+        **{name: list(value) if isinstance(value, tuple) else value for name, value in vars(information).items()},
+        "matrix": information.matrix.ravel().tolist(),
+    }
 
 
 _OF_THE_TRANSDUCER = ("vertical_load", "drawbar_pull", "driving_torque")

@@ -1,6 +1,7 @@
 """The store's tables and their columns.
 
-SI units; what is not known is null. Every row has ``content``, which leads to its row of ``campaigns``.
+SI units; what is not known is null. Every row has ``content``, which leads to its row of ``campaigns``. A row of
+``evidence`` is a `model.diagnosis.Information`, its matrix row by row.
 """
 
 from __future__ import annotations
@@ -59,6 +60,11 @@ COLUMNS: dict[str, dict[str, str]] = {
         "longest_gap_s": "number", "latency_s": "number", "sigma": "number", "sigma_source": "text",
         "zero_offset": "number", "zero_method": "text",
     },
+    "evidence": {
+        "transducer": "text", "terrain": "text", "start": "time", "samples": "count", "about": "texts",
+        "soil": "texts", "effects": "texts", "parameters": "texts", "units": "texts", "scales": "numbers",
+        "neutrals": "numbers", "one_sided": "truths", "matrix": "numbers",
+    },
 }  # fmt: skip
 """Every table: its columns, in SI, and what each holds."""
 
@@ -69,6 +75,7 @@ def schema_of(name: str) -> pa.Schema:
 
     types = {
         "text": pa.string(), "number": pa.float64(), "count": pa.int64(), "truth": pa.bool_(),
-        "time": pa.timestamp("us", tz="UTC"),
+        "time": pa.timestamp("us", tz="UTC"), "texts": pa.list_(pa.string()), "numbers": pa.list_(pa.float64()),
+        "truths": pa.list_(pa.bool_()),
     }  # fmt: skip
     return pa.schema([("content", pa.string()), *((column, types[kind]) for column, kind in COLUMNS[name].items())])

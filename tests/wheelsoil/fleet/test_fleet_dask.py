@@ -1,4 +1,4 @@
-"""A Dask scheduler and two workers, each a process of its own: they are killed, and the store is that of one machine."""
+"""A Dask scheduler and two workers, processes of their own: they are killed, and the store is that of one machine."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from subprocess import Popen
 
 import pytest
 from cli_support import invoke
 from doctor_support import free_port
-from fleet_support import WHEELSOIL, contents, line_with, rows_of, running, small_fleet
+from fleet_support import WHEELSOIL, Program, contents, rows_of, running, small_fleet
 
 _ENV = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"}
 
 
 @contextmanager
-def cluster(workers: int = 2) -> Iterator[tuple[str, list[Popen[str]]]]:
+def cluster(workers: int = 2) -> Iterator[tuple[str, list[Program]]]:
     """A scheduler's address, and its workers."""
     address = f"tcp://127.0.0.1:{free_port()}"
     dask = (sys.executable, "-m", "dask")
@@ -27,11 +26,11 @@ def cluster(workers: int = 2) -> Iterator[tuple[str, list[Popen[str]]]]:
         scheduler = stack.enter_context(
             running(*dask, "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", env=_ENV)
         )
-        line_with(scheduler, "Scheduler at")
+        scheduler.line_with("Scheduler at")
         options = ("--nthreads", 1, "--no-dashboard", "--no-nanny")
         found = [stack.enter_context(running(*dask, "worker", address, *options, env=_ENV)) for _ in range(workers)]
         for worker in found:
-            line_with(worker, "Registered to")
+            worker.line_with("Registered to")
         yield address, found
 
 
@@ -40,9 +39,9 @@ def _survives(fleet: Path, whole: Path, folder: Path) -> None:
     with cluster() as (address, workers):
         call = ("fleet", "run", fleet, "--store", folder / "s", "--engine", "dask", "--scheduler", address)
         with running(*WHEELSOIL, *call) as client:
-            line_with(client, "1/")
-            os.kill(workers[0].pid, signal.SIGKILL)
-            line_with(client, "3/")
+            client.line_with("1/")
+            os.kill(workers[0].process.pid, signal.SIGKILL)
+            client.line_with("3/")
         before = contents(folder / "s")
         assert len(before) >= 3
         again = invoke(*call)
@@ -77,9 +76,10 @@ def test_no_scheduler_no_workers_and_another_version_are_said(fleet: Path, tmp_p
     with cluster(0) as (address, _):
         code, err = said(address)
         assert code == 4 and "has no workers" in err
-        other = "import wheelsoil, sys; wheelsoil.__version__ = '0.0.9'; from distributed.cli.dask_worker import main; main()"
+        start = "from distributed.cli.dask_worker import main; main()"
+        other = f"import wheelsoil; wheelsoil.__version__ = '0.0.9'; {start}"
         with running(sys.executable, "-c", other, address, "--nthreads", 1, "--no-dashboard", "--no-nanny") as worker:
-            line_with(worker, "Registered to")
+            worker.line_with("Registered to")
             code, err = said(address)
         assert code == 2 and "another version of wheelsoil" in err and "0.0.9" in err
     assert not contents(tmp_path / "s")

@@ -9,11 +9,15 @@ import signal
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_support import invoke, ok
-from fleet_support import WHEELSOIL, contents, line_with, rows_of, running
+from fleet_support import WHEELSOIL, contents, rows_of, running
 
+from model.effects import EFFECTS
+from processing import LOOK
 from wheelsoil.fleet import FleetOptions, Shard, find_sources, open_store, plan_fleet
+from wheelsoil.workflows import Choice
 
 NAMES = ["autumn/day-2", "autumn/day-4", "autumn/day-6", "bench/wheel", "broken", "spring/day-1", "spring/day-3"]
 
@@ -53,6 +57,24 @@ def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: P
     assert len(samples) == len(run[::20])
     for name in ("time_s", "slip", "drawbar_pull_n", "vertical_load_n", "latitude_deg"):
         pd.testing.assert_series_equal(samples[name], run[name][::20], check_index=False)
+
+
+def test_evidence_is_what_the_diagnosis_weighed(fleet: Path, store: Path) -> None:
+    from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options
+    from wheelsoil.workflows.runs import open_and_process
+
+    folder = fleet / "spring" / "day-3"
+    campaigns = campaigns_of([folder], open_and_process([folder], Choice().process_options(LOOK)))
+    told = diagnose_campaigns(campaigns, diagnosis_options()).information
+    assert told is not None
+    rows = rows_of(store)["evidence"].to_pylist()
+    [row] = [row for row in rows if row["campaign"] == "spring/day-3"]
+    size = 1 + len(row["soil"]) + len(row["effects"])
+    matrix = np.array(row["matrix"]).reshape(size, size)
+    assert np.allclose(matrix, told.matrix, rtol=1e-9) and np.linalg.eigvalsh(matrix)[0] > -1e-6 * matrix[0, 0]
+    assert row["effects"] == list(told.effects) and row["scales"] == list(told.scales)
+    causes = {row["family"] for row in rows_of(store)["causes"].to_pylist() if row["campaign"] == "spring/day-3"}
+    assert {EFFECTS[key].name for key in row["effects"]} <= causes
 
 
 def test_nothing_is_done_twice_and_what_changed_is_done_again(pair: Path, tmp_path: Path) -> None:
@@ -97,19 +119,19 @@ def test_shards_are_all_of_it_and_each_once(fleet: Path, store: Path) -> None:
 
 def test_a_worker_that_is_killed_costs_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
     with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 2) as process:
-        line_with(process, "1/3")
+        process.line_with("1/3")
         children = subprocess.run(
-            ["ps", "-o", "pid=,args=", "-g", str(process.pid)], capture_output=True, text=True, check=True
+            ["ps", "-o", "pid=,args=", "-g", str(process.process.pid)], capture_output=True, text=True, check=True
         ).stdout
         workers = [line.split()[0] for line in children.splitlines() if "spawn_main" in line]
         os.kill(int(workers[-1]), signal.SIGKILL)
-        assert process.wait(120) == 0
+        assert process.process.wait(120) == 0
     _same(store, tmp_path / "s", "spring/")
 
 
 def test_a_call_that_is_killed_is_taken_up_again(fleet: Path, store: Path, tmp_path: Path) -> None:
     with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 1) as process:
-        line_with(process, "1/3")
+        process.line_with("1/3")
     before = contents(tmp_path / "s")
     assert 1 <= len(before) <= 2
     again = ok("fleet", "run", fleet / "spring", "--store", tmp_path / "s")
@@ -146,7 +168,7 @@ def test_a_full_disk_costs_no_finished_campaign(fleet: Path, tmp_path: Path) -> 
         subprocess.run(["umount", "-l", small], check=True)
 
 
-def test_bad_input_is_said_and_leaves_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
+def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> None:
     url = tmp_path / "s"
     (tmp_path / "empty").mkdir()
     cases = [
