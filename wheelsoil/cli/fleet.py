@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from datetime import date
+from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,7 +41,7 @@ class Engine(StrEnum):
 
 
 @fleet_app.command("run")
-def run_command(
+def fleet_run(
     roots: Annotated[list[Path], typer.Argument(metavar="ROOT...", help="Folders with campaigns, however deep.")],
     store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://bucket/folder.")],
     engine: Annotated[Engine, typer.Option(help="Processes of this machine, or Dask workers.")] = Engine.local,
@@ -125,7 +127,7 @@ def _duration(seconds: float) -> str:
 
 
 @fleet_app.command("status")
-def status_command(store: StoreUrl, json: options.Json = False) -> None:
+def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     """Report what a store holds: campaigns and their verdicts, rows, what failed and why, what it took."""
     from wheelsoil.fleet import open_store
 
@@ -166,7 +168,7 @@ def status_command(store: StoreUrl, json: options.Json = False) -> None:
 
 
 @fleet_app.command("sql")
-def sql_command(
+def fleet_sql(
     store: StoreUrl,
     query: Annotated[str, typer.Argument(metavar="SQL", help='"select ... from campaigns"; - reads standard input.')],
     output: Annotated[
@@ -188,12 +190,19 @@ def sql_command(
         write_answer(answer, target)
         say(f"wrote {target}")
     elif json:
-        print_json(answer.to_pylist())
+        print_json([{name: _plain(value) for name, value in row.items()} for row in answer.to_pylist()])
     else:
         rows = answer.slice(0, _SHOWN).to_pylist()
         print_table(answer.column_names, [[_cell(value) for value in row.values()] for row in rows])
         if len(answer) > _SHOWN:
             say(f"{len(answer) - _SHOWN:,} more rows: give -o FILE, --json, or a limit")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: sums are decimals in DuckDB, and moments are texts."""
+    if isinstance(value, Decimal):
+        return int(value) if value == value.to_integral_value() else float(value)
+    return value.isoformat() if isinstance(value, date) else value
 
 
 def _cell(value: Any) -> str:
@@ -203,7 +212,7 @@ def _cell(value: Any) -> str:
 
 
 @fleet_app.command("export")
-def export_command(
+def fleet_export(
     store: StoreUrl,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the tables go.")],
     tables: Annotated[

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, open_runs
-from model.cores import one_thread, processes
+from model import one_thread, processes
 from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daq import ConfigError
-from model.cores import available_cores
+from model import available_cores
 from wheelsoil import __version__
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
