@@ -47,6 +47,7 @@ from .errors import RecordingError as RecordingError
 from .errors import WheelsoilError as WheelsoilError
 from .errors import every_error_as as every_error_as
 from .errors import nearest as nearest
+from .errors import not_installed as not_installed
 from .formatting import file_name as file_name
 from .formatting import moment as moment
 from .formatting import number as number

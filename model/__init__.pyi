@@ -1,5 +1,6 @@
 from .cores import available_cores as available_cores
 from .cores import in_parallel as in_parallel
+from .cores import one_thread as one_thread
 from .cores import processes as processes
 from .extended import ExtendedModel as ExtendedModel
 from .extended import Fact as Fact

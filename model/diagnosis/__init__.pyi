@@ -13,6 +13,7 @@ from .core import FormUsed as FormUsed
 from .core import Gain as Gain
 from .core import Grounds as Grounds
 from .core import Inconsistent as Inconsistent
+from .core import Information as Information
 from .core import Kind as Kind
 from .core import Lugs as Lugs
 from .core import NextRun as NextRun

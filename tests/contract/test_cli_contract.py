@@ -25,21 +25,26 @@ HEAVY = ("numpy", "pandas", "scipy", "cantools", "can", "mcap", "pyarrow", "plot
 PROGRAM = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()"]
 
 every_command = pytest.mark.parametrize("name", COMMANDS)
+every_part = pytest.mark.parametrize(
+    "name", [*COMMANDS, *(f"{name} {part}" for name in COMMANDS for part in getattr(load(name), "commands", ()))]
+)
 
 
 def test_every_command_that_is_written_is_listed():
     folder = Path(wheelsoil.cli.__file__).parent
     texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
-    written = {(name, file) for file, text in texts.items() for name in re.findall(r"(?m)^def (\w+)_command\(", text)}
+    defined = r"(?m)^(?:def )?(\w+)(?:_command\(|_app = )"
+    written = {(name, file) for file, text in texts.items() for name in re.findall(defined, text)}
     assert written == {(name, entry.module) for name, entry in COMMANDS.items()}
 
 
-@every_command
+@every_part
 def test_help_says_what_it_does_and_every_option_has_a_text(name):
-    result = ok(name, "--help")
+    result = ok(*name.split(), "--help")
     assert result.out.startswith(f"Usage: wheelsoil {name}")
     assert not result.err
-    for parameter in load(name).params:
+    group, _, part = name.partition(" ")
+    for parameter in (load(group).commands[part] if part else load(group)).params:
         assert getattr(parameter, "help", None), f"{name}: {parameter.name} has no help"
 
 

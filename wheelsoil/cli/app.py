@@ -43,6 +43,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "report": Entry("pages", "Write the fitted-model report of a terrain's runs."),
     "view": Entry("pages", "Explore recordings in the browser: select, fit and diagnose."),
+    "fleet": Entry("fleet", "Diagnose many campaigns, and ask what was found in all of them."),
     "cache": Entry("cache", "List or remove the results that are kept so that nothing is computed twice."),
 }
 """Every subcommand, in the order of a test campaign."""
@@ -101,8 +102,10 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def load(name: str) -> Any:
-    """Return the click command of a subcommand: for instance ``soil_command``, of class ``SoilCommand`` if defined."""
+    """Return the click command of a subcommand: ``fleet_app``, or ``soil_command``, of class ``SoilCommand`` if any."""
     module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
+    if group := getattr(module, f"{name}_app", None):
+        return typer.main.get_command(group)
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command(name, cls=getattr(module, f"{name.capitalize()}Command", None))(getattr(module, f"{name}_command"))
     return typer.main.get_command(app)

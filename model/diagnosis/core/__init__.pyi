@@ -10,6 +10,7 @@ from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
 from .gain import rms as rms
+from .information import Information as Information
 from .result import Adequacy as Adequacy
 from .result import Candidate as Candidate
 from .result import Cause as Cause

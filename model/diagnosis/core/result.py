@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from time import perf_counter
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from daq import OUTPUTS, ROLES, FloatArray, IndexArray, Note, frame_of_rows
+from model.diagnosis.core.information import Information
 from model.diagnosis.core.shapes import Rows, Shape
 
 if TYPE_CHECKING:
@@ -376,6 +374,8 @@ class Diagnosis:
         What the data do not allow to decide, for want of what.
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
+    information : Information or None
+        Of one campaign of driven runs.
     """
 
     verdict: Verdict
@@ -396,6 +396,7 @@ class Diagnosis:
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
+    information: Information | None = None
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the diagnosis as frames.
@@ -484,17 +485,3 @@ def undecided(
         notes=notes,
         stages_s=stages_s or {},
     )
-
-
-@dataclass
-class Clock:
-    """Seconds by stage."""
-
-    stages_s: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time inside for a stage."""
-        start = perf_counter()
-        yield
-        self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start

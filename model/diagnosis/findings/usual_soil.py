@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.hypotheses import Posterior
-from model.diagnosis.core.result import Clock
 from model.diagnosis.findings.held_out import bagged
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate, best_set

@@ -10,10 +10,11 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
-from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
+from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,

@@ -14,13 +14,13 @@ import numpy as np
 from daq import Fault, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
 from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
-    Clock,
     Detectable,
     Diagnosis,
     Finding,
@@ -169,6 +169,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         plot_data=shown,
         stages_s={**linearised.stages_s, **clock.stages_s},
         grounds=grounds,
+        information=linearised.information(factor),
     )
 
 

@@ -36,7 +36,8 @@ import numpy as np
 from daq import FloatArray, Note
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.result import Clock
+from model.diagnosis.core.clock import Clock
+from model.diagnosis.core.information import Information
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
@@ -350,6 +351,31 @@ class LinearisedCampaign:
     converged: bool
     notes: tuple[Note, ...]
     stages_s: dict[str, float]
+
+    def information(self, excess: float) -> Information | None:
+        """Return what can be pooled with other campaigns; None for several, whose soils differ.
+
+        Parameters
+        ----------
+        excess : float
+            Factor on the noise's variance.
+        """
+        if len(self.campaigns) > 1:
+            return None
+        grams = self.grams
+        kept = slice(0, grams.cause_columns.stop)
+        return Information(
+            soil=grams.soil,
+            effects=tuple(c.key for c in grams.causes),
+            parameters=tuple(c.parameter for c in grams.causes),
+            units=tuple(c.unit for c in grams.causes),
+            scales=tuple(c.scale for c in grams.causes),
+            neutrals=tuple(c.neutral for c in grams.causes),
+            one_sided=tuple(c.one_sided for c in grams.causes),
+            matrix=grams.total[kept, kept] / excess,
+            samples=int(grams.samples.sum()),
+            about=self.best.keys,
+        )
 
     @property
     def noises(self) -> tuple[Noise, ...]:

@@ -1,0 +1,45 @@
+"""What one campaign says of soil and causes together, as numbers that campaigns can be pooled by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daq import FloatArray
+
+
+@dataclass(frozen=True)
+class Information:
+    r"""Cross products of a campaign's linear model, whitened by its noise: information and score.
+
+    With :math:`r = S\beta + X\gamma + \epsilon`, :math:`\epsilon \sim N(0, I)`, the log likelihood of any soil and
+    causes near the point of linearisation is :math:`-\tfrac12 |r - S\beta - X\gamma|^2`, which `matrix` gives.
+    Verdicts cannot be pooled; these can, by adding what is shared and integrating out what is not.
+
+    Attributes
+    ----------
+    soil : tuple of q str
+        Coordinates of the soil, each N(0, 1) by the laboratory; counted from its values.
+    effects, parameters, units : tuple of k str
+        Of the causes' columns: the effect's key, its parameter, the parameter's unit.
+    scales, neutrals : tuple of k float
+        A coefficient of 1 is the value neutral + scale.
+    one_sided : tuple of k bool
+        Whether no negative coefficient is plausible.
+    matrix : array, shape (1 + q + k, 1 + q + k)
+        Cross products of residual, soil's and causes' columns, over the noise's variance with its excess.
+    samples : int
+        Whitened numbers.
+    about : tuple of str
+        Effects in the model about which was linearised.
+    """
+
+    soil: tuple[str, ...]
+    effects: tuple[str, ...]
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    scales: tuple[float, ...]
+    neutrals: tuple[float, ...]
+    one_sided: tuple[bool, ...]
+    matrix: FloatArray
+    samples: int
+    about: tuple[str, ...]

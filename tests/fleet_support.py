@@ -1,0 +1,96 @@
+"""A small fleet, commands on it as processes that can be killed, and what two stores have in common."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
+
+import pyarrow as pa
+from cli_support import ok
+
+from wheelsoil.fleet import COLUMNS, open_store
+
+PATIENCE_S = 120.0
+WHEELSOIL = (sys.executable, "-c", "from wheelsoil.cli.app import main; main()")
+
+
+def small_fleet(folder: Path, campaigns: int = 6) -> Path:
+    """Simulate one-run campaigns of 20 s in two folders, and put a table and a broken campaign beside them."""
+    for i in range(1, campaigns + 1):
+        place = folder / ("spring" if i % 2 else "autumn")
+        place.mkdir(parents=True, exist_ok=True)
+        ok("simulate", "-o", place / f"day-{i}", "--runs", 1, "--duration", 20, "--seed", i)
+    bench = folder / "bench"
+    bench.mkdir()
+    shutil.copy(folder / "spring" / "day-1" / "terrain.toml", bench)
+    rows = [f"{s},200,{80 * (1 - 2.7 ** (-9 * s)) - 20},0.1,0.1" for s in (0.1, 0.2, 0.4)]
+    (bench / "wheel.csv").write_text("\n".join(["slip,vertical_load_n,drawbar_pull_n,radius_m,width_m", *rows]))
+    broken = shutil.copytree(folder / "spring" / "day-1", folder / "broken")
+    (broken / "run-1.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(400))
+    return folder
+
+
+def rows_of(url: object) -> dict[str, pa.Table]:
+    """Every table of a store."""
+    store = open_store(str(url))
+    return {name: store.table(name) for name in COLUMNS}
+
+
+def contents(url: object) -> dict[str, str]:
+    """What the store has of each campaign, by name."""
+    return {name: one.content for name, one in open_store(str(url)).manifests().items()}
+
+
+@dataclass
+class Program:
+    """A program that runs, and what it has printed so far."""
+
+    process: subprocess.Popen[bytes]
+    printed: IO[bytes]
+    read: list[str] = field(default_factory=list)
+
+    def line_with(self, words: str) -> None:
+        """Wait until it prints a line with some words, after those that were waited for before."""
+        end, rest = time.monotonic() + PATIENCE_S, b""
+        while True:
+            ended = self.process.poll() is not None
+            rest += self.printed.read()
+            while b"\n" in rest:
+                line, _, rest = rest.partition(b"\n")
+                self.read.append(line.decode())
+                if words in self.read[-1]:
+                    self.printed.seek(-len(rest), 1)
+                    return
+            assert not ended and time.monotonic() < end, f"no {words!r}:\n" + "\n".join(self.read)
+            time.sleep(0.02)
+
+    def kill(self) -> None:
+        """End it and all that it has started, at once."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+@contextmanager
+def running(*args: object, env: Mapping[str, str] | None = None) -> Iterator[Program]:
+    """A program, which is gone afterwards with all that it has started."""
+    with TemporaryFile() as out:  # a pipe that nobody empties would stop it
+        process = subprocess.Popen(
+            [str(arg) for arg in args], stdout=out, stderr=out, env=os.environ | (env or {}), start_new_session=True
+        )
+        with Path(f"/proc/self/fd/{out.fileno()}").open("rb") as printed:  # with a place of its own in the file
+            program = Program(process, printed)
+            try:
+                yield program
+            finally:
+                program.kill()

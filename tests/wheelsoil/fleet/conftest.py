@@ -1,0 +1,28 @@
+"""A fleet of six campaigns, a table and a broken campaign, and the store of all of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_support import invoke
+from fleet_support import small_fleet
+from shared_results import made_once
+
+
+@pytest.fixture(scope="session")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the root of the fleet. Not to be written to."""
+    return made_once(tmp_path_factory, "fleet", lambda folder: small_fleet(folder / "field")) / "field"
+
+
+@pytest.fixture(scope="session")
+def store(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the store of the fleet, made by processes of this machine. Not to be written to."""
+
+    def make(folder: Path) -> None:
+        made = invoke("fleet", "run", fleet, "--store", folder / "store", "--jobs", 2)
+        assert made.code == 1, made.err  # one is broken
+        assert made.err.count("done, ") == 7 and "1 failed" in made.err
+
+    return made_once(tmp_path_factory, "fleet-store", make) / "store"

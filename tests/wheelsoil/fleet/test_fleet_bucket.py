@@ -1,0 +1,58 @@
+"""A store in a bucket: an S3 server as a process of its own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+from doctor_support import free_port
+from fleet_support import WHEELSOIL, contents, running
+
+from wheelsoil.fleet import open_store
+
+_SECRETS = {"AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1"}
+
+
+@pytest.fixture
+def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """An empty bucket's address."""
+    import s3fs
+
+    port = free_port()
+    with running(sys.executable, "-m", "moto.server", "-p", port) as server:
+        server.line_with("Running on")
+        for name, value in (_SECRETS | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}).items():
+            monkeypatch.setenv(name, value)
+        s3fs.S3FileSystem.clear_instance_cache()
+        s3fs.S3FileSystem().mkdir("field")
+        yield "s3://field/fleet"
+        s3fs.S3FileSystem.clear_instance_cache()
+
+
+def test_a_bucket_holds_what_a_folder_does(fleet: Path, store: Path, bucket: str) -> None:
+    with running(*WHEELSOIL, "fleet", "run", fleet, "--store", bucket, "--jobs", 1) as first:
+        first.line_with("2/")
+    again = invoke("fleet", "run", fleet, "--store", bucket, "--jobs", 1)
+    assert again.code == 1 and "0 in the store" not in again.err  # one is broken
+    assert contents(bucket) == contents(store)
+    for name in ("runs", "samples", "evidence"):
+        assert open_store(bucket).table(name).equals(open_store(str(store)).table(name)), name
+    sql = "select campaign, verdict, sentence from diagnoses order by campaign"
+    assert ok("fleet", "sql", bucket, sql, "--json").json == ok("fleet", "sql", store, sql, "--json").json
+
+
+def test_a_bucket_that_is_not_there_or_not_ours_is_said(
+    fleet: Path, bucket: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = ("fleet", "run", fleet / "autumn", "--store")
+    missing = invoke(*call, "s3://nowhere/fleet")
+    assert missing.code == 2 and "the store cannot be" in missing.err and "does not exist" in missing.err
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
+    away = invoke(*call, bucket)
+    assert away.code == 2 and "the store cannot be reached" in away.err and "AWS_ENDPOINT_URL" in away.err

@@ -1,0 +1,198 @@
+"""``wheelsoil fleet run``: what is found, what is done again, and what survives kills and a full disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import invoke, ok
+from fleet_support import WHEELSOIL, contents, rows_of, running
+
+from processing import LOOK
+from wheelsoil.fleet import FleetOptions, Shard, find_sources, open_store, plan_fleet
+from wheelsoil.workflows import Choice
+
+NAMES = ["autumn/day-2", "autumn/day-4", "autumn/day-6", "bench/wheel", "broken", "spring/day-1", "spring/day-3"]
+
+
+@pytest.fixture
+def pair(fleet: Path, tmp_path: Path) -> Path:
+    """Two campaigns of the fleet, to be changed."""
+    shutil.copytree(fleet / "autumn", tmp_path / "pair")
+    shutil.rmtree(tmp_path / "pair" / "day-6")
+    return tmp_path / "pair"
+
+
+def test_every_campaign_is_found_by_its_place_and_done(fleet: Path, store: Path) -> None:
+    found = find_sources([fleet])
+    assert [source.name for source in found] == [*NAMES, "spring/day-5"]
+    manifests = open_store(str(store)).manifests()
+    assert list(manifests) == [source.name for source in found]
+    assert {name: one.state for name, one in manifests.items() if one.state != "done"} == {"broken": "failed"}
+    tables = rows_of(store)
+    whole = [*(name for name in NAMES if name not in ("broken", "bench/wheel")), "spring/day-5"]
+    assert tables["runs"]["campaign"].to_pylist() == whole
+    assert set(tables["samples"]["campaign"].to_pylist()) == set(whole)
+    assert tables["diagnoses"]["campaign"].to_pylist() == [n for n in [*NAMES, "spring/day-5"] if n != "broken"]
+    for name, table in tables.items():
+        for campaign, content in zip(table["campaign"].to_pylist(), table["content"].to_pylist(), strict=True):
+            assert manifests[campaign].content == content, name
+        for campaign, manifest in manifests.items():
+            assert table["campaign"].to_pylist().count(campaign) == manifest.rows.get(name, 0)
+
+
+def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: Path) -> None:
+    ok("process", fleet / "spring" / "day-3", "-o", tmp_path / "run.parquet")
+    import pandas as pd
+
+    run = pd.read_parquet(tmp_path / "run.parquet")
+    samples = rows_of(store)["samples"].to_pandas().query("campaign == 'spring/day-3'")
+    assert len(samples) == len(run[::20])
+    for name in ("time_s", "slip", "drawbar_pull_n", "vertical_load_n", "latitude_deg"):
+        pd.testing.assert_series_equal(samples[name], run[name][::20], check_index=False)
+
+
+def test_evidence_is_what_the_diagnosis_weighed(fleet: Path, store: Path) -> None:
+    from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options
+    from wheelsoil.workflows.runs import open_and_process
+
+    folder = fleet / "spring" / "day-3"
+    campaigns = campaigns_of([folder], open_and_process([folder], Choice().process_options(LOOK)))
+    told = diagnose_campaigns(campaigns, diagnosis_options()).information
+    assert told is not None
+    rows = rows_of(store)["evidence"].to_pylist()
+    [row] = [row for row in rows if row["campaign"] == "spring/day-3"]
+    size = 1 + len(row["soil"]) + len(row["effects"])
+    matrix = np.array(row["matrix"]).reshape(size, size)
+    assert np.allclose(matrix, told.matrix, rtol=1e-9) and np.linalg.eigvalsh(matrix)[0] > -1e-6 * matrix[0, 0]
+    assert row["effects"] == list(told.effects) and row["scales"] == list(told.scales)
+
+
+def test_nothing_is_done_twice_and_what_changed_is_done_again(pair: Path, tmp_path: Path) -> None:
+    url = tmp_path / "store"
+    assert "0 in the store already" in ok("fleet", "run", pair, "--store", url).err
+    first = contents(url)
+    (pair / "day-2" / "report.html").write_text("made of it")
+    again = ok("fleet", "run", pair, "--store", url)
+    assert "2 in the store already" in again.err and "1/" not in again.err
+    os.utime(pair / "day-4" / "terrain.toml")  # the same in it
+    touched = ok("fleet", "run", pair, "--store", url)
+    assert "day-4: done, was there already" in touched.err and contents(url) == first
+    terrain = pair / "day-4" / "terrain.toml"
+    terrain.write_text(terrain.read_text().replace('name = "clay"', 'name = "loam"'))
+    assert "1/1 day-4" in ok("fleet", "run", pair, "--store", url).err
+    assert contents(url)["day-2"] == first["day-2"] and contents(url)["day-4"] != first["day-4"]
+    assert len(list(url.glob("runs/campaign=day-4/*"))) == len(list(url.glob("done/day-4.*"))) == 1
+    assert plan_fleet([pair], str(url), FleetOptions(effects=("vasilev",))).todo  # other options
+
+
+def test_what_failed_is_tried_again_when_it_is_mended_or_on_request(pair: Path, tmp_path: Path) -> None:
+    url, run = tmp_path / "store", pair / "day-2" / "run-1.mcap"
+    whole = run.read_bytes()
+    run.write_bytes(whole[:300])
+    failed = invoke("fleet", "run", pair, "--store", url, "--json")
+    assert failed.code == 1 and list(failed.json["failed"]) == ["day-2"] and "day-4: done" in failed.err
+    assert "no frame" in failed.json["failed"]["day-2"] or "run-1.mcap" in failed.json["failed"]["day-2"]
+    assert not plan_fleet([pair], str(url)).todo
+    assert [source.name for source in plan_fleet([pair], str(url), retry_failed=True).todo] == ["day-2"]
+    run.write_bytes(whole)
+    ok("fleet", "run", pair, "--store", url)
+    assert [one.state for one in open_store(str(url)).manifests().values()] == ["done", "done"]
+    assert len(list(url.glob("campaigns/campaign=day-2/*"))) == 1
+
+
+def test_shards_are_all_of_it_and_each_once(fleet: Path, store: Path) -> None:
+    whole = {source.name for source in plan_fleet([fleet], str(store)).found}
+    parts = [plan_fleet([fleet], str(store), shard=Shard(i, 3)).found for i in (1, 2, 3)]
+    names = [source.name for part in parts for source in part]
+    assert sorted(names) == sorted(whole) and sum(bool(part) for part in parts) > 1
+
+
+def test_a_worker_that_is_killed_costs_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
+    with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 2) as process:
+        process.line_with("1/3")
+        children = subprocess.run(
+            ["ps", "-o", "pid=,args=", "-g", str(process.process.pid)], capture_output=True, text=True, check=True
+        ).stdout
+        workers = [line.split()[0] for line in children.splitlines() if "spawn_main" in line]
+        os.kill(int(workers[-1]), signal.SIGKILL)
+        assert process.process.wait(120) == 0
+    _same(store, tmp_path / "s", "spring/")
+
+
+def test_a_call_that_is_killed_is_taken_up_again(fleet: Path, store: Path, tmp_path: Path) -> None:
+    with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 1) as process:
+        process.line_with("1/3")
+    before = contents(tmp_path / "s")
+    assert 1 <= len(before) <= 2
+    again = ok("fleet", "run", fleet / "spring", "--store", tmp_path / "s")
+    assert f"{len(before)} in the store already" in again.err
+    _same(store, tmp_path / "s", "spring/")
+    assert len(list((tmp_path / "s").rglob("*.draft"))) <= 1  # of a file that was being written
+
+
+def _same(whole: Path, part: Path, prefix: str) -> None:
+    """Compare a store of one folder of the fleet with that of the fleet; their campaigns differ in the prefix."""
+    for name, table in rows_of(part).items():
+        rows = rows_of(whole)[name].to_pylist()
+        rows = [row for row in rows if row["campaign"].startswith(prefix)]
+        assert [{**row, "campaign": prefix + row["campaign"], "content": ""} for row in table.to_pylist()] == [
+            {**row, "content": ""} for row in rows
+        ], name
+
+
+def test_a_full_disk_costs_no_finished_campaign(fleet: Path, tmp_path: Path) -> None:
+    small = tmp_path / "small"
+    small.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=160k", "tmpfs", small], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("this machine does not let tests mount a file system of their own")
+    try:
+        full = invoke("fleet", "run", fleet / "spring", "--store", small / "s", "--jobs", 1)
+        assert full.code == 2 and "No space left" in full.err and "Traceback" not in full.err
+        finished = contents(small / "s")
+        assert not list(small.rglob("*.draft"))
+        subprocess.run(["mount", "-o", "remount,size=10m", small], check=True)
+        ok("fleet", "run", fleet / "spring", "--store", small / "s")
+        assert finished and finished.items() <= contents(small / "s").items() and len(contents(small / "s")) == 3
+    finally:
+        subprocess.run(["umount", "-l", small], check=True)
+
+
+def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> None:
+    url = tmp_path / "s"
+    (tmp_path / "empty").mkdir()
+    cases = [
+        ([tmp_path / "empty"], url, 2, "there is no campaign"),
+        ([tmp_path / "nowhere"], url, 2, "there is no such folder"),
+        ([fleet, fleet / "spring", fleet / "autumn"], url, 0, ""),
+        ([fleet / "spring", tmp_path / "copy"], url, 2, "two campaigns have the same name"),
+        ([fleet / "spring"], tmp_path / "copy", 2, "the folder is no store, and not empty"),
+        ([fleet / "spring"], "foo://x", 2, "the store's address is not known"),
+    ]
+    shutil.copytree(fleet / "spring", tmp_path / "copy")
+    for roots, place, code, said in cases:
+        if code:
+            result = invoke("fleet", "run", *roots, "--store", place)
+            assert result.code == code and said in result.err
+    assert not url.exists()
+    for option, said in (
+        ("--shard=4/3", "no part"),
+        ("--effects=lyaskos", "lyasko"),
+        ("--scheduler=tcp://x:1", "Dask"),
+    ):
+        result = invoke("fleet", "run", fleet, "--store", url, option)
+        assert result.code == 2 and said in result.err and not url.exists()
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "store.json").write_text(json.dumps({"schema": "wheelsoil/store/0"}))
+    for command in (("run", fleet, "--store", other), ("status", other), ("sql", other, "select 1")):
+        result = invoke("fleet", *command)
+        assert result.code == 2 and "another schema version" in result.err
+    assert invoke("fleet", "status", tmp_path / "nowhere").code == 2

@@ -1,0 +1,227 @@
+"""``wheelsoil fleet``: many campaigns, a store of what was found, and questions to it."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from datetime import date
+from decimal import Decimal
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from daq import ConfigError
+from wheelsoil.cli import options
+from wheelsoil.console import check_output, print_json, print_pairs, print_table, say
+
+if TYPE_CHECKING:
+    from wheelsoil.fleet import Step
+
+StoreUrl = Annotated[str, typer.Argument(metavar="STORE", help="A folder, or a bucket: s3://bucket/folder.")]
+
+_SHOWN = 40
+_MINUTE_S, _HOUR_S = 60, 3600
+
+fleet_app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Process, fit and diagnose many campaigns, and ask what was found in all of them.",
+)
+
+
+class Engine(StrEnum):
+    """What works on the campaigns."""
+
+    local = "local"
+    dask = "dask"
+
+
+@fleet_app.command("run")
+def fleet_run(
+    roots: Annotated[list[Path], typer.Argument(metavar="ROOT...", help="Folders with campaigns, however deep.")],
+    store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://bucket/folder.")],
+    engine: Annotated[Engine, typer.Option(help="Processes of this machine, or Dask workers.")] = Engine.local,
+    scheduler: Annotated[
+        str, typer.Option(metavar="TCP", help="With --engine dask: tcp://HOST:8786 (default: workers of this machine).")
+    ] = "",
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=0, metavar="N", help="Processes (default: one a core).")] = 0,
+    memory: Annotated[
+        float, typer.Option(min=0, metavar="GB", help="Most for each process (default: its share of 80 %).")
+    ] = 0.0,
+    shard: Annotated[str, typer.Option(metavar="I/N", help="Only this part of the campaigns: 3/20.")] = "1/1",
+    effects: Annotated[
+        list[str] | None,
+        typer.Option("--effects", metavar="NAME,...", help="Consider only these effects, families, or kinds."),
+    ] = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
+    json: options.Json = False,
+) -> None:
+    """Take every campaign and single-wheel table through processing, fit and diagnosis into a store.
+
+    What the store has already is not done again: the same call goes on where an earlier one ended, however that was.
+    A campaign that fails is a row with its fault, and stops no other.
+
+    Exit codes: 1 a campaign failed; 2 usage, no campaign, a store that cannot be written; 4 no scheduler or workers.
+    """
+    from wheelsoil.fleet import FleetOptions, Shard, Workers, plan_fleet, run_fleet
+    from wheelsoil.workflows import diagnosis_options
+
+    if scheduler and engine is Engine.local:
+        raise ConfigError.of("--scheduler is of Dask", next_step="give --engine dask")
+    chosen = options.split(effects)
+    diagnosis_options(effects=chosen)
+    settings = FleetOptions(tuple(chosen))
+    plan = plan_fleet(roots, store, settings, shard=Shard.of(shard), retry_failed=retry_failed)
+    there = len(plan.found) - len(plan.todo)
+    say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
+    workers = Workers(engine.value, scheduler, jobs, int(memory * 1e9))
+    failed = dict(plan.failed)
+    for step in _shown(run_fleet(plan, workers), len(plan.todo)):
+        if step.state == "failed":
+            failed[step.name] = step.said
+    if json:
+        print_json({"store": store, "campaigns": len(plan.found), "done_before": there, "failed": failed})
+    if failed:
+        before = f", {len(plan.failed)} of them before: --retry-failed" if plan.failed else ""
+        say(f"{len(failed)} failed{before}; `wheelsoil fleet status {store}` lists them")
+        raise SystemExit(1)
+
+
+def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
+    """Yield the steps, each told of on stderr: in a bar with the time left on a terminal, else in a line each."""
+    if not sys.stderr.isatty():
+        for step in steps:
+            left = f", {_duration(step.left_s)} left" if step.finished < step.total else ""
+            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.said}{left}")
+            yield step
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("campaigns"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        for step in steps:
+            bar.update(task, advance=1, description=f"{step.failed} failed" if step.failed else "")
+            if step.state == "failed":
+                bar.console.print(f"{step.name}: {step.said}", markup=False, highlight=False)
+            yield step
+
+
+def _duration(seconds: float) -> str:
+    if seconds < _MINUTE_S:
+        return f"{seconds:.0f} s"
+    if seconds < _HOUR_S:
+        return f"{seconds / _MINUTE_S:.0f} min"
+    return f"{seconds / _HOUR_S:.1f} h"
+
+
+@fleet_app.command("status")
+def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
+    """Report what a store holds: campaigns and their verdicts, rows, what failed and why, what it took."""
+    from wheelsoil.fleet import open_store
+
+    opened = open_store(store)
+    manifests = list(opened.manifests().values())
+    failed = {one.campaign: one.fault for one in manifests if one.state == "failed"}
+    rows: Counter[str] = Counter()
+    for one in manifests:
+        rows.update(one.rows)
+    facts: dict[str, Any] = {
+        "store": store,
+        "campaigns": len(manifests),
+        "failed": failed,
+        "verdicts": dict(Counter(one.verdict for one in manifests if one.verdict).most_common()),
+        "rows": dict(rows),
+        "cpu_s": sum(one.cpu_s for one in manifests),
+        "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
+        "versions": sorted({one.version for one in manifests}),
+    }
+    if json:
+        print_json(facts)
+        return
+    verdicts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in facts["verdicts"].items())
+    each = facts["cpu_s"] / max(len(manifests), 1)
+    print_pairs(
+        [
+            ("store", store),
+            ("campaigns", f"{len(manifests)}, {len(failed)} failed"),
+            ("verdicts", verdicts or "none"),
+            ("rows", ", ".join(f"{name} {count:,}" for name, count in rows.items()) or "none"),
+            ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign"),
+            ("memory", f"{facts['peak_bytes'] / 1e6:.0f} MB at most in a process"),
+            ("made by", ", ".join(f"wheelsoil {version}" for version in facts["versions"]) or "nobody"),
+        ]
+    )
+    for name, fault in failed.items():
+        print(f"  failed: {name}: {fault}")
+
+
+@fleet_app.command("sql")
+def fleet_sql(
+    store: StoreUrl,
+    query: Annotated[str, typer.Argument(metavar="SQL", help='"select ... from campaigns"; - reads standard input.')],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the answer: .parquet or .csv.")
+    ] = None,
+    force: options.Force = False,
+    json: options.Json = False,
+) -> None:
+    """Ask the store by SQL; docs/fleet.md has ten queries to begin with.
+
+    Tables: campaigns, runs, samples, notes, fits, coefficients, diagnoses, causes, gains, sensors, evidence. Each row
+    has its campaign.
+    """
+    from wheelsoil.fleet import ask, open_store, write_answer
+
+    target = check_output(output, force=force) if output else None
+    answer = ask(open_store(store), sys.stdin.read() if query == "-" else query)
+    if target:
+        write_answer(answer, target)
+        say(f"wrote {target}")
+    elif json:
+        print_json([{name: _plain(value) for name, value in row.items()} for row in answer.to_pylist()])
+    else:
+        rows = answer.slice(0, _SHOWN).to_pylist()
+        print_table(answer.column_names, [[_cell(value) for value in row.values()] for row in rows])
+        if len(answer) > _SHOWN:
+            say(f"{len(answer) - _SHOWN:,} more rows: give -o FILE, --json, or a limit")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: sums are decimals in DuckDB, and moments are texts."""
+    if isinstance(value, Decimal):
+        return int(value) if value == value.to_integral_value() else float(value)
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    return "" if value is None else str(value)
+
+
+@fleet_app.command("export")
+def fleet_export(
+    store: StoreUrl,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the tables go.")],
+    tables: Annotated[
+        list[str] | None, typer.Option("--tables", metavar="NAME,...", help="Only these (default: all).")
+    ] = None,
+    format: Annotated[str, typer.Option(metavar="SUFFIX", help="parquet or csv.")] = "parquet",
+) -> None:
+    """Write the store's tables as one file each, all campaigns in it."""
+    from wheelsoil.fleet import export, open_store
+
+    for path in export(open_store(store), output, tuple(options.split(tables)), f".{format.removeprefix('.')}"):
+        say(f"wrote {path}")

@@ -1,0 +1,16 @@
+from .campaign_task import FleetOptions as FleetOptions
+from .queries import ask as ask
+from .queries import export as export
+from .queries import write_answer as write_answer
+from .roots import Source as Source
+from .roots import find_sources as find_sources
+from .running import Plan as Plan
+from .running import Shard as Shard
+from .running import Step as Step
+from .running import Workers as Workers
+from .running import plan_fleet as plan_fleet
+from .running import run_fleet as run_fleet
+from .store import Manifest as Manifest
+from .store import Store as Store
+from .store import open_store as open_store
+from .tables import COLUMNS as COLUMNS

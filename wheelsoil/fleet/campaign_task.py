@@ -1,0 +1,187 @@
+"""One campaign of a fleet, from its files to its rows in the store: what a worker does."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import resource
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from daq import ConfigError, Fault, WheelsoilError
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, open_runs
+from model import one_thread, processes
+from processing import LOOK
+from wheelsoil import __version__
+from wheelsoil.cache.codec import encode
+from wheelsoil.cache.store import nothing_kept
+from wheelsoil.fleet.roots import Facts, Source, facts_of
+from wheelsoil.fleet.rows import Found, tables_of
+from wheelsoil.fleet.store import Manifest, open_store
+from wheelsoil.workflows.choice import CHOICE_FILE, Choice, load_choice
+from wheelsoil.workflows.diagnosis import (
+    bench_of,
+    campaigns_of,
+    diagnose_benches,
+    diagnose_campaigns,
+    diagnosis_options,
+)
+from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table
+from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.tables import BenchFiles, TableFiles, read_benches
+
+_ONE_AT_A_TIME = threading.Lock()
+"""What is printed is taken away from the whole process, and so is the cache."""
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """How every campaign of a fleet is diagnosed; see `wheelsoil.workflows.diagnosis.diagnosis_options`."""
+
+    effects: tuple[str, ...] = ()
+    most_causes: int = 3
+
+
+@dataclass(frozen=True)
+class Done:
+    """What became of a campaign; `new` tells one that was worked on from one that the store had already."""
+
+    manifest: Manifest
+    new: bool = True
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A campaign's runs or tables, and a hash of all that its rows depend on."""
+
+    content: str
+    facts: Facts = field(default_factory=dict)
+    runs: tuple[Run, ...] = ()
+    benches: tuple[BenchFiles, ...] = ()
+    choice: Choice = field(default_factory=Choice)
+    remarks: tuple[tuple[str, str], ...] = ()
+
+
+@one_thread
+def work_on(source: Source, url: str, options: FleetOptions) -> Done:
+    """Process, fit and diagnose a campaign and write it into the store at `url`, unless it is there.
+
+    What is wrong with a campaign is a result, and written down like one. Nothing is printed.
+
+    Raises
+    ------
+    ConfigError
+        The store cannot be written.
+    """
+    store = open_store(url)
+    with _ONE_AT_A_TIME, nothing_kept(), processes(1), contextlib.redirect_stderr(io.StringIO()):
+        start_s = time.process_time()
+        opened = _Opened(content_of(source, "", options))
+        try:
+            facts = source.facts()
+            opened = _Opened(content_of(source, _hashes(facts), options), facts)
+            opened = _open(source, facts, options)
+            if store.has(source.name, opened.content):
+                return Done(Manifest(source.name, opened.content, "done"), new=False)
+            found = _of_tables(source, opened, options) if source.is_table else _of_runs(source, opened, options)
+        except Exception as error:  # noqa: BLE001  # the boundary of a campaign: the others go on
+            found = Found(source, fault=_fault_of(error), state="failed")
+            opened = replace(opened, content=content_of(source, ["failed", opened.content], options))
+        return _written(found, opened, url, options, start_s)
+
+
+def _written(found: Found, opened: _Opened, url: str, options: FleetOptions, start_s: float) -> Done:
+    tables = tables_of(found, opened.content)
+    manifest = Manifest(
+        found.source.name,
+        opened.content,
+        found.state,
+        found.fault,
+        found.diagnosis.verdict if found.diagnosis else "",
+        opened.facts,
+        rows={name: len(rows) for name, rows in tables.items()},
+        options=asdict(options),
+        cpu_s=round(time.process_time() - start_s, 3),
+        peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+    )
+    open_store(url).put(manifest, tables)
+    return Done(manifest)
+
+
+def content_of(source: Source, inputs: object, options: FleetOptions) -> str:
+    """Return the hash of a campaign's name, what is known of it, how it is worked on, and the program's version."""
+    text, _ = encode([__version__, source.name, inputs, asdict(options)])
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
+    if source.is_table:
+        vehicle = source.folder / VEHICLE_FILE
+        files = TableFiles((str(vehicle),) if vehicle.is_file() else (), (source.folder / TERRAIN_FILE,))
+        benches = tuple(read_benches([Path(source.path)], files))
+        return _Opened(content_of(source, _hashes(facts), options), facts, benches=benches)
+    said: list[str] = []
+    runs = tuple(open_runs([source.path], left_out=said.append))
+    facts = facts | facts_of(file for run in runs for file in run.files)
+    chosen = source.folder / CHOICE_FILE
+    described = [{name: hashlib.sha256(data).hexdigest() for name, data in run.attachments.items()} for run in runs]
+    return _Opened(
+        content_of(source, [_hashes(facts), described], options),
+        facts,
+        runs,
+        choice=load_choice(chosen) if chosen.is_file() else Choice(),
+        remarks=tuple(("opening", text) for text in said),
+    )
+
+
+def _hashes(files: Iterable[str]) -> list[list[str]]:
+    found = []
+    for path in sorted(files):
+        with Path(path).open("rb") as file:
+            found.append([Path(path).name, hashlib.file_digest(file, "sha256").hexdigest()])
+    return found
+
+
+def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
+    choice = opened.choice
+    processed = process_runs(opened.runs, choice.process_options(LOOK), choice=choice)
+    fit, remarks = None, list(opened.remarks)
+    try:
+        fit = fit_runs(processed, choice.fit_choices(), None)
+    except WheelsoilError as error:
+        remarks.append(("fit", _fault_of(error)))
+    settings = diagnosis_options(choice.fit_choices().reading, effects=options.effects, most_causes=options.most_causes)
+    campaigns = campaigns_of([Path(source.path)], processed)
+    if len(campaigns) > 1:
+        step = "put the runs of each soil and wheel into a folder of their own"
+        raise ConfigError(Fault("the runs are of several soils or wheels", next_step=step))
+    diagnosis = diagnose_campaigns(campaigns, settings)
+    return Found(source, processed, fit=fit, diagnosis=diagnosis, remarks=tuple(remarks))
+
+
+def _of_tables(source: Source, opened: _Opened, options: FleetOptions) -> Found:
+    fit, remarks = None, []
+    if len(opened.benches) == 1:
+        one = opened.benches[0]
+        try:
+            fit = fit_table(one.rows, one.wheel, one.soil, FitChoices(), one.terrain)
+        except WheelsoilError as error:
+            remarks.append(("fit", _fault_of(error)))
+    settings = diagnosis_options(effects=options.effects, most_causes=options.most_causes)
+    diagnosis = diagnose_benches(tuple(map(bench_of, opened.benches)), settings)
+    return Found(source, benches=opened.benches, fit=fit, diagnosis=diagnosis, remarks=tuple(remarks))
+
+
+def _fault_of(error: Exception) -> str:
+    """Return what went wrong, in a line."""
+    if isinstance(error, WheelsoilError):
+        return "; ".join(", ".join(filter(None, (fault.what, fault.where, fault.found))) for fault in error.faults)
+    if isinstance(error, OSError):
+        return ", ".join(filter(None, (error.strerror or str(error), str(error.filename or ""))))
+    if isinstance(error, MemoryError):
+        return "it needs more memory than a worker may use: give --memory"
+    return f"a fault of wheelsoil ({type(error).__name__}: {error}); please report it"

@@ -1,0 +1,329 @@
+"""The rows of one campaign, for the tables of a store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from daq import OUTPUTS, Note
+from daq.runs import Run
+from model.diagnosis import Diagnosis
+from model.fit import CampaignFit
+from processing import ProcessedRun, Segment
+from wheelsoil import __version__
+from wheelsoil.fleet.roots import Source
+from wheelsoil.fleet.tables import SAMPLES_HZ, schema_of
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.workflows.grading import grade_of
+from wheelsoil.workflows.tables import BenchFiles
+from wheelsoil.workflows.traction import traction_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found out about a campaign, or as much of it as there is.
+
+    Attributes
+    ----------
+    fault : str
+        Why it failed.
+    remarks : tuple of (where, text)
+        What was said while it was worked on.
+    """
+
+    source: Source
+    processed: Sequence[tuple[Run, ProcessedRun]] = ()
+    benches: Sequence[BenchFiles] = ()
+    fit: CampaignFit | None = None
+    diagnosis: Diagnosis | None = None
+    fault: str = ""
+    remarks: tuple[tuple[str, str], ...] = ()
+    state: str = field(default="done")
+
+
+def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
+    """Return the rows of a campaign, by table."""
+    made = {
+        "campaigns": [_campaign(found)],
+        "runs": [_run(run, done) for run, done in found.processed],
+        "notes": list(_notes(found)),
+        "fits": list(_fits(found.fit)),
+        "coefficients": list(_coefficients(found.fit)),
+        "diagnoses": [] if found.diagnosis is None else [_diagnosis(found.diagnosis)],
+        "causes": [] if found.diagnosis is None else list(_causes(found.diagnosis)),
+        "gains": [] if found.diagnosis is None else list(_gains(found.diagnosis)),
+        "evidence": list(_evidence(found)),
+        "sensors": [row for run, done in found.processed for row in _sensors(run, done)],
+    }
+    tables = {name: _table(name, rows, content) for name, rows in made.items() if rows}
+    if found.processed:
+        tables["samples"] = _samples([done for _, done in found.processed], content)
+    return tables
+
+
+def _table(name: str, rows: Iterable[Mapping[str, Any]], content: str) -> pa.Table:
+    import pyarrow as pa
+
+    schema = schema_of(name)
+    known = [{"content": content, **{key: _known(value) for key, value in row.items()}} for row in rows]
+    return pa.Table.from_pylist(known, schema=schema)
+
+
+def _known(value: Any) -> Any:
+    """Return a value for a table: null for NaN and for an empty text."""
+    if isinstance(value, float | np.floating):
+        return float(value) if isfinite(value) else None
+    return None if isinstance(value, str) and not value else value
+
+
+def _campaign(found: Found) -> dict[str, Any]:
+    runs = tuple(done for _, done in found.processed)
+    row: dict[str, Any] = {
+        "kind": "table" if found.source.is_table else "runs",
+        "state": found.state,
+        "fault": found.fault,
+        "path": found.source.path,
+        "version": __version__,
+        "runs": len(runs),
+    }
+    if found.benches:
+        bench = found.benches[0]
+        wheel = bench.wheel_section
+        rows = sum(len(one.rows) for one in found.benches)
+        row |= {"terrain": bench.soil.name, "samples": rows, "used_share": 1.0}
+    elif runs:
+        first = found.processed[0][0]
+        section = first.vehicle.wheel
+        if section is None:
+            return row
+        wheel = section
+        traction = traction_of(runs)
+        pull = traction.pull
+        starts = [run.start_ns for run in runs if run.start_ns > 0]
+        row |= {
+            "vehicle": first.vehicle.vehicle.name,
+            "transducer": first.vehicle.transducer.serial,
+            "terrain": first.terrain.soil.name if first.terrain else "",
+            "start": min(starts) // 1000 if starts else None,
+            "samples": sum(map(len, runs)),
+            "used_share": sum(int(run.used.sum()) for run in runs) / max(sum(map(len, runs)), 1),
+            "duration_s": sum(len(run) / run.rate_hz for run in runs),
+            "latitude_deg": _middle([run.latitude_deg for run in runs]),
+            "longitude_deg": _middle([run.longitude_deg for run in runs]),
+            "pull_at_slip_0_2_n": pull.pull_n if pull else None,
+            "pull_at_slip_0_2_lower95_n": pull.interval95[0] if pull else None,
+            "pull_at_slip_0_2_upper95_n": pull.interval95[1] if pull else None,
+            "drawbar_coefficient": traction.drawbar_coefficient,
+            "tractive_efficiency": traction.efficiency,
+        }
+    else:
+        return row
+    return row | {"wheel_radius_m": wheel.radius_m, "wheel_width_m": wheel.width_m, "tread": wheel.tread}
+
+
+def _run(run: Run, done: ProcessedRun) -> dict[str, Any]:
+    grade, traction, quality, info = grade_of(done), traction_of((done,)), done.quality, done.run
+    return {
+        "run": info.id,
+        "file": run.path.name,
+        "start": done.start_ns // 1000 if done.start_ns > 0 else None,
+        "duration_s": len(done) / done.rate_hz,
+        "rate_hz": done.rate_hz,
+        "cutoff_hz": done.cutoff_hz,
+        "samples": len(done),
+        "used": int(done.used.sum()),
+        "pass_number": info.pass_number,
+        "direction": info.direction,
+        "added_load_kg": info.added_load_kg,
+        "inflation_kpa": info.inflation_kpa,
+        "load_n": _middle([done.vertical_load_n[done.used]]),
+        "highest_slip": grade.highest_slip,
+        "grade": grade.level,
+        "grade_reasons": "; ".join(grade.reasons),
+        "speed_scale": quality.speed_scale,
+        "residual_latency_s": quality.residual_latency_s,
+        "drawbar_coefficient": traction.drawbar_coefficient,
+        "tractive_efficiency": traction.efficiency,
+        "pull_at_slip_0_2_n": traction.pull.pull_n if traction.pull else None,
+    }
+
+
+def _samples(runs: Sequence[ProcessedRun], content: str) -> pa.Table:
+    """Return every run at `SAMPLES_HZ`: some of its own samples, which are filtered already, and no means."""
+    import pyarrow as pa
+
+    schema = schema_of("samples")
+    segments = np.array([each.name.lower() for each in Segment])
+    pieces = []
+    for run in runs:
+        rows = np.arange(0, len(run), max(round(run.rate_hz / SAMPLES_HZ), 1))
+        time = (run.start_ns + np.round(run.time_s[rows] * 1e9).astype(np.int64)) // 1000
+        own = {
+            "content": np.full(len(rows), content),
+            "run": np.full(len(rows), run.run.id),
+            "time": time if run.start_ns > 0 else [None] * len(rows),
+            "segment": segments[run.segment[rows]],
+            "used": run.used[rows],
+        }
+        values = [own[name] if name in own else run.column(name)[rows] for name in schema.names]
+        arrays = [pa.array(each, from_pandas=True, type=kind) for each, kind in zip(values, schema.types, strict=True)]
+        pieces.append(pa.table(arrays, schema=schema))
+    return pa.concat_tables(pieces)
+
+
+def _notes(found: Found) -> Iterator[dict[str, Any]]:
+    for _, done in found.processed:
+        missing = done.quality.missing.values()
+        yield from (_note(note, "processing", done.run.id) for note in (*done.quality.notes, *missing))
+    if found.fit:
+        yield from (_note(note, "fit") for note in found.fit.notes)
+        yield from (_note(note, f"fit of {model.name}") for model in found.fit.models for note in model.notes)
+    if found.diagnosis:
+        grounds = found.diagnosis.grounds
+        first = [grounds.undecided] if grounds.undecided else []
+        noted = dict.fromkeys(map(note_text, (*first, *grounds.cautions, *found.diagnosis.notes)))
+        by_text = {note_text(note): note for note in (*first, *grounds.cautions, *found.diagnosis.notes)}
+        yield from (_note(by_text[text], "diagnosis") for text in noted)
+    yield from ({"of": where, "severity": "remark", "text": text} for where, text in found.remarks)
+
+
+def _note(note: Note, of: str, run: str = "") -> dict[str, Any]:
+    return {
+        "run": run,
+        "of": of,
+        "code": str(note.code),
+        "severity": note.severity.name.lower(),
+        "text": note_text(note),
+    }
+
+
+def _fits(fit: CampaignFit | None) -> Iterator[dict[str, Any]]:
+    for model in fit.models if fit else ():
+        for channel, one in model.criteria.items():
+            yield {
+                "model": model.name,
+                "channel": OUTPUTS[channel].role,
+                "R0": one.R0_N,
+                "R0_per_load": one.R0_per_load,
+                "M0_percent": one.M0_percent,
+                "R2": one.R2,
+                "samples": one.samples,
+                "slip_threshold": one.threshold,
+                "stop_reason": model.stop_reason,
+            }
+
+
+def _coefficients(fit: CampaignFit | None) -> Iterator[dict[str, Any]]:
+    for model in fit.models if fit else ():
+        for one in model.estimates:
+            lower, upper = one.interval
+            yield _estimate(one.name, one.unit, one.value, lower, upper) | {"model": model.name}
+
+
+def _estimate(name: str, unit: str, value: float, lower: float, upper: float) -> dict[str, Any]:
+    return {"parameter": name, "unit": unit, "value": value, "lower95": lower, "upper95": upper}
+
+
+def _diagnosis(found: Diagnosis) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "verdict": found.verdict,
+        "sentence": sentence_of(found),
+        "none_probability": next((c.probability for c in found.candidates if c.name == "none"), None),
+        "adequate": found.adequacy.ok if found.adequacy else None,
+        "proposal": found.proposal.formula if found.proposal else None,
+    }
+    if gain := found.gain:
+        row |= {
+            "R0_base": gain.base[gain.channel].R0,
+            "R0_extended": gain.extended[gain.channel].R0,
+            "reduction_percent": gain.reduction_percent,
+            "reduction_lower95": gain.interval95[0],
+            "reduction_upper95": gain.interval95[1],
+        }
+    return row
+
+
+def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    """Yield the causes of the verdict, a row a parameter, and every other candidate, a row each."""
+    for cause in found.causes:
+        own = {
+            "family": cause.name,
+            "kind": cause.kind,
+            "role": found.verdict,
+            "probability": cause.probability,
+            "effect": cause.key,
+            "form_probability": cause.form_probability,
+        }
+        estimates = [_estimate(p.name, p.unit, p.value, *p.interval95) for p in cause.parameters]
+        yield from (own | one for one in estimates or [{}])
+    shown = {cause.name for cause in found.causes}
+    for one in found.candidates:
+        if one.name not in shown:
+            yield {"family": one.name, "role": "candidate", "probability": one.probability}
+
+
+def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    gain = found.gain
+    if gain is None:
+        return
+    for model, scores in (("base", gain.base), ("extended", gain.extended)):
+        for channel, one in scores.items():
+            row: dict[str, Any] = {
+                "channel": OUTPUTS[channel].role,
+                "model": model,
+                "R0": one.R0,
+                "M0_percent": one.M0_percent,
+                "R2": one.R2,
+            }
+            fall = gain.reductions.get(channel) if model == "extended" else None
+            if fall:
+                row |= {"reduction_percent": fall.percent, "lower95": fall.interval95[0], "upper95": fall.interval95[1]}
+            yield row
+
+
+def _evidence(found: Found) -> Iterator[dict[str, Any]]:
+    """Yield what can be pooled with other campaigns, with what it is pooled by."""
+    if found.diagnosis is None or found.diagnosis.information is None:
+        return
+    information = found.diagnosis.information
+    campaign = _campaign(found)
+    yield {
+        **{name: campaign[name] for name in ("transducer", "terrain", "start")},
+        **{name: list(value) if isinstance(value, tuple) else value for name, value in vars(information).items()},
+        "matrix": information.matrix.ravel().tolist(),
+    }
+
+
+_OF_THE_TRANSDUCER = ("vertical_load", "drawbar_pull", "driving_torque")
+
+
+def _sensors(run: Run, done: ProcessedRun) -> Iterator[dict[str, Any]]:
+    for role, facts in done.quality.sensors.items():
+        zero = done.quality.zeros.get(role)
+        yield {
+            "run": done.run.id,
+            "role": role,
+            "serial": run.vehicle.transducer.serial if role in _OF_THE_TRANSDUCER else "",
+            "rate_hz": facts.rate_hz,
+            "samples": facts.samples,
+            "gaps": facts.gaps,
+            "longest_gap_s": facts.longest_gap_s,
+            "latency_s": facts.latency_s,
+            "sigma": facts.sigma,
+            "sigma_source": facts.sigma_source,
+            "zero_offset": zero.offset if zero else None,
+            "zero_method": ", ".join(zero.methods) if zero else None,
+        }
+
+
+def _middle(values: Sequence[np.ndarray[Any, Any]]) -> float:
+    known = np.concatenate([each[np.isfinite(each)] for each in values]) if values else np.zeros(0)
+    return float(np.median(known)) if len(known) else float("nan")

@@ -1,0 +1,217 @@
+"""A fleet from its roots to the store: what is there already is not done again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from daq import ConfigError
+from model import available_cores
+from wheelsoil import __version__
+from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
+from wheelsoil.fleet.engines import Lost, in_processes, on_dask
+from wheelsoil.fleet.roots import Source, facts_of, find_sources
+from wheelsoil.fleet.rows import Found, tables_of
+from wheelsoil.fleet.store import Manifest, Store, open_store
+
+Engine = Literal["local", "dask"]
+
+_MEMORY_SHARE = 0.8
+"""Of the machine's memory that its workers may use together."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What works on a fleet.
+
+    Attributes
+    ----------
+    scheduler : str
+        Address of a Dask scheduler; empty: a cluster of this machine.
+    jobs : int
+        Processes of this machine; 0: as many as it has cores.
+    memory_bytes : int
+        Most for each of them; 0: its share of 80 % of the machine's memory.
+    """
+
+    engine: Engine = "local"
+    scheduler: str = ""
+    jobs: int = 0
+    memory_bytes: int = 0
+
+    @property
+    def count(self) -> int:
+        """Number of processes of this machine."""
+        return self.jobs or available_cores()
+
+    @property
+    def memory(self) -> int:
+        """Most that each may use, in bytes."""
+        whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        return self.memory_bytes or int(_MEMORY_SHARE * whole / self.count)
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The part `index` (from 1) of `count` of a fleet; the same campaigns whatever else is there."""
+
+    index: int = 1
+    count: int = 1
+
+    @staticmethod
+    def of(text: str) -> Shard:
+        """Read ``i/n``.
+
+        Raises
+        ------
+        ConfigError
+            It is none.
+        """
+        index, sign, count = text.partition("/")
+        if not (sign and index.isdigit() and count.isdigit() and 1 <= int(index) <= int(count)):
+            raise ConfigError.of("--shard is no part of a whole", found=text, expected="i/n with 1 <= i <= n, as 3/20")
+        return Shard(int(index), int(count))
+
+    def has(self, source: Source) -> bool:
+        """Return whether a campaign is in this part."""
+        number = int.from_bytes(hashlib.sha256(source.name.encode()).digest()[:8])
+        return number % self.count == self.index - 1
+
+
+@dataclass(frozen=True)
+class Step:
+    """One campaign more that is finished.
+
+    Attributes
+    ----------
+    finished, failed, total : int
+        So far, and of this call.
+    left_s : float
+        Estimated, by how long those took that are finished.
+    """
+
+    name: str
+    state: str
+    said: str
+    finished: int
+    failed: int
+    total: int
+    left_s: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done.
+
+    Attributes
+    ----------
+    found, todo : tuple of Source
+        All campaigns, and those that the store does not have as they are now.
+    failed : mapping name -> fault
+        Of those that it has.
+    """
+
+    store: Store
+    found: tuple[Source, ...]
+    todo: tuple[Source, ...]
+    failed: dict[str, str]
+    options: FleetOptions
+
+
+def plan_fleet(
+    roots: Sequence[Path],
+    url: str,
+    options: FleetOptions | None = None,
+    *,
+    shard: Shard | None = None,
+    retry_failed: bool = False,
+) -> Plan:
+    """Find the campaigns, and what the store has of them.
+
+    A campaign is there if it was finished by this version with these options, and its files have the size and the time
+    of change that they had.
+
+    Raises
+    ------
+    ConfigError
+        See `find_sources` and `open_store`.
+    """
+    options, shard = options or FleetOptions(), shard or Shard()
+    found = tuple(source for source in find_sources(roots) if shard.has(source))
+    store = open_store(url, create=True)
+    known = store.manifests()
+
+    def is_there(source: Source) -> bool:
+        manifest = known.get(source.name)
+        if manifest is None or (retry_failed and manifest.state == "failed"):
+            return False
+        return _as_now(source, manifest, options)
+
+    todo = tuple(source for source in found if not is_there(source))
+    there = (known[source.name] for source in found if source not in todo)
+    return Plan(store, found, todo, {one.campaign: one.fault for one in there if one.state == "failed"}, options)
+
+
+def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
+    if manifest.version != __version__ or FleetOptions(**_tuples(manifest.options)) != options:
+        return False
+    try:
+        there = facts_of(map(Path, manifest.files))
+        return bool(there) and there == manifest.files and source.facts().keys() <= there.keys()
+    except OSError:
+        return False
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+
+
+def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
+    """Work on what is to be done; yield a step for each campaign that is finished.
+
+    Raises
+    ------
+    ConfigError, HardwareError
+        The store cannot be written; see `wheelsoil.fleet.engines.on_dask`. What is finished is in the store.
+    """
+    begin_s, failed = time.monotonic(), 0
+    task = partial(work_on, url=plan.store.url, options=plan.options)
+    for finished, (source, result) in enumerate(_results(task, plan, workers), 1):
+        done = _given_up(plan, source, result) if isinstance(result, Lost) else result
+        manifest = done.manifest
+        failed += manifest.state == "failed"
+        left = len(plan.todo) - finished
+        yield Step(
+            name=source.name,
+            state=manifest.state,
+            said=manifest.fault or manifest.verdict.replace("_", " ") or "was there already",
+            finished=finished,
+            failed=failed,
+            total=len(plan.todo),
+            left_s=(time.monotonic() - begin_s) / finished * left,
+        )
+
+
+def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Source, Done | Lost]]:
+    if not plan.todo:
+        return iter(())
+    if workers.engine == "local":
+        return in_processes(task, plan.todo, min(workers.count, len(plan.todo)), workers.memory)
+    keys = [f"campaign-{content_of(source, plan.store.url, plan.options)}" for source in plan.todo]
+    return on_dask(task, plan.todo, keys, workers.scheduler, workers.count, workers.memory)
+
+
+def _given_up(plan: Plan, source: Source, lost: Lost) -> Done:
+    """Write down that a campaign was lost; without facts of its files, so that the next call tries it again."""
+    content = content_of(source, "lost", plan.options)
+    tables = tables_of(Found(source, fault=lost.why, state="failed"), content)
+    rows = {name: len(table) for name, table in tables.items()}
+    manifest = Manifest(source.name, content, "failed", lost.why, rows=rows, options=asdict(plan.options))
+    plan.store.put(manifest, tables)
+    return Done(manifest)
