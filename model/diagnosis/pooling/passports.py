@@ -198,14 +198,14 @@ def _fit(data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: fl
         precision += design.T @ own @ design
         side += design.T @ score
         total += left
-    covariance = np.linalg.inv(precision)
+    covariance: FloatArray = np.asarray(np.linalg.inv(precision), float)
     total += 0.5 * float(side @ covariance @ side) - 0.5 * float(np.linalg.slogdet(precision)[1])
     return _Fitted(total, covariance @ side, covariance)
 
 
 def _design(hypothesis: Hypothesis, years: float) -> FloatArray:
     """Return D of one campaign, shape (7, number of phi)."""
-    columns = []
+    columns: list[FloatArray] = []
     for place, course in hypothesis:
         unit = np.zeros(len(OF_THE_TRANSDUCER))
         unit[place] = 1.0

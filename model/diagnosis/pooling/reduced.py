@@ -107,7 +107,7 @@ class SoilDeparture:
 
 
 def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDeparture:
-    """Compare a campaign's soil with its laboratory.
+    r"""Compare a campaign's soil with its laboratory.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
 
     Notes
     -----
-    With the laboratory's prior :math:`u \\sim N(0, I)` the score h of the soil has the covariance
-    :math:`\\Lambda + \\Lambda^2`; the statistic is :math:`h'(\\Lambda + \\Lambda^2)^+h`.
+    With the laboratory's prior :math:`u \sim N(0, I)` the score h of the soil has the covariance
+    :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
     """
     information, q = one.information, len(one.information.soil)
     first = 1 + q
@@ -155,5 +155,3 @@ def scales_of(observations: Sequence[Observation]) -> tuple[FloatArray, tuple[st
                 scales[at] = one.information.scales[i]
                 names[at], units[at] = one.information.parameters[i], one.information.units[i]
     return scales, tuple(names), tuple(units)
-
-
