@@ -252,3 +252,23 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
         say(left_out_line(found.nameless, "a serial ([transducer] serial in vehicle.toml)"))
     if found.dateless:
         say(left_out_line(found.dateless, "a date"))
+
+
+@fleet_app.command("report")
+def fleet_report(
+    store: StoreUrl,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The page.")] = Path("fleet.html"),
+    force: options.Force = False,
+) -> None:
+    """Write one page of all campaigns: verdicts, causes, transducers, drawbar pull by terrain; its numbers as JSON.
+
+    A campaign whose folder has a report.html leads to it.
+    """
+    from wheelsoil.fleet import open_store, overview_of
+
+    target = check_output(output, force=force)
+    check_output(target.with_suffix(".json"), force=force)
+    overview = overview_of(open_store(store))
+    for path in overview.write(target):
+        say(f"wrote {path}")
+    print(overview.headline)

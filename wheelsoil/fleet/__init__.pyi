@@ -1,4 +1,6 @@
 from .campaign_task import FleetOptions as FleetOptions
+from .overview import Overview as Overview
+from .overview import overview_of as overview_of
 from .pooled import Pooled as Pooled
 from .pooled import day_of as day_of
 from .pooled import pool as pool

@@ -5,10 +5,10 @@ their transducer is the same. With t the time, the parameters of a campaign are
 
 .. math:: \theta = D(t)\varphi + \delta,\quad \varphi \sim N(0, I),\quad \delta \sim N(0, \tau^2 I)
 
-in units of their prior scales. A hypothesis is a set of up to two parameters, each constant (one :math:`\varphi`) or
-drifting (a constant and a slope a year); all others are zero. :math:`\tau`, what campaigns of one transducer scatter
-beside their own uncertainty, is integrated over a grid: where the model fits badly, that is no drift. All is Gaussian:
-evidence, probabilities and intervals are exact.
+in units of their prior scales, the slope a year in a quarter of them. A hypothesis is a set of up to two parameters,
+each constant (one :math:`\varphi`) or drifting (a constant and a slope); all others are zero. :math:`\tau`, what
+campaigns of one transducer scatter beside their own uncertainty, is integrated over a grid: where the model fits badly,
+that is no drift. All is Gaussian: evidence, probabilities and intervals are exact.
 
 Source: as `model.diagnosis.time_series.evidence`; of hierarchical pooling Gelman et al. (2013), Bayesian Data Analysis,
 chapter 5.
@@ -37,7 +37,12 @@ _PAIR = 0.1
 """Of two parameters that are wrong, for each one."""
 _SCATTER = (0.0, 0.01, 0.02, 0.04, 0.08)
 """Of the prior scales: 0.08 to 0.6 % of a gain in drawbar pull."""
-_FLAG_AT, _NAME_AT = 0.95, 0.9
+_SURE = 0.9
+"""Probability from which on something is flagged, and named: as of a cause."""
+_SLOPE = 0.25
+"""Prior one-sigma of a drift a year, of the prior scale: 2 % a year of a gain in drawbar pull, 37 N of its zero."""
+_HARDLY_ANY = 0.01
+"""Of the prior's precision: what a passport draws is the campaigns' own estimate, also where there is one date only."""
 _DISAGREES = 0.01
 """Probability, over all campaigns of a transducer, from which on one disagrees."""
 _Z95 = 1.959964
@@ -55,7 +60,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Trend:
-    """The course of one parameter, as if it alone were wrong; in its unit.
+    """The course of one parameter by the campaigns alone, as if it alone were wrong; in its unit.
 
     Attributes
     ----------
@@ -189,9 +194,9 @@ class _Fitted:
     covariance: FloatArray
 
 
-def _fit(data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: float) -> _Fitted:
+def _fit(data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: float, prior: float = 1.0) -> _Fitted:
     size = sum(2 if course == "drift" else 1 for _, course in hypothesis)
-    precision, side, total = np.eye(size), np.zeros(size), 0.0
+    precision, side, total = prior * np.eye(size), np.zeros(size), 0.0
     for one in data:
         own, score, left = _scattered(one, tau)
         design = _design(hypothesis, one.years - middle)
@@ -209,7 +214,7 @@ def _design(hypothesis: Hypothesis, years: float) -> FloatArray:
     for place, course in hypothesis:
         unit = np.zeros(len(OF_THE_TRANSDUCER))
         unit[place] = 1.0
-        columns += [unit, years * unit] if course == "drift" else [unit]
+        columns += [unit, _SLOPE * years * unit] if course == "drift" else [unit]
     return np.stack(columns, axis=1) if columns else np.zeros((len(OF_THE_TRANSDUCER), 0))
 
 
@@ -231,16 +236,16 @@ def _candidates(shown: Sequence[int], hypotheses: Sequence[Hypothesis], chance: 
 
 
 def _decided(wrong: float, candidates: Sequence[Candidate]) -> tuple[Decision, tuple[str, ...]]:
-    if wrong < _FLAG_AT:
+    if wrong < _SURE:
         return "nothing", ()
-    if named := tuple(one.effect for one in candidates if one.probability >= _NAME_AT):
+    if named := tuple(one.effect for one in candidates if one.probability >= _SURE):
         return "named", named
     open_ones: list[str] = []
     total = 0.0
     for one in candidates:
         open_ones.append(one.effect)
         total += one.probability
-        if total >= _FLAG_AT:
+        if total >= _SURE:
             break
     return "flagged", tuple(open_ones)
 
@@ -251,9 +256,9 @@ def _trends(
     scales, names, units = scales_of(ordered)
     found = {}
     for place in shown:
-        fitted = _fit(data, ((place, "drift"),), 0.0, middle)
-        sigma = np.sqrt(np.diag(fitted.covariance)) * abs(scales[place])
-        mean = fitted.mean * scales[place]
+        fitted = _fit(data, ((place, "drift"),), 0.0, middle, _HARDLY_ANY)
+        unit = scales[place] * np.array([1.0, _SLOPE])
+        sigma, mean = np.sqrt(np.diag(fitted.covariance)) * abs(unit), fitted.mean * unit
         points = []
         for one, campaign in zip(data, ordered, strict=True):
             own = one.precision[place, place]

@@ -90,7 +90,8 @@ def test_the_wrong_transducer_is_found_of_both(store: Path) -> None:
     sound, wrong = said["transducers"]
     assert (sound["serial"], sound["decision"]) == ("WFT-1", "nothing")
     assert wrong["serial"] == "WFT-2" and wrong["decision"] in ("flagged", "named")
-    assert "drawbar_pull_gain" in wrong["effects"] and set(wrong["campaigns"]) == {f"autumn/day-{i}" for i in (2, 4, 6)}
+    assert "drawbar_pull_gain" in wrong["effects"]
+    assert set(wrong["campaigns"]) == {"autumn/day-2", "autumn/day-6"}  # too few samples in the other
     trend = wrong["trends"]["drawbar_pull_gain"]
     assert abs(trend["value"] - 0.25) < 4 * trend["sigma"] and trend["date"].startswith("20")
     lines = ok("fleet", "diagnose", store)
