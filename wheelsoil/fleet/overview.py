@@ -230,15 +230,14 @@ def _drawing(one: Passport) -> Drawing | None:
         Curve("", along, fitted[:, 0], "model", fitted[:, 1], fitted[:, 2]),
         Curve("", months, value, "measured", value - half, value + half, points=True),
     ]
+    last = float(along[-1])
     plane = Plane(
-        (0.0, float(along[-1]) * 1.02),
+        (-0.02 * last, 1.02 * last),
         reach(value - half, value + half),
         f"months since {day_of(first)}",
-        f"{name}, {unit}",
+        f"{name}, {unit}, with 95 % intervals",
     )
-    return drawn(
-        f"passport-{one.sensor}", f"{one.sensor}: {name}", "Each campaign with its 95 % interval.", plane, curves
-    )
+    return drawn(f"passport-{one.sensor}", f"{one.sensor}: {name}", "", plane, curves, wide=(720, 360, 20))
 
 
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
