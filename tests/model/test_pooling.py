@@ -10,7 +10,7 @@ import pytest
 from model.diagnosis import Information
 from model.diagnosis.pooling import OF_THE_TRANSDUCER, Observation, passport_of, soil_departure
 
-EFFECTS = ("lyasko", *OF_THE_TRANSDUCER[:3], "drawbar_pull_zero")
+EFFECTS = ("lyasko", "drawbar_pull_gain", "torque_gain", "load_gain", "drawbar_pull_zero")
 SCALES = (0.1, 0.08, 0.06, 0.06, 150.0)
 NOISE = 0.25
 SOIL = ("cohesion_pa", "tan_phi", "shear_modulus_m")

@@ -31,8 +31,6 @@ SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
 """What a single report beside a campaign's runs is called, to be linked."""
 _MOST_BARS = 12
-_SHOWN = "drawbar_pull_gain"
-"""What the passport of a sound transducer shows."""
 _MAP, _LEAST_KM = (720, 300), 0.1
 _COLOURS = 5
 _MONTHS_A_YEAR = 12
@@ -213,8 +211,8 @@ def _line(one: Passport) -> str:
 
 
 def _drawing(one: Passport) -> Drawing | None:
-    """Draw the course of the named parameter, or the gain of the pull: each campaign, and the line through them."""
-    effect = next((each for each in (*one.effects, _SHOWN, *one.trends) if each in one.trends), None)
+    """Draw the course of the named parameter, or of a sound one the first: each campaign, and the line through them."""
+    effect = next((each for each in (*one.effects, *one.trends) if each in one.trends), None)
     if effect is None:
         return None
     trend = one.trends[effect]

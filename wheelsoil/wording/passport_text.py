@@ -32,8 +32,8 @@ def _said(one: Passport) -> Iterator[str]:
         yield "calibrate these channels against weights"
     else:
         yield "nothing detectable"
-        if trend := one.trends.get("drawbar_pull_gain"):
-            yield f"its drawbar pull gain is known to {_size(_Z95 * trend.at[1], trend)}"
+        for effect, trend in list(one.trends.items())[:1]:
+            yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
     if one.disagree:
         yield f"not as the others: {_names(list(one.disagree))}"
 

@@ -209,7 +209,7 @@ def _fit(data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: fl
 
 
 def _design(hypothesis: Hypothesis, years: float) -> FloatArray:
-    """Return D of one campaign, shape (7, number of phi)."""
+    """Return D of one campaign, shape (m, number of phi)."""
     columns: list[FloatArray] = []
     for place, course in hypothesis:
         unit = np.zeros(len(OF_THE_TRANSDUCER))

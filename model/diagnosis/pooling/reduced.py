@@ -18,16 +18,9 @@ from scipy.stats import chi2
 
 from daq import FloatArray
 from model.diagnosis.core.information import Information
+from model.effects.catalogue import EFFECTS
 
-OF_THE_TRANSDUCER = (
-    "drawbar_pull_gain",
-    "torque_gain",
-    "load_gain",
-    "crosstalk",
-    "drawbar_pull_zero",
-    "torque_zero",
-    "load_zero",
-)
+OF_THE_TRANSDUCER = tuple(key for key, effect in EFFECTS.items() if effect.of_the_transducer())
 """Effects that go with a transducer from campaign to campaign; each has one parameter."""
 _NOTHING = 1e-9
 
@@ -49,12 +42,12 @@ class Observation:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Information on the transducer's parameters, in the order of `OF_THE_TRANSDUCER` and in units of their scales.
+    """Information on the transducer's m parameters, in the order of `OF_THE_TRANSDUCER`, in units of their scales.
 
     Attributes
     ----------
-    precision : array, shape (7, 7)
-    score : array, shape (7,)
+    precision : array, shape (m, m)
+    score : array, shape (m,)
         Zero for a parameter that this campaign does not show.
     """
 
@@ -111,7 +104,7 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
 
     Parameters
     ----------
-    known : array, shape (7,), optional
+    known : array, shape (m,), optional
         The transducer's parameters, in units of their scales; none are off by default.
 
     Notes
