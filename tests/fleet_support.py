@@ -25,11 +25,18 @@ WHEELSOIL = (sys.executable, "-c", "from wheelsoil.cli.app import main; main()")
 
 
 def small_fleet(folder: Path, campaigns: int = 6) -> Path:
-    """Simulate one-run campaigns of 20 s in two folders, and put a table and a broken campaign beside them."""
+    """Simulate one-run campaigns of 20 s in two folders, and put a table and a broken campaign beside them.
+
+    Each folder has a transducer of its own; that of autumn reads a quarter too much drawbar pull.
+    """
     for i in range(1, campaigns + 1):
         place = folder / ("spring" if i % 2 else "autumn")
         place.mkdir(parents=True, exist_ok=True)
-        ok("simulate", "-o", place / f"day-{i}", "--runs", 1, "--duration", 20, "--seed", i)
+        wrong = () if i % 2 else ("--effect", "drawbar_pull_gain:relative=0.25")
+        ok("simulate", "-o", place / f"day-{i}", "--runs", 1, "--duration", 20, "--seed", i, *wrong)
+        vehicle = place / f"day-{i}" / "vehicle.toml"
+        told = vehicle.read_text().replace("[transducer]", f'[transducer]\nserial = "WFT-{1 + (i + 1) % 2}"')
+        vehicle.write_text(told)
     bench = folder / "bench"
     bench.mkdir()
     shutil.copy(folder / "spring" / "day-1" / "terrain.toml", bench)

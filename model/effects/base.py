@@ -184,6 +184,12 @@ class Effect:
     stage: ClassVar[int] = 0
 
     @classmethod
+    def of_the_transducer(cls) -> bool:
+        """Return whether it goes with a transducer from campaign to campaign: a gain, a cross-talk or a zero."""
+        forces = set(cls.shows) <= {"drawbar_pull", "driving_torque", "vertical_load"}
+        return cls.kind == "measurement" and forces and 1 <= cls.stage <= 4 and len(cls.parameters) == 1
+
+    @classmethod
     def is_usual(cls) -> bool:
         """Return whether soils usually have it: its parameters have usual values."""
         return all(p.usual for p in cls.parameters)

@@ -225,3 +225,50 @@ def fleet_export(
 
     for path in export(open_store(store), output, tuple(options.split(tables)), f".{format.removeprefix('.')}"):
         say(f"wrote {path}")
+
+
+@fleet_app.command("diagnose")
+def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
+    """Pool the store's campaigns: what is wrong with which transducer since when, which soils differ.
+
+    A single campaign does not tell a wrong gain from another soil; many with the same transducer do. Needs
+    [transducer] serial in vehicle.toml, and recordings with a date. No recording is read.
+    """
+    from wheelsoil.fleet import day_of, open_store, pool, pooled_json
+    from wheelsoil.wording.passport_text import left_out_line, passport_line, soil_lines
+
+    found = pool(open_store(store))
+    if json:
+        print_json(pooled_json(found))
+        return
+    for one in found.passports:
+        days = [day_of(point.years) for trend in one.trends.values() for point in trend.points]
+        print(passport_line(one, min(days, default=""), max(days, default="")))
+    if found.soils:
+        print("soils that differ from their laboratory:")
+        for line in soil_lines(found.soils):
+            print(f"  {line}")
+    if found.nameless:
+        say(left_out_line(found.nameless, "a serial ([transducer] serial in vehicle.toml)"))
+    if found.dateless:
+        say(left_out_line(found.dateless, "a date"))
+
+
+@fleet_app.command("report")
+def fleet_report(
+    store: StoreUrl,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The page.")] = Path("fleet.html"),
+    force: options.Force = False,
+) -> None:
+    """Write one page of all campaigns: verdicts, causes, transducers, drawbar pull by terrain; its numbers as JSON.
+
+    A campaign whose folder has a report.html leads to it.
+    """
+    from wheelsoil.fleet import open_store, overview_of
+
+    target = check_output(output, force=force)
+    check_output(target.with_suffix(".json"), force=force)
+    overview = overview_of(open_store(store))
+    for path in overview.write(target):
+        say(f"wrote {path}")
+    print(overview.headline)

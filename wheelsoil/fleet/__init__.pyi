@@ -1,4 +1,10 @@
 from .campaign_task import FleetOptions as FleetOptions
+from .overview import Overview as Overview
+from .overview import overview_of as overview_of
+from .pooled import Pooled as Pooled
+from .pooled import day_of as day_of
+from .pooled import pool as pool
+from .pooled import pooled_json as pooled_json
 from .queries import ask as ask
 from .queries import export as export
 from .queries import write_answer as write_answer

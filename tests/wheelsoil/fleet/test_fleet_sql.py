@@ -83,3 +83,17 @@ def test_status_says_what_there_is(store: Path) -> None:
     assert said["campaigns"] == 8 and list(said["failed"]) == ["broken"] and sum(said["verdicts"].values()) == 7
     assert said["rows"]["runs"] == 6 and said["cpu_s"] > 1 and said["peak_bytes"] > 1e7
     assert "failed: broken: " in ok("fleet", "status", store).out
+
+
+def test_the_wrong_transducer_is_found_of_both(store: Path) -> None:
+    said = ok("fleet", "diagnose", store, "--json").json
+    sound, wrong = said["transducers"]
+    assert (sound["serial"], sound["decision"]) == ("WFT-1", "nothing")
+    assert wrong["serial"] == "WFT-2" and wrong["decision"] in ("flagged", "named")
+    assert "drawbar_pull_gain" in wrong["effects"]
+    assert set(wrong["campaigns"]) == {"autumn/day-2", "autumn/day-6"}  # too few samples in the other
+    trend = wrong["trends"]["drawbar_pull_gain"]
+    assert abs(trend["value"] - 0.25) < 4 * trend["sigma"] and trend["date"].startswith("20")
+    lines = ok("fleet", "diagnose", store)
+    assert "WFT-1: 3 campaigns" in lines.out and "nothing detectable" in lines.out
+    assert "drawbar pull gain" in lines.out.partition("WFT-2")[2] and not lines.err

@@ -1,0 +1,9 @@
+from .passports import Candidate as Candidate
+from .passports import Passport as Passport
+from .passports import Point as Point
+from .passports import Trend as Trend
+from .passports import passport_of as passport_of
+from .reduced import OF_THE_TRANSDUCER as OF_THE_TRANSDUCER
+from .reduced import Observation as Observation
+from .reduced import SoilDeparture as SoilDeparture
+from .reduced import soil_departure as soil_departure

@@ -1,0 +1,150 @@
+r"""One campaign's information, reduced to the parameters of its transducer, and to its soil.
+
+What belongs to the campaign alone is integrated out with its prior: the soil, and the causes about which it was
+linearised that are not the transducer's. With G its cross products, n these columns, m the transducer's:
+
+.. math:: \Lambda = G_{mm} - G_{mn} (I + G_{nn})^{-1} G_{nm},\quad h = G_{mr} - G_{mn} (I + G_{nn})^{-1} G_{nr}
+
+so that the log likelihood of the transducer's parameters is :math:`h'\theta - \tfrac12\theta'\Lambda\theta`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from daq import FloatArray
+from model.diagnosis.core.information import Information
+from model.effects.catalogue import EFFECTS
+
+OF_THE_TRANSDUCER = tuple(key for key, effect in EFFECTS.items() if effect.of_the_transducer())
+"""Effects that go with a transducer from campaign to campaign; each has one parameter."""
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A campaign of a transducer.
+
+    Attributes
+    ----------
+    years : float
+        When it was driven, since any moment that is the same for all.
+    """
+
+    campaign: str
+    years: float
+    information: Information
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Information on the transducer's m parameters, in the order of `OF_THE_TRANSDUCER`, in units of their scales.
+
+    Attributes
+    ----------
+    precision : array, shape (m, m)
+    score : array, shape (m,)
+        Zero for a parameter that this campaign does not show.
+    """
+
+    years: float
+    precision: FloatArray
+    score: FloatArray
+
+
+def reduced(one: Observation) -> Reduced:
+    """Return what a campaign says of its transducer."""
+    information, first = one.information, 1 + len(one.information.soil)
+    own = {key: first + i for i, key in enumerate(information.effects) if key in OF_THE_TRANSDUCER}
+    others = [
+        first + i
+        for i, key in enumerate(information.effects)
+        if key in information.about and key not in OF_THE_TRANSDUCER
+    ]
+    precision, score = _without(information.matrix, [*range(1, first), *others], list(own.values()))
+    places = [OF_THE_TRANSDUCER.index(key) for key in own]
+    size = len(OF_THE_TRANSDUCER)
+    out = Reduced(one.years, np.zeros((size, size)), np.zeros(size))
+    out.precision[np.ix_(places, places)] = precision
+    out.score[places] = score
+    return out
+
+
+def _without(matrix: FloatArray, nuisance: Sequence[int], kept: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    n, m = np.array(nuisance, np.intp), np.array(kept, np.intp)
+    prior = np.eye(n.size) + matrix[np.ix_(n, n)]
+    solved = np.linalg.solve(prior, matrix[np.ix_(n, np.r_[m, 0])])
+    across = matrix[np.ix_(m, n)]
+    return matrix[np.ix_(m, m)] - across @ solved[:, :-1], matrix[m, 0] - across @ solved[:, -1]
+
+
+@dataclass(frozen=True)
+class SoilDeparture:
+    """How far a campaign's soil is from its laboratory.
+
+    Attributes
+    ----------
+    sigmas : mapping coordinate -> float
+        Posterior mean in the laboratory's one-sigma.
+    p_value : float
+        That a soil of the laboratory would be as far.
+    """
+
+    campaign: str
+    sigmas: dict[str, float]
+    p_value: float
+
+
+def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDeparture:
+    r"""Compare a campaign's soil with its laboratory.
+
+    Parameters
+    ----------
+    known : array, shape (m,), optional
+        The transducer's parameters, in units of their scales; none are off by default.
+
+    Notes
+    -----
+    With the laboratory's prior :math:`u \sim N(0, I)` the score h of the soil has the covariance
+    :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
+    """
+    information, q = one.information, len(one.information.soil)
+    first = 1 + q
+    others = [
+        first + i
+        for i, key in enumerate(information.effects)
+        if key in information.about and key not in OF_THE_TRANSDUCER
+    ]
+    matrix = information.matrix
+    if known is not None:
+        shift = np.zeros(len(matrix))
+        for i, key in enumerate(information.effects):
+            if key in OF_THE_TRANSDUCER:
+                shift[first + i] = known[OF_THE_TRANSDUCER.index(key)]
+        matrix = matrix.copy()
+        matrix[:, 0] -= matrix @ shift
+    precision, score = _without(matrix, others, range(1, first))
+    size, axes = np.linalg.eigh(precision)
+    seen = size > _NOTHING * max(float(size[-1]), 1.0)
+    along = axes.T @ score
+    statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
+    mean = np.linalg.solve(np.eye(q) + precision, score)
+    p_value = float(chi2.sf(statistic, int(seen.sum()))) if seen.any() else 1.0
+    return SoilDeparture(one.campaign, dict(zip(information.soil, map(float, mean), strict=True)), p_value)
+
+
+def scales_of(observations: Sequence[Observation]) -> tuple[FloatArray, tuple[str, ...], tuple[str, ...]]:
+    """Return scale, parameter and unit of each of the transducer's parameters; NaN and empty for one nobody shows."""
+    scales = np.full(len(OF_THE_TRANSDUCER), np.nan)
+    names, units = [""] * len(scales), [""] * len(scales)
+    for one in observations:
+        for i, key in enumerate(one.information.effects):
+            if key in OF_THE_TRANSDUCER:
+                at = OF_THE_TRANSDUCER.index(key)
+                scales[at] = one.information.scales[i]
+                names[at], units[at] = one.information.parameters[i], one.information.units[i]
+    return scales, tuple(names), tuple(units)

@@ -1,0 +1,257 @@
+"""The fleet's report: what the campaigns of a store say one by one and together, as a page and as JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from daq import number
+from model.diagnosis.pooling import Passport
+from wheelsoil import __version__
+from wheelsoil.fleet.pooled import Pooled, day_of, pool, pooled_json
+from wheelsoil.fleet.store import Store
+from wheelsoil.report import Curve, Drawing, Plane, drawn, reach
+from wheelsoil.to_json import plain
+from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.passport_text import passport_line, soil_lines
+
+SCHEMA = "wheelsoil/fleet-report/1"
+REPORT = "report.html"
+"""What a single report beside a campaign's runs is called, to be linked."""
+_MOST_BARS = 12
+_MAP, _LEAST_KM = (720, 300), 0.1
+_COLOURS = 5
+_MONTHS_A_YEAR = 12
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What the page shows.
+
+    Attributes
+    ----------
+    campaigns : pandas.DataFrame
+        A row each: those of the store's tables that the page has, with counts of the runs' grades.
+    causes : mapping family -> (named, one of several)
+        Number of campaigns.
+    """
+
+    url: str
+    campaigns: pd.DataFrame
+    causes: dict[str, tuple[int, int]]
+    pooled: Pooled
+    made_at: datetime
+
+    def numbers(self) -> dict[str, Any]:
+        """Return every number of the page."""
+        return {
+            "schema": SCHEMA,
+            "made_at": self.made_at.isoformat(timespec="seconds"),
+            "store": self.url,
+            "headline": self.headline,
+            "campaigns": plain(json.loads(self.campaigns.to_json(orient="records", date_format="iso"))),
+            "causes": {family: {"named": a, "one_of": b} for family, (a, b) in self.causes.items()},
+            "pulls": plain(self.pulls),
+            **{key: value for key, value in plain(pooled_json(self.pooled)).items() if key != "schema"},
+        }
+
+    @property
+    def headline(self) -> str:
+        """What matters most, in a sentence."""
+        wrong = [one for one in self.pooled.passports if one.decision != "nothing"]
+        if wrong:
+            serials = " and ".join(one.sensor for one in wrong)
+            effects = " and ".join(dict.fromkeys(plain_name(e) for one in wrong for e in one.effects[:1]))
+            sure = "" if all(one.decision == "named" for one in wrong) else "probably "
+            return f"Transducer {serials} is wrong: {sure}{effects}."
+        named = {family: a for family, (a, _) in self.causes.items() if a}
+        if named:
+            family, count = max(named.items(), key=lambda item: item[1])
+            return f"The cause that is named most often is {plain_name(family)}: in {count} of {self.done} campaigns."
+        return f"No cause is named in any of {self.done} campaigns."
+
+    @property
+    def done(self) -> int:
+        """Campaigns that did not fail."""
+        return int((self.campaigns["state"] == "done").sum())
+
+    @property
+    def pulls(self) -> list[dict[str, Any]]:
+        """Drawbar pull at slip 0.2 of each terrain: median over campaigns, its 95 % interval by order statistics."""
+        found = []
+        for terrain, own in self.campaigns.dropna(subset="pull_at_slip_0_2_n").groupby("terrain"):
+            pull = np.sort(own["pull_at_slip_0_2_n"].to_numpy(float))
+            low, high = _median_interval(pull)
+            found.append(
+                {
+                    "terrain": terrain,
+                    "campaigns": len(pull),
+                    "median_n": float(np.median(pull)),
+                    "interval95_n": [low, high],
+                }
+            )
+        return sorted(found, key=lambda one: -one["median_n"])
+
+    def write(self, path: Path) -> tuple[Path, Path]:
+        """Write the page, and its numbers as JSON beside it; return both paths."""
+        beside = path.with_suffix(".json")
+        path.write_text(self.html(path.parent), encoding="utf-8")
+        beside.write_text(json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        return path, beside
+
+    def html(self, folder: Path) -> str:
+        """Return the page; links to single reports start at a folder."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        own, web, report = (files(f"wheelsoil.{name}") for name in ("fleet", "web", "report"))
+        style = [web / "static" / "tokens.css", report / "page.css", own / "page.css"]
+        script = (own / "page.js").read_text(encoding="utf-8")
+        environment = Environment(
+            loader=PackageLoader("wheelsoil.fleet", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        )
+        bars = sorted(self.causes.items(), key=lambda item: (-item[1][0], -item[1][1]))[:_MOST_BARS]
+        return environment.get_template("page.html.j2").render(
+            overview=self,
+            rows=[_cells(row, folder) for row in self.campaigns.to_dict("records")],
+            bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
+            passports=[(one, _line(one), _drawing(one)) for one in self.pooled.passports],
+            soils=list(soil_lines(self.pooled.soils)),
+            pulls=self.pulls,
+            chart=_map(self.campaigns),
+            error=_errors(self.campaigns),
+            number=number,
+            version=__version__,
+            script=script,
+            script_hash=f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'",
+            style="".join(part.read_text(encoding="utf-8") for part in style),
+        )
+
+
+def overview_of(store: Store) -> Overview:
+    """Return the overview of a store."""
+    campaigns = store.table("campaigns").to_pandas()
+    diagnoses = store.table("diagnoses").to_pandas()[["campaign", "verdict", "R0_base", "R0_extended"]]
+    causes = store.table("causes").to_pandas()[["campaign", "family", "role"]].drop_duplicates()
+    shown = causes[causes["role"].isin(["named", "one_of"])]
+    names = shown.groupby("campaign")["family"].agg(lambda own: ", ".join(map(plain_name, own))).rename("cause")
+    grades = store.table("runs").to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
+    grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
+    whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
+    counts = Counter(zip(shown["family"], shown["role"], strict=True))
+    families = dict.fromkeys(shown["family"])
+    return Overview(
+        url=store.url,
+        campaigns=whole.drop(columns=["content"]),
+        causes={family: (counts[family, "named"], counts[family, "one_of"]) for family in families},
+        pooled=pool(store),
+        made_at=datetime.now(UTC),
+    )
+
+
+def _median_interval(ordered: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """Return the 95 % interval of a median by order statistics; NaN below six values, where there is none."""
+    from scipy.stats import binom
+
+    rank = int(binom.ppf(0.025, len(ordered), 0.5)) - 1
+    if len(ordered) < 6 or rank < 0:
+        return float("nan"), float("nan")
+    return float(ordered[rank]), float(ordered[-1 - rank])
+
+
+def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
+    """Return the median error on held-out runs before and after, N, of campaigns that have one."""
+    known = campaigns.dropna(subset=["R0_base", "R0_extended"])
+    return (float(known["R0_base"].median()), float(known["R0_extended"].median())) if len(known) else None
+
+
+def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
+    """Return what the table shows of a campaign."""
+    report = Path(row["path"]) / REPORT
+    verdict = str(row["verdict"]).replace("_", " ") if row["verdict"] == row["verdict"] and row["verdict"] else ""
+    known = {name: "" if value is None or value != value else value for name, value in row.items()}
+    grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
+    return {
+        "name": row["campaign"],
+        "link": os.path.relpath(report, folder.absolute()) if report.is_file() else "",
+        "date": f"{row['start']:%Y-%m-%d}" if not pd.isna(row["start"]) else "",
+        "terrain": known["terrain"],
+        "transducer": known["transducer"],
+        "failed": row["state"] == "failed",
+        "verdict": known["fault"] if row["state"] == "failed" else verdict,
+        "cause": known["cause"],
+        "base": known["R0_base"],
+        "extended": known["R0_extended"],
+        "pull": known["pull_at_slip_0_2_n"],
+        "low": known["pull_at_slip_0_2_lower95_n"],
+        "high": known["pull_at_slip_0_2_upper95_n"],
+        "grades": ", ".join(f"{count} {level}" for level, count in grades),
+        "poor": bool(known["poor"]),
+    }
+
+
+def _days(one: Passport) -> tuple[str, str]:
+    years = [point.years for trend in one.trends.values() for point in trend.points]
+    return (day_of(min(years)), day_of(max(years))) if years else ("", "")
+
+
+def _line(one: Passport) -> str:
+    return passport_line(one, *_days(one))
+
+
+def _drawing(one: Passport) -> Drawing | None:
+    """Draw the course of the named parameter, or of a sound one the first: each campaign, and the line through them."""
+    effect = next((each for each in (*one.effects, *one.trends) if each in one.trends), None)
+    if effect is None:
+        return None
+    trend = one.trends[effect]
+    factor, unit = (100.0, "%") if trend.unit == "1" else (1.0, trend.unit)
+    first = min(point.years for point in trend.points)
+    known = [point for point in trend.points if np.isfinite(point.value)]
+    months = np.array([(point.years - first) * _MONTHS_A_YEAR for point in known])
+    value, half = (factor * np.array(each) for each in zip(*((p.value, 1.96 * p.sigma) for p in known), strict=True))
+    along = np.linspace(0.0, max(float(months.max()), 0.1), 40)
+    fitted = factor * np.array([trend.value(first + month / _MONTHS_A_YEAR) for month in along])
+    name = plain_name(effect)
+    curves = [
+        Curve("", along, fitted[:, 0], "model", fitted[:, 1], fitted[:, 2]),
+        Curve("", months, value, "measured", value - half, value + half, points=True),
+    ]
+    last = float(along[-1])
+    plane = Plane(
+        (-0.02 * last, 1.02 * last),
+        reach(value - half, value + half),
+        f"months since {day_of(first)}",
+        f"{name}, {unit}, with 95 % intervals",
+    )
+    return drawn(f"passport-{one.sensor}", f"{one.sensor}: {name}", "", plane, curves, wide=(720, 360, 20))
+
+
+def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
+    """Return the places of campaigns in pixels, by fifths of the pull at slip 0.2; None where no place is known."""
+    known = campaigns.dropna(subset=["latitude_deg", "longitude_deg", "pull_at_slip_0_2_n"])
+    if known.empty:
+        return None
+    east = known["longitude_deg"].to_numpy(float) * np.cos(np.radians(known["latitude_deg"].mean())) * 111.32
+    north = known["latitude_deg"].to_numpy(float) * 110.57
+    pull = known["pull_at_slip_0_2_n"].to_numpy(float)
+    span = max(float(np.ptp(east)) / _MAP[0], float(np.ptp(north)) / _MAP[1], _LEAST_KM / _MAP[0]) * 1.15
+    x = _MAP[0] / 2 + (east - (east.max() + east.min()) / 2) / span
+    y = _MAP[1] / 2 - (north - (north.max() + north.min()) / 2) / span
+    edges = np.quantile(pull, np.linspace(0, 1, _COLOURS + 1)[1:-1])
+    fifth = np.searchsorted(edges, pull) + 1
+    places = zip(x.round(1), y.round(1), fifth.tolist(), known["campaign"], pull.round(0), strict=True)
+    across = span * _MAP[0]
+    width = f"{number(across, 2)} km" if across >= 1 else f"{number(1000 * across, 2)} m"
+    return {"size": _MAP, "places": list(places), "across": width, "pulls": (float(pull.min()), float(pull.max()))}
