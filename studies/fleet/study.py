@@ -1,7 +1,7 @@
 """A thousand campaigns end to end: throughput, memory, bytes, faults, questions, the page; two workers against one.
 
-``python -m studies.fleet.study [campaigns]``. A hundred campaigns of two runs of 20 s are simulated, with nothing hidden
-or one of six causes; the others are these under other names, linked. One in a hundred is broken.
+``python -m studies.fleet.study [campaigns]``. A hundred campaigns of two runs of 20 s are simulated, with nothing
+hidden or one of six causes; the others are these under other names, linked. One in a hundred is broken.
 """
 
 from __future__ import annotations
