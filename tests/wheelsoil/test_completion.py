@@ -20,9 +20,17 @@ echo "${{COMPREPLY[@]}}"
 
 @pytest.mark.parametrize(
     ("words", "completed"),
-    [("wheelsoil dia", "diagnose"), ("wheelsoil re", "replay recover report"), ("wheelsoil soil --pl", "--plate")],
+    [
+        ("wheelsoil dia", "diagnose"),
+        ("wheelsoil re", "replay recover report"),
+        ("wheelsoil soil --pl", "--plate"),
+        ("wheelsoil diagnose --effects torque_z", "torque_zero"),
+        ("wheelsoil diagnose --without lyasko,drawbar_pull_z", "lyasko,drawbar_pull_zero"),
+        ("wheelsoil fit --soil ding", "ding_clay"),
+        ("wheelsoil fleet st", "status"),
+    ],
 )
-def test_the_shell_completes_commands_and_options(words: str, completed: str) -> None:
+def test_the_shell_completes_commands_options_and_names(words: str, completed: str) -> None:
     bash = shutil.which("bash")
     if bash is None:
         pytest.skip("no bash here")

@@ -41,14 +41,8 @@ def diagnose_command(
     channels: Annotated[
         str, typer.Option("--channels", help="Channels to use if measured: dp (drawbar pull), t (torque), z (sinkage).")
     ] = "dp,t,z",
-    effects: Annotated[
-        list[str] | None,
-        typer.Option("--effects", metavar="NAME,...", help="Consider only these effects, families, or kinds."),
-    ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="NAME,...", help="Exclude these effects, families, or kinds."),
-    ] = None,
+    effects: options.Effects = None,
+    without: options.Without = None,
     most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes considered, 1 to 3.")] = 3,
     error_of_form: Annotated[
         float | None,

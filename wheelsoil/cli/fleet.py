@@ -53,10 +53,7 @@ def fleet_run(
         float, typer.Option(min=0, metavar="GB", help="Most for each process (default: its share of 80 %).")
     ] = 0.0,
     shard: Annotated[str, typer.Option(metavar="I/N", help="Only this part of the campaigns: 3/20.")] = "1/1",
-    effects: Annotated[
-        list[str] | None,
-        typer.Option("--effects", metavar="NAME,...", help="Consider only these effects, families, or kinds."),
-    ] = None,
+    effects: options.Effects = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
     json: options.Json = False,
 ) -> None:

@@ -104,10 +104,50 @@ LenientDbc = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace an existing output.")]
+
+
+def complete_effects(incomplete: str) -> list[str]:
+    """Return what the last of names between commas may become: effects, families, kinds."""
+    from model.effects import EFFECTS
+
+    before, comma, last = incomplete.rpartition(",")
+    names = dict.fromkeys([*EFFECTS, *(effect.name for effect in EFFECTS.values()), "physical", "measurement"])
+    return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
+
+
+def complete_presets(incomplete: str) -> list[str]:
+    """Return the soils that a name may become."""
+    return [name for name in PRESETS.split(", ") if name.startswith(incomplete)]
+
+
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effects",
+        metavar="NAME,...",
+        help="Consider only these effects, families, or kinds.",
+        autocompletion=complete_effects,
+    ),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="NAME,...",
+        help="Exclude these effects, families, or kinds.",
+        autocompletion=complete_effects,
+    ),
+]
 PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
 """`model.wheel_soil.soils.SOILS`, written out so that --help need not import it."""
 SoilPreset = Annotated[
-    str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
+    str | None,
+    typer.Option(
+        "--soil",
+        metavar="NAME",
+        help=f"A preset ({PRESETS}) instead of terrain.toml.",
+        autocompletion=complete_presets,
+    ),
 ]
 ChoiceFile = Annotated[
     Path | None,

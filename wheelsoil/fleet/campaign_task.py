@@ -88,28 +88,25 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
             if store.has(source.name, opened.content):
                 return Done(Manifest(source.name, opened.content, "done"), new=False)
             found = _of_tables(source, opened, options) if source.is_table else _of_runs(source, opened, options)
+            tables = tables_of(found, opened.content)
         except Exception as error:  # noqa: BLE001  # the boundary of a campaign: the others go on
             found = Found(source, fault=_fault_of(error), state="failed")
             opened = replace(opened, content=content_of(source, ["failed", opened.content], options))
-        return _written(found, opened, url, options, start_s)
-
-
-def _written(found: Found, opened: _Opened, url: str, options: FleetOptions, start_s: float) -> Done:
-    tables = tables_of(found, opened.content)
-    manifest = Manifest(
-        found.source.name,
-        opened.content,
-        found.state,
-        found.fault,
-        found.diagnosis.verdict if found.diagnosis else "",
-        opened.facts,
-        rows={name: len(rows) for name, rows in tables.items()},
-        options=asdict(options),
-        cpu_s=round(time.process_time() - start_s, 3),
-        peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-    )
-    open_store(url).put(manifest, tables)
-    return Done(manifest)
+            tables = tables_of(found, opened.content)
+        manifest = Manifest(
+            source.name,
+            opened.content,
+            found.state,
+            found.fault,
+            found.diagnosis.verdict if found.diagnosis else "",
+            opened.facts,
+            rows={name: len(rows) for name, rows in tables.items()},
+            options=asdict(options),
+            cpu_s=round(time.process_time() - start_s, 3),
+            peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        )
+        store.put(manifest, tables)
+        return Done(manifest)
 
 
 def content_of(source: Source, inputs: object, options: FleetOptions) -> str:
