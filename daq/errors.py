@@ -146,8 +146,8 @@ def every_error_as(
 
 
 def not_installed(files: str, package: str, where: object, extra: str) -> ConfigError:
-    """Return the error of files that are read through a package of one of our extras."""
-    what = f"{files} are read through {package}, which is not installed"
+    """Return the error of files, or another thing, that need a package of one of our extras."""
+    what = f"{files} need {package}, which is not installed"
     return ConfigError.of(what, where, next_step=f"pip install 'wheelsoil[{extra}]'")
 
 

@@ -32,7 +32,7 @@ CAUSES = (
 )
 FOLDER = Path("out") / "fleet"
 RESULTS = Path(__file__).with_name("results.json")
-PAIRED, TIMES = 40, 3
+PAIRED, TIMES = 20, 3
 """Campaigns that one worker and two workers do in turn, and how often."""
 
 

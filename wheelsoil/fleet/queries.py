@@ -26,9 +26,9 @@ def ask(store: Store, sql: str) -> pa.Table:
     ConfigError
         duckdb is not installed; the SQL is wrong, is not one statement, or would write.
     """
-    import duckdb
-
     with _connected(store) as connection:
+        import duckdb
+
         try:
             statements = connection.extract_statements(sql)
         except duckdb.Error as error:
@@ -55,7 +55,7 @@ def _connected(store: Store) -> Iterator[Any]:
     try:
         import duckdb
     except ImportError:
-        raise not_installed("stores", "duckdb", store.url, "sql") from None
+        raise not_installed("queries", "duckdb", store.url, "sql") from None
     with duckdb.connect(":memory:") as connection:
         connection.execute("set timezone = 'UTC'")
         prefix = "" if store.is_local else f"{store.protocol}://"

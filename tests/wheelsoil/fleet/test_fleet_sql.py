@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import duckdb
@@ -76,6 +77,29 @@ def test_wrong_sql_and_names_are_said(store: Path, tmp_path: Path) -> None:
         assert result.code == 2 and "next:" in result.err and "Traceback" not in result.err
     assert "nearest: runs" in invoke("fleet", "export", store, "-o", tmp_path, "--tables", "run").err
     assert invoke("fleet", "sql", store, "select 1", "-o", tmp_path / "x.xls").code == 2
+
+
+@pytest.mark.parametrize(
+    ("package", "command", "extra"),
+    [
+        ("duckdb", ("sql", "STORE", "select 1"), "sql"),
+        ("distributed", ("run", "STORE", "--store", "NEW", "--engine", "dask"), "dask"),
+        ("s3fs", ("status", "s3://bucket/fleet"), "s3"),
+    ],
+)
+def test_an_extra_that_is_missing_is_said(
+    package: str,
+    command: tuple[str, ...],
+    extra: str,
+    fleet: Path,
+    store: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    places = {"STORE": fleet if command[0] == "run" else store, "NEW": tmp_path / "s"}
+    result = invoke("fleet", *(places.get(arg, arg) for arg in command))
+    assert result.code == 2 and f"pip install 'wheelsoil[{extra}]'" in result.err and "Traceback" not in result.err
 
 
 def test_status_says_what_there_is(store: Path) -> None:
