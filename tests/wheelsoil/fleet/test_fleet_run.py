@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -117,11 +118,10 @@ def test_shards_are_all_of_it_and_each_once(fleet: Path, store: Path) -> None:
 def test_a_worker_that_is_killed_costs_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
     with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 2) as process:
         process.line_with("1/3")
-        children = subprocess.run(
-            ["ps", "-o", "pid=,args=", "-g", str(process.process.pid)], capture_output=True, text=True, check=True
-        ).stdout
-        workers = [line.split()[0] for line in children.splitlines() if "spawn_main" in line]
-        os.kill(int(workers[-1]), signal.SIGKILL)
+        workers = [
+            pid for pid in _group(process.process.pid) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        ]
+        os.kill(workers[-1], signal.SIGKILL)
         assert process.process.wait(120) == 0
     _same(store, tmp_path / "s", "spring/")
 
@@ -135,6 +135,16 @@ def test_a_call_that_is_killed_is_taken_up_again(fleet: Path, store: Path, tmp_p
     assert f"{len(before)} in the store already" in again.err
     _same(store, tmp_path / "s", "spring/")
     assert len(list((tmp_path / "s").rglob("*.draft"))) <= 1  # of a file that was being written
+
+
+def _group(leader: int) -> list[int]:
+    """Processes that a program has started."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if os.getpgid(int(place.name)) == leader:
+                found.append(int(place.name))
+    return found
 
 
 def _same(whole: Path, part: Path, prefix: str) -> None:
