@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from cli_support import invoke, ok
 from fleet_support import rows_of
+from fsspec.registry import _registry
 
 from wheelsoil.fleet import COLUMNS, ask, open_store
 
@@ -97,6 +98,7 @@ def test_an_extra_that_is_missing_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(_registry, "s3", raising=False)  # loaded by an earlier test of this process
     places = {"STORE": fleet if command[0] == "run" else store, "NEW": tmp_path / "s"}
     result = invoke("fleet", *(places.get(arg, arg) for arg in command))
     assert result.code == 2 and f"pip install 'wheelsoil[{extra}]'" in result.err and "Traceback" not in result.err
