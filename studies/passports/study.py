@@ -1,4 +1,4 @@
-"""How often a transducer that drifts is flagged and named, and a sound one is not.
+"""How often a transducer that drifts is flagged and named, and a sound one is not, also on a wheel wrongly described.
 
 ``PYTHONPATH=tests python -m studies.passports.study [seeds]``. Twelve months, three transducers, twenty campaigns of
 two runs of 40 s for each, on soils that are drawn. In one of the three the gain of drawbar pull drifts by nothing, 0.1
@@ -28,6 +28,9 @@ TRANSDUCERS, CAMPAIGNS, RUNS = 3, 20, 2
 DRIFTS = (0.0, 0.1, 0.5)
 """Percent a month."""
 OF = "drawbar_pull_gain"
+SHARED = {"bulldozing": 0.05, "grouser": 0.002, "wheel_radius": 0.005}
+"""What the engine is not told of the vehicle: the same in all campaigns, in the effects' SI units."""
+SHARED_SEEDS = 8
 KEPT = Path("out") / "passports"
 RESULTS = Path(__file__).with_name("results.json")
 
@@ -37,14 +40,15 @@ def months(seed: int, transducer: int) -> list[float]:
     return sorted(np.random.default_rng((seed, transducer, 99)).uniform(0.0, 12.0, CAMPAIGNS).tolist())
 
 
-def observed(seed: int, transducer: int, number: int, drift: float) -> Observation:
-    """Return what a campaign says, made or kept."""
-    kept = KEPT / f"{seed}_{transducer}_{number}_{drift:g}"
+def observed(seed: int, transducer: int, number: int, drift: float = 0.0, shared: str = "") -> Observation:
+    """Return what a campaign says, made or kept; `shared` is of SHARED."""
+    kept = KEPT / f"{seed}_{transducer}_{number}_{shared or format(drift, 'g')}"
     when = months(seed, transducer)[number]
     if not kept.exists():
         soil = "clay" if (transducer + number) % 2 else "sandy"
         day = field_day(soil, (seed, transducer, number), runs=RUNS)
-        campaign = campaign_from_channels(day, [(OF, drift / 100.0 * when)] if drift else [])
+        hidden = [(shared, SHARED[shared])] if shared else [(OF, drift / 100.0 * when)] if drift else []
+        campaign = campaign_from_channels(day, hidden)
         found = linearise_campaigns([campaign])
         kept.write_bytes(to_bytes(found.information(excess(found.grams, found.best.keys))))
     return Observation(str(number), when / 12.0, from_bytes(bytearray(kept.read_bytes())))
@@ -64,6 +68,15 @@ def one(seed: int) -> dict[str, Any]:
         others = [each for i, each in enumerate(sound) if i != wrong]
         found[f"{drift:g}"] = {"wrong": _told(passport(seed, wrong, drift)), "others": [_told(one) for one in others]}
     return found
+
+
+def wrongly_described(shared: str) -> list[dict[str, Any]]:
+    """Return what is said of sound transducers on a vehicle that is not as described."""
+    of = [[observed(seed, 0, i, shared=shared) for i in range(CAMPAIGNS)] for seed in range(SHARED_SEEDS)]
+    found = [passport_of(str(seed), each) for seed, each in enumerate(of)]
+    return [
+        _told(one) | {"shared": one.shared[0].effect, "share": round(one.shared[0].probability, 3)} for one in found
+    ]
 
 
 def _told(one: Passport) -> dict[str, Any]:
@@ -110,8 +123,15 @@ def main(seeds: int = 20) -> None:
     """Work on the seeds and keep the results."""
     KEPT.mkdir(parents=True, exist_ok=True)
     found = [one(seed) for seed in range(seeds)]
-    RESULTS.write_text(json.dumps({"figures": summary(found), "seeds": found}, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(summary(found), indent=1))
+    shared = {key: wrongly_described(key) for key in SHARED}
+    figures = summary(found) | {
+        f"{key} off by {size:g}: {decision}": sum(one["decision"] == decision for one in shared[key])
+        for key, size in SHARED.items()
+        for decision in ("nothing", "flagged", "named")
+    }
+    kept = {"figures": figures, "seeds": found, "wrongly described": shared}
+    RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":

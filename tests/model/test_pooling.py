@@ -115,6 +115,13 @@ def test_a_campaign_s_own_cause_is_no_fault_of_the_transducer() -> None:
     assert passport_of("7", sunk).decision == "nothing"
 
 
+def test_what_all_campaigns_share_may_be_the_wheel_s_or_the_soil_s() -> None:
+    found = passport_of("7", [campaign(500 + i, i / 12, {"lyasko": 0.04}) for i in range(12)])
+    assert found.decision == "nothing" and found.shared[0].effect == "lyasko" and found.shared[0].probability > 0.9
+    sound = passport_of("7", year(9))
+    assert sound.shared[0].probability < 0.5
+
+
 def test_scatter_between_campaigns_is_no_drift() -> None:
     rng = np.random.default_rng(8)
     sizes = 0.01 * rng.standard_normal(12)

@@ -108,6 +108,7 @@ def _passport_json(one: Passport) -> dict[str, Any]:
         "effects": list(one.effects),
         "probability": one.wrong,
         "candidates": [vars(candidate) for candidate in one.candidates],
+        "shared": [{"effect": each.effect, "probability": each.probability} for each in one.shared],
         "scatter": one.scatter,
         "disagree": one.disagree,
         "trends": {effect: dict(_trend_json(one, effect)) for effect in one.trends},

@@ -10,6 +10,7 @@ from wheelsoil.wording.names import SOIL_LETTERS, plain_name
 
 _Z95 = 1.96
 _MONTHS = 12
+_LIKELY = 0.5
 _NAMED = 6
 """Campaigns that a line names, more are counted."""
 
@@ -34,6 +35,9 @@ def _said(one: Passport) -> Iterator[str]:
         yield "nothing detectable"
         for effect, trend in list(one.trends.items())[:1]:
             yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
+    if one.shared and one.shared[0].probability > _LIKELY:
+        name, percent = plain_name(one.shared[0].effect), 100 * one.shared[0].probability
+        yield f"all campaigns share what is not the transducer's: {name} ({percent:.0f} %)"
     if one.disagree:
         yield f"not as the others: {_names(list(one.disagree))}"
 

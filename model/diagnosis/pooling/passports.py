@@ -10,6 +10,9 @@ each constant (one :math:`\varphi`) or drifting (a constant and a slope); all ot
 campaigns of one transducer scatter beside their own uncertainty, is integrated over a grid: where the model fits badly,
 that is no drift. All is Gaussian: evidence, probabilities and intervals are exact.
 
+What campaigns share need not be the transducer's: a wheel whose grousers are 2 mm shorter than stated looks, in all of
+them, like a gain. So each hypothesis stands with and without one constant parameter of wheel, soil or speed.
+
 Source: as `model.diagnosis.time_series.evidence`; of hierarchical pooling Gelman et al. (2013), Bayesian Data Analysis,
 chapter 5.
 """
@@ -26,7 +29,8 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from daq import FloatArray
-from model.diagnosis.pooling.reduced import OF_THE_TRANSDUCER, Observation, Reduced, reduced, scales_of
+from model.diagnosis.pooling.reduced import OF_THE_TRANSDUCER, Observation, Reduced, may_be_shared, reduced, scales_of
+from model.diagnosis.pooling.sums import Sums, with_scatter
 
 Course = Literal["constant", "drift"]
 Decision = Literal["nothing", "flagged", "named"]
@@ -35,6 +39,8 @@ _SOUND = 0.8
 """Prior probability that nothing is wrong with a transducer."""
 _PAIR = 0.1
 """Of two parameters that are wrong, for each one."""
+_SHARED = 0.5
+"""Prior probability that the campaigns share an error of wheel, soil or speed: no vehicle is described exactly."""
 _SCATTER = (0.0, 0.01, 0.02, 0.04, 0.08)
 """Of the prior scales: 0.08 to 0.6 % of a gain in drawbar pull."""
 _SURE = 0.9
@@ -115,6 +121,8 @@ class Passport:
         Posterior mean of tau, in prior scales.
     disagree : mapping campaign -> p-value
         Campaigns that the others do not predict.
+    shared : tuple of Candidate
+        Effects of wheel, soil or speed that are the same in all campaigns; most probable first.
     """
 
     sensor: str
@@ -126,6 +134,7 @@ class Passport:
     trends: dict[str, Trend]
     scatter: float
     disagree: dict[str, float]
+    shared: tuple[Candidate, ...]
 
 
 Hypothesis = tuple[tuple[int, Course], ...]
@@ -140,20 +149,20 @@ def passport_of(sensor: str, observations: Sequence[Observation]) -> Passport:
         Its campaigns, in any order.
     """
     ordered = sorted(observations, key=lambda one: (one.years, one.campaign))
-    data = [reduced(one) for one in ordered]
+    shared = may_be_shared(ordered)
+    data = [reduced(one, shared) for one in ordered]
     middle = float(np.mean([one.years for one in data])) if data else 0.0
     shown = [i for i in range(len(OF_THE_TRANSDUCER)) if any(one.precision[i, i] > 0 for one in data)]
     hypotheses = list(_hypotheses(shown, several=len({one.years for one in data}) > 1))
-    prior = np.log([_prior(h, hypotheses) for h in hypotheses])
-    evidence = np.array([[_fit(data, h, tau, middle).evidence for tau in _SCATTER] for h in hypotheses])
-    joint = evidence + prior[:, None] - np.log(len(_SCATTER))
-    weight = np.exp(joint - logsumexp(joint))
-    chance = weight.sum(axis=1)
-    scatter = float(weight.sum(axis=0) @ np.array(_SCATTER))
-    candidates = _candidates(shown, hypotheses, chance)
+    weight = _weights(data, hypotheses, len(shared), middle)
+    chance = weight.sum(axis=(0, 2))
     wrong = float(1.0 - chance[hypotheses.index(())])
+    candidates = _candidates(shown, hypotheses, chance)
     decision, effects = _decided(wrong, candidates)
-    best, tau = np.unravel_index(int(np.argmax(joint)), joint.shape)
+    tau, best, beside = np.unravel_index(int(np.argmax(weight)), weight.shape)
+    places = _places(hypotheses[best], _size(len(shared)))
+    if beside:
+        places.append(_size(int(beside) - 1))
     return Passport(
         sensor,
         tuple(one.campaign for one in ordered),
@@ -162,9 +171,49 @@ def passport_of(sensor: str, observations: Sequence[Observation]) -> Passport:
         wrong,
         candidates,
         _trends(ordered, data, shown, middle),
-        scatter,
-        _disagreeing(ordered, data, hypotheses[int(best)], _SCATTER[int(tau)], middle),
+        float(weight.sum(axis=(1, 2)) @ np.array(_SCATTER)),
+        _disagreeing(ordered, data, places, _SCATTER[tau], middle),
+        _shared(shared, weight.sum(axis=(0, 1))[1:]),
     )
+
+
+def _size(shared: int) -> int:
+    return len(OF_THE_TRANSDUCER) + shared
+
+
+def _weights(data: Sequence[Reduced], hypotheses: Sequence[Hypothesis], shared: int, middle: float) -> FloatArray:
+    """Return the posterior of scatter, hypothesis and what is shared (nothing first), shape (t, n, 1 + shared)."""
+    prior = np.log([_prior(h, hypotheses) for h in hypotheses])
+    beside = np.log([1.0 - _SHARED] + [_SHARED / shared] * shared) if shared else np.zeros(1)
+    joint = np.array([_evidences(_sums(data, tau, middle), hypotheses, shared) for tau in _SCATTER])
+    joint += prior[:, None] + beside
+    found: FloatArray = np.exp(joint - logsumexp(joint))
+    return found
+
+
+def _sums(data: Sequence[Reduced], tau: float, middle: float) -> Sums:
+    moments = [with_scatter(one.moments, tau, len(OF_THE_TRANSDUCER)) for one in data]
+    return Sums.of(moments, [_SLOPE * (one.years - middle) for one in data])
+
+
+def _evidences(sums: Sums, hypotheses: Sequence[Hypothesis], shared: int) -> FloatArray:
+    """Return log evidences, shape (n, 1 + shared)."""
+    found = np.empty((len(hypotheses), 1 + shared))
+    listed = [_places(one, _size(shared)) for one in hypotheses]
+    rivals = np.arange(len(OF_THE_TRANSDUCER), _size(shared))
+    for size in {len(places) for places in listed}:
+        rows = [i for i, places in enumerate(listed) if len(places) == size]
+        own = np.array([listed[i] for i in rows], np.intp).reshape(len(rows), size)
+        found[rows, 0] = sums.evidences(own)
+        both = np.empty((len(rows), shared, size + 1), np.intp)
+        both[..., :size], both[..., size] = own[:, None], rivals
+        found[rows, 1:] = sums.evidences(both)
+    return found
+
+
+def _places(one: Hypothesis, size: int) -> list[int]:
+    """Return the places in `Sums` of a hypothesis' parameters: a slope stands `size` behind its constant."""
+    return [at for place, course in one for at in ((place, size + place) if course == "drift" else (place,))]
 
 
 def _hypotheses(shown: Sequence[int], *, several: bool) -> list[Hypothesis]:
@@ -185,47 +234,6 @@ def _prior(one: Hypothesis, of: Sequence[Hypothesis]) -> float:
     return (1.0 - _SOUND) * share / alike
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """Log evidence of a hypothesis, less that of perfect sensors without scatter; mean and covariance of phi."""
-
-    evidence: float
-    mean: FloatArray
-    covariance: FloatArray
-
-
-def _fit(data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: float, prior: float = 1.0) -> _Fitted:
-    size = sum(2 if course == "drift" else 1 for _, course in hypothesis)
-    precision, side, total = prior * np.eye(size), np.zeros(size), 0.0
-    for one in data:
-        own, score, left = _scattered(one, tau)
-        design = _design(hypothesis, one.years - middle)
-        precision += design.T @ own @ design
-        side += design.T @ score
-        total += left
-    covariance: FloatArray = np.asarray(np.linalg.inv(precision), float)
-    total += 0.5 * float(side @ covariance @ side) - 0.5 * float(np.linalg.slogdet(precision)[1])
-    return _Fitted(total, covariance @ side, covariance)
-
-
-def _design(hypothesis: Hypothesis, years: float) -> FloatArray:
-    """Return D of one campaign, shape (m, number of phi)."""
-    columns: list[FloatArray] = []
-    for place, course in hypothesis:
-        unit = np.zeros(len(OF_THE_TRANSDUCER))
-        unit[place] = 1.0
-        columns += [unit, _SLOPE * years * unit] if course == "drift" else [unit]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(OF_THE_TRANSDUCER), 0))
-
-
-def _scattered(one: Reduced, tau: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return precision and score with the scatter integrated out, and its share of the log evidence."""
-    variance = tau**2
-    inner = np.linalg.inv(np.eye(len(one.score)) + variance * one.precision)
-    left = 0.5 * variance * float(one.score @ inner @ one.score) + 0.5 * float(np.linalg.slogdet(inner)[1])
-    return one.precision @ inner, inner.T @ one.score, left
-
-
 def _candidates(shown: Sequence[int], hypotheses: Sequence[Hypothesis], chance: FloatArray) -> tuple[Candidate, ...]:
     found = []
     for place in shown:
@@ -233,6 +241,13 @@ def _candidates(shown: Sequence[int], hypotheses: Sequence[Hypothesis], chance: 
         drifts = [dict(h).get(place) == "drift" for h in hypotheses]
         found.append(Candidate(OF_THE_TRANSDUCER[place], float(chance[holds].sum()), float(chance[drifts].sum())))
     return tuple(sorted(found, key=lambda one: -one.probability))
+
+
+def _shared(shared: Sequence[tuple[str, str]], chance: FloatArray) -> tuple[Candidate, ...]:
+    total: dict[str, float] = {}
+    for (effect, _), each in zip(shared, chance.tolist(), strict=True):
+        total[effect] = total.get(effect, 0.0) + each
+    return tuple(sorted((Candidate(key, each, 0.0) for key, each in total.items()), key=lambda one: -one.probability))
 
 
 def _decided(wrong: float, candidates: Sequence[Candidate]) -> tuple[Decision, tuple[str, ...]]:
@@ -256,9 +271,10 @@ def _trends(
     scales, names, units = scales_of(ordered)
     found = {}
     for place in shown:
-        fitted = _fit(data, ((place, "drift"),), 0.0, middle, _HARDLY_ANY)
+        sums = _sums(data, 0.0, middle)
+        mean, covariance = sums.fit([place, sums.size + place], _HARDLY_ANY)
         unit = scales[place] * np.array([1.0, _SLOPE])
-        sigma, mean = np.sqrt(np.diag(fitted.covariance)) * abs(unit), fitted.mean * unit
+        sigma, mean = np.sqrt(np.diag(covariance)) * abs(unit), mean * unit
         points = []
         for one, campaign in zip(data, ordered, strict=True):
             own = one.precision[place, place]
@@ -279,21 +295,23 @@ def _trends(
 
 
 def _disagreeing(
-    ordered: Sequence[Observation], data: Sequence[Reduced], hypothesis: Hypothesis, tau: float, middle: float
+    ordered: Sequence[Observation], data: Sequence[Reduced], places: Sequence[int], tau: float, middle: float
 ) -> dict[str, float]:
     """Return the campaigns that the others do not predict, with the probability that one would be as far."""
     found = {}
+    m = len(OF_THE_TRANSDUCER)
     for i, one in enumerate(data):
-        rest = _fit([*data[:i], *data[i + 1 :]], hypothesis, tau, middle)
-        design = _design(hypothesis, one.years - middle)
-        error = one.score - one.precision @ design @ rest.mean
-        spread = design @ rest.covariance @ design.T + tau**2 * np.eye(len(error))
-        size, axes = np.linalg.eigh(one.precision)
+        rest = _sums([*data[:i], *data[i + 1 :]], tau, middle) if len(data) > 1 else Sums.none(len(one.score))
+        mean, covariance = rest.fit(places)
+        rows = one.precision[:m] @ rest.design(places, _SLOPE * (one.years - middle))
+        error = one.score[:m] - rows @ mean
+        own = one.precision[:m, :m]
+        size, axes = np.linalg.eigh(own)
         seen = size > 1e-9 * max(float(size[-1]), 1.0)
         basis = axes[:, seen]
-        covariance = basis.T @ (one.precision + one.precision @ spread @ one.precision) @ basis
+        spread = basis.T @ (own + rows @ covariance @ rows.T + tau**2 * own @ own) @ basis
         along = basis.T @ error
-        p_value = float(chi2.sf(float(along @ np.linalg.solve(covariance, along)), int(seen.sum())))
+        p_value = float(chi2.sf(float(along @ np.linalg.solve(spread, along)), int(seen.sum())))
         if p_value < _DISAGREES / len(data):
             found[ordered[i].campaign] = p_value
     return found

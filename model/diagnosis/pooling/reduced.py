@@ -1,11 +1,11 @@
-r"""One campaign's information, reduced to the parameters of its transducer, and to its soil.
+r"""One campaign's information, reduced to what it may share with others, and to its soil.
 
 What belongs to the campaign alone is integrated out with its prior: the soil, and the causes about which it was
-linearised that are not the transducer's. With G its cross products, n these columns, m the transducer's:
+linearised that are not the transducer's. With G its cross products, n these columns, m those that are kept:
 
 .. math:: \Lambda = G_{mm} - G_{mn} (I + G_{nn})^{-1} G_{nm},\quad h = G_{mr} - G_{mn} (I + G_{nn})^{-1} G_{nr}
 
-so that the log likelihood of the transducer's parameters is :math:`h'\theta - \tfrac12\theta'\Lambda\theta`.
+so that the log likelihood of these parameters is :math:`h'\theta - \tfrac12\theta'\Lambda\theta`.
 """
 
 from __future__ import annotations
@@ -42,35 +42,61 @@ class Observation:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Information on the transducer's m parameters, in the order of `OF_THE_TRANSDUCER`, in units of their scales.
+    """Information on k parameters in units of their scales: `OF_THE_TRANSDUCER`, then what campaigns may share.
 
     Attributes
     ----------
-    precision : array, shape (m, m)
-    score : array, shape (m,)
-        Zero for a parameter that this campaign does not show.
+    moments : array, shape (1 + k, 1 + k)
+        Score in the first row and column, precision in the rest; zero for a parameter that the campaign does not show.
     """
 
     years: float
-    precision: FloatArray
-    score: FloatArray
+    moments: FloatArray
+
+    @property
+    def precision(self) -> FloatArray:
+        """Return Lambda, shape (k, k)."""
+        return self.moments[1:, 1:]
+
+    @property
+    def score(self) -> FloatArray:
+        """Return h, shape (k,)."""
+        return self.moments[1:, 0]
 
 
-def reduced(one: Observation) -> Reduced:
-    """Return what a campaign says of its transducer."""
+Shared = tuple[str, str]
+"""Effect and parameter of what is not the transducer's and yet may be the same in all campaigns."""
+
+
+def may_be_shared(observations: Sequence[Observation]) -> list[Shared]:
+    """Return what the campaigns show of wheel, soil and speed, in its order."""
+    shown = dict.fromkeys(
+        pair
+        for one in observations
+        for pair in zip(one.information.effects, one.information.parameters, strict=True)
+        if pair[0] not in OF_THE_TRANSDUCER
+    )
+    return list(shown)
+
+
+def reduced(one: Observation, shared: Sequence[Shared] = ()) -> Reduced:
+    """Return what a campaign says of its transducer, and of what it may share with others."""
     information, first = one.information, 1 + len(one.information.soil)
-    own = {key: first + i for i, key in enumerate(information.effects) if key in OF_THE_TRANSDUCER}
-    others = [
-        first + i
-        for i, key in enumerate(information.effects)
-        if key in information.about and key not in OF_THE_TRANSDUCER
-    ]
-    precision, score = _without(information.matrix, [*range(1, first), *others], list(own.values()))
-    places = [OF_THE_TRANSDUCER.index(key) for key in own]
-    size = len(OF_THE_TRANSDUCER)
-    out = Reduced(one.years, np.zeros((size, size)), np.zeros(size))
-    out.precision[np.ix_(places, places)] = precision
-    out.score[places] = score
+    alone, kept, places = list(range(1, first)), [], []
+    for at, (key, parameter) in enumerate(zip(information.effects, information.parameters, strict=True), first):
+        if key in OF_THE_TRANSDUCER:
+            kept.append(at)
+            places.append(1 + OF_THE_TRANSDUCER.index(key))
+        elif key in information.about:
+            alone.append(at)
+        elif (key, parameter) in shared:
+            kept.append(at)
+            places.append(1 + len(OF_THE_TRANSDUCER) + shared.index((key, parameter)))
+    precision, score = _without(information.matrix, alone, kept)
+    size = 1 + len(OF_THE_TRANSDUCER) + len(shared)
+    out = Reduced(one.years, np.zeros((size, size)))
+    out.moments[np.ix_(places, places)] = precision
+    out.moments[0, places] = out.moments[places, 0] = score
     return out
 
 
