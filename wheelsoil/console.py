@@ -82,6 +82,28 @@ def progress(items: Iterable[Item], label: str, total: int | None = None) -> Ite
 
 
 @contextmanager
+def diagnosing() -> Iterator[None]:
+    """Show how far the diagnosis inside is and about how long it will take, when stderr is a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from model.diagnosis import SHARE_BEFORE, watched
+
+    columns = (TextColumn("diagnosing"), BarColumn(), TimeRemainingColumn(compact=True))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def tell(stage: str) -> None:
+            bar.update(task, completed=max(bar.tasks[0].completed, SHARE_BEFORE.get(stage, 0.0)))
+
+        with watched(tell):
+            yield
+
+
+@contextmanager
 def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
     """Yield a function that shows a count of `what`; None if stderr is not a terminal."""
     if not sys.stderr.isatty():

@@ -1,3 +1,4 @@
+from .core import SHARE_BEFORE as SHARE_BEFORE
 from .core import Adequacy as Adequacy
 from .core import Bench as Bench
 from .core import BoundRows as BoundRows
@@ -28,6 +29,7 @@ from .core import bound_rows_of_table as bound_rows_of_table
 from .core import considered as considered
 from .core import inconsistent as inconsistent
 from .core import not_identifiable as not_identifiable
+from .core import watched as watched
 from .findings import CONFOUNDED_COSINE as CONFOUNDED_COSINE
 from .findings import DETECTABLE_D as DETECTABLE_D
 from .planning import Plan as Plan

@@ -17,6 +17,7 @@ from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilMode
 
 if TYPE_CHECKING:
     import pandas as pd
+    from xarray import DataTree
 
 
 MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyasko": ("lyasko",), "ding": ("ding",)}
@@ -166,6 +167,23 @@ class CampaignFit:
     def model(self, name: str) -> ModelFit:
         """Return a model's fit by name."""
         return next(m for m in self.models if m.name == name)
+
+    def to_inference_data(self, name: str, *, draws: int = 1000, seed: int = 0) -> DataTree:
+        """Return a model's parameters for ArviZ, as draws from their normal distribution in four chains.
+
+        Returns
+        -------
+        xarray.DataTree
+            ``posterior`` (its ``units`` as attributes), ``observed_data`` and ``constant_data`` of the fitted samples.
+
+        Raises
+        ------
+        ConfigError
+            arviz-base is not installed.
+        """
+        from model.inference_data import draws_of_fit
+
+        return draws_of_fit(self, name, draws, seed)
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return ``estimates`` (one row a parameter) and ``criteria`` (one row a model and channel) as frames.

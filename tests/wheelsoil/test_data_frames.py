@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ import pytest
 from cli_support import ok
 from short_campaign import driven
 
-from daq import Channel
+from daq import Channel, ConfigError, DataError
 from daq.runs import Run, open_runs
 from daq.series import write_frame
+from model.diagnosis import SHARE_BEFORE
 from model.diagnosis.core import Diagnosis, DiagnosisOptions
 from model.diagnosis.time_series import diagnose
 from model.fit import CampaignFit, FitOptions, fit_models
@@ -112,6 +114,45 @@ def test_a_diagnosis_has_its_tables(diagnosis: Diagnosis) -> None:
     assert set(frames["minimum_detectable"]["effect"]) == set(diagnosis.minimum_detectable)
     for name in ("what_is_wrong", "gain", "next_run"):
         assert len(frames[name].columns), "columns are there without a row, too"
+
+
+def test_the_stages_of_the_bar_are_those_of_a_diagnosis(diagnosis: Diagnosis) -> None:
+    assert set(SHARE_BEFORE) <= set(diagnosis.stages_s)
+
+
+def test_a_fit_opens_in_arviz(fit: CampaignFit) -> None:
+    tree = fit.to_inference_data("ding", draws=4000)
+    posterior, found = tree["posterior"], fit.model("ding")
+    assert dict(posterior.sizes) == {"chain": 4, "draw": 4000} and posterior.attrs["model"] == "ding"
+    for one in (e for e in found.estimates if not e.derived):
+        drawn = posterior[one.name]
+        assert (
+            float(drawn.mean()) == pytest.approx(one.value, abs=0.05 * one.sigma) and drawn.attrs["units"] == one.unit
+        )
+        assert float(drawn.std()) == pytest.approx(one.sigma, rel=0.05)
+    for (first, other), each in found.correlation.items():
+        drawn = np.corrcoef(posterior[first].values.ravel(), posterior[other].values.ravel())[0, 1]
+        assert drawn == pytest.approx(each, abs=0.04)
+    np.testing.assert_array_equal(tree["observed_data"]["drawbar_pull_n"].values, fit.observations.drawbar_pull_n)
+    assert tree["constant_data"]["slip"].shape == fit.observations.slip.shape
+
+
+def test_a_diagnosis_opens_in_arviz_beside_its_prior(diagnosis: Diagnosis) -> None:
+    tree = diagnosis.to_inference_data()
+    posterior, prior = tree["posterior"], tree["prior"]
+    assert set(posterior.data_vars) == set(prior.data_vars) and diagnosis.information is not None
+    assert set(diagnosis.information.soil) < set(posterior.data_vars) and diagnosis.information.about
+    assert all(posterior[name].attrs["units"] for name in posterior.data_vars)
+    narrower = [float(posterior[name].std() / prior[name].std()) for name in posterior.data_vars]
+    assert max(narrower) < 1.1 and min(narrower) < 0.2
+    with pytest.raises(DataError, match="no linear model"):
+        replace(diagnosis, information=None).to_inference_data()
+
+
+def test_draws_without_arviz_are_said(fit: CampaignFit, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "arviz_base", None)
+    with pytest.raises(ConfigError, match=r"wheelsoil\[arviz\]"):
+        fit.to_inference_data("ding")
 
 
 def test_pandas_is_not_imported_before_a_frame_is_asked_for() -> None:

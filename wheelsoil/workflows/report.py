@@ -12,6 +12,7 @@ from model import ExtendedModel
 from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
+from wheelsoil.console import diagnosing
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
 from wheelsoil.workflows.choice import Choice, provenance_of
@@ -68,7 +69,8 @@ def report_of(
     choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
     processed = open_and_process(paths, options, files, choice=choice)
-    found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
+    with diagnosing():
+        found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
     return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice)
 
 
@@ -159,7 +161,8 @@ def report_of_tables(
 
 def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) -> Diagnosed:
     try:
-        return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
+        with diagnosing():
+            return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
     except WheelsoilError as error:
         return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
 

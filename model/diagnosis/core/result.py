@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, FloatArray, IndexArray, Note, frame_of_rows
+from daq import OUTPUTS, ROLES, DataError, FloatArray, IndexArray, Note, frame_of_rows
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.shapes import Rows, Shape
 
 if TYPE_CHECKING:
     import pandas as pd
+    from xarray import DataTree
 
 
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
@@ -397,6 +398,28 @@ class Diagnosis:
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
     information: Information | None = None
+
+    def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
+        """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.
+
+        Returns
+        -------
+        xarray.DataTree
+            ``posterior`` and ``prior``: the soil in one-sigma of its laboratory, each cause as ``effect.parameter`` in
+            the unit of its attribute ``units``, by the model linearised about them.
+
+        Raises
+        ------
+        DataError
+            A diagnosis of a bench table, or one that found nothing usable: it has no information.
+        ConfigError
+            arviz-base is not installed.
+        """
+        if self.information is None:
+            raise DataError.of("this diagnosis has no linear model", next_step="give campaigns with usable samples")
+        from model.inference_data import draws_of_information
+
+        return draws_of_information(self.information, {"verdict": self.verdict}, draws, seed)
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the diagnosis as frames.
