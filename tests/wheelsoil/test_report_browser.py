@@ -143,6 +143,26 @@ def test_time_histories_zoom_together_and_share_a_cursor(browser: Browser, writt
             page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
         page.wait_for_function(f"{drawn}.every((one) => one.layout.shapes[0].visible)")
         assert len(set(page.evaluate(f"{drawn}.map((one) => one.layout.shapes[0].x0)"))) == 1
+        assert page.evaluate(f"{drawn}.every((one) => one.layout.shapes.length === 1)")
+
+
+def test_the_cursor_is_on_the_track_too(browser: Browser, written: Written) -> None:
+    def cursor() -> float:
+        return float(page.evaluate("document.getElementById('plot-drive-speed').layout.shapes[0].x0"))
+
+    with opened(browser, written.page) as page:
+        page.evaluate(DRAW_ALL)
+        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
+        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
+        for step in (100, 140):
+            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
+        here = page.locator("#time .place .here")
+        here.and_(page.locator("[visibility=visible]")).wait_for()
+        before, place = cursor(), here.bounding_box()
+        path = page.locator("#time .place .start").bounding_box()
+        page.mouse.move(path["x"] + path["width"] / 2, path["y"] + path["height"] / 2)
+        page.wait_for_function(f"document.getElementById('plot-drive-speed').layout.shapes[0].x0 < {before}")
+        assert here.bounding_box() != place and cursor() < 3.0
 
 
 def test_a_figure_is_saved(browser: Browser, written: Written, tmp_path: Path) -> None:

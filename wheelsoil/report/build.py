@@ -87,6 +87,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         script=scripts[1],
         script_hashes=" ".join(_hash_of(script) for script in scripts),
         text_columns=_text_columns,
+        json=_json,
         figure_json=lambda one: _json({"data": one.data, "layout": one.layout, "groups": one.groups}),
         drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),

@@ -82,6 +82,8 @@ class Panels:
     """The groups that the reader may choose from; the first is shown."""
     linked: bool = False
     """Whether the figures share their x axis: they zoom together, and one cursor runs through them."""
+    places: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Of a linked choice: ``x``, ``east`` and ``north`` of where it was, for a small map with the cursor's place."""
 
 
 @dataclass(frozen=True)

@@ -100,9 +100,56 @@ function link(div, block) {
     block.zooming = true;
     Promise.all(drawnOnes().filter((one) => one !== div).map((one) => Plotly.relayout(one, same))).finally(() => { block.zooming = false; });
   });
-  div.on("plotly_hover", ({ xvals }) => {
-    for (const one of drawnOnes()) Plotly.relayout(one, { "shapes[0]": cursorAt(xvals[0]) });
-  });
+  div.on("plotly_hover", ({ xvals }) => moveCursor(block, xvals[0]));
+}
+
+function moveCursor(block, x) {
+  for (const one of block.querySelectorAll(".plot")) if (one.layout) Plotly.relayout(one, { shapes: [cursorAt(x)] });
+  maps.get(block)?.show(x);
+}
+
+// A small map beside linked figures: where the chosen run was at the cursor. Who points at it moves the cursor.
+class Place {
+  constructor(block) {
+    this.block = block;
+    this.select = block.querySelector("select");
+    this.figure = block.querySelector(".place");
+    this.svg = this.figure.querySelector("svg");
+    this.runs = JSON.parse(block.querySelector(".places").textContent);
+    this.svg.addEventListener("pointermove", (event) => this.point(event));
+  }
+  draw() {
+    const run = this.runs[this.select ? this.select.value : Object.keys(this.runs)[0]];
+    this.figure.hidden = !run;
+    this.run = run;
+    if (!run) return;
+    const [west, south] = [Math.min(...run.east), Math.min(...run.north)];
+    const size = Math.max(Math.max(...run.east) - west, Math.max(...run.north) - south, 1);
+    this.points = run.east.map((east, i) => [(100 * (east - west)) / size, (100 * (south - run.north[i])) / size]);
+    const [right, top] = [Math.max(...this.points.map(([x]) => x)), Math.min(...this.points.map(([, y]) => y))];
+    this.svg.setAttribute("viewBox", `-5 ${top - 5} ${right + 10} ${10 - top}`);
+    this.svg.innerHTML = `<polyline class="way" points="${this.points.join(" ")}"/><circle class="start" r="2.4" cx="${this.points[0][0]}" cy="${this.points[0][1]}"/><circle class="here" r="3.2" visibility="hidden"/>`;
+    this.figure.querySelector("figcaption").textContent = `${Math.round(size)} m across, north is up`;
+  }
+  show(x) {
+    if (!this.run) return;
+    const after = this.run.x.findIndex((t) => t >= x);
+    const [px, py] = this.points[after < 0 ? this.points.length - 1 : after];
+    const here = this.svg.querySelector(".here");
+    for (const [name, value] of Object.entries({ cx: px, cy: py, visibility: "visible" })) here.setAttribute(name, value);
+  }
+  point({ clientX, clientY }) {
+    if (!this.run) return;
+    const { x, y } = new DOMPoint(clientX, clientY).matrixTransform(this.svg.getScreenCTM().inverse());
+    const away = this.points.map(([px, py]) => (px - x) ** 2 + (py - y) ** 2);
+    moveCursor(this.block, this.run.x[away.indexOf(Math.min(...away))]);
+  }
+}
+
+const maps = new Map();
+for (const block of document.querySelectorAll(".figures.placed")) {
+  maps.set(block, new Place(block));
+  maps.get(block).draw();
 }
 const near = new IntersectionObserver((entries) => {
   for (const entry of entries) {
@@ -120,6 +167,7 @@ for (const select of document.querySelectorAll(".figures select")) {
   select.addEventListener("change", () => {
     block.querySelector(".chosen").textContent = `Shown: ${select.value}`;
     for (const div of block.querySelectorAll(".plot")) figures.get(div).choose();
+    maps.get(block)?.draw();
   });
 }
 dark.addEventListener("change", () => {

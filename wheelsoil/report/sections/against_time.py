@@ -26,6 +26,7 @@ from wheelsoil.report.figures import (
     words,
 )
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.sections.track import places
 
 _READING = (
     "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
@@ -74,7 +75,7 @@ def time(material: ReportInputs) -> Contents:
     names = [run.run.id for run in material.runs if run.run.id in named]
     lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
     loads = {run.run.id: _mean(run.vertical_load_n) for run in material.runs}
-    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True)
+    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True, places=places(material.runs))
     return [*blocks, panels], {"length_s": lengths, "mean_load_n": loads}
 
 

@@ -36,6 +36,7 @@ class _Track:
     """Some positions of a run: metres east and north, slip (NaN if excluded), use; the extent is of all samples."""
 
     name: str
+    time_s: FloatArray
     east_m: FloatArray
     north_m: FloatArray
     slip: FloatArray
@@ -105,7 +106,17 @@ def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) ->
     length = float(np.ptp(distance)) if len(distance) else float("nan")
     extent = (float(np.ptp(east[known])), float(np.ptp(north[known])))
     slip = np.where(run.used, run.slip, np.nan)
-    return _Track(run.run.id, east[rows], north[rows], slip[rows], run.used[rows], length, extent)
+    return _Track(run.run.id, run.time_s[rows], east[rows], north[rows], slip[rows], run.used[rows], length, extent)
+
+
+def places(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, list[float | None]]]:
+    """Return where each run was over its time, metres east and north of the mean of all; nothing without positions."""
+    if not any(_known(run).any() for run in runs):
+        return {}
+    return {
+        track.name: {"x": plotted(track.time_s), "east": plotted(track.east_m, 5), "north": plotted(track.north_m, 5)}
+        for track in _tracks(runs)[0]
+    }
 
 
 def _extents(tracks: list[_Track]) -> dict[str, dict[str, float]]:
