@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from daq import OUTPUTS, Note, frame_of_rows
 from model.effects.catalogue import EFFECTS
@@ -11,6 +14,7 @@ from model.extended import ExtendedModel
 from model.fit.criteria import Criteria
 from model.fit.intervals import Blocks
 from model.fit.observations import Observations
+from model.inference_data import Normal, inference_data
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import Soil, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
@@ -147,6 +151,18 @@ class ModelFit:
         """Parameters by name, as `WheelSoilModel.predict` takes them: the fitted ones and those that are held."""
         return self.fixed | {e.name: e.value for e in self.estimates if not e.derived}
 
+    @property
+    def normal(self) -> Normal:
+        """The fitted parameters' joint distribution; one that a bound holds has no variance."""
+        fitted = [e for e in self.estimates if not e.derived]
+        correlation = np.eye(len(fitted))
+        for (i, one), (j, other) in combinations(enumerate(fitted), 2):
+            pair = self.correlation.get((one.name, other.name), self.correlation.get((other.name, one.name), 0.0))
+            correlation[i, j] = correlation[j, i] = np.nan_to_num(pair)
+        sigma = np.nan_to_num(np.array([e.sigma for e in fitted]))
+        mean = np.array([e.value for e in fitted])
+        return Normal({e.name: e.unit for e in fitted}, mean, sigma[:, None] * correlation * sigma)
+
     def estimate(self, name: str) -> Estimate:
         """Return an estimate by name."""
         return next(e for e in self.estimates if e.name == name)
@@ -181,9 +197,18 @@ class CampaignFit:
         ConfigError
             arviz-base is not installed.
         """
-        from model.inference_data import draws_of_fit
-
-        return draws_of_fit(self, name, draws, seed)
+        fit = self.model(name)
+        fields = [OUTPUTS[key].field for key in self.options.channels]
+        return inference_data(
+            fit.normal,
+            data={
+                "observed_data": {field: getattr(self.observations, field) for field in fields},
+                "constant_data": {field: getattr(self.observations, field) for field in ("slip", "vertical_load_n")},
+            },
+            attributes={"model": name, "terrain": self.soil.name, "stop_reason": fit.stop_reason},
+            draws=draws,
+            seed=seed,
+        )
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return ``estimates`` (one row a parameter) and ``criteria`` (one row a model and channel) as frames.

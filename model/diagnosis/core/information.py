@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from daq import FloatArray
+from model.inference_data import Normal
 
 
 @dataclass(frozen=True)
@@ -43,3 +46,16 @@ class Information:
     matrix: FloatArray
     samples: int
     about: tuple[str, ...]
+
+    def posterior_and_prior(self) -> tuple[Normal, Normal]:
+        """Return the soil, in one-sigma of its laboratory, and the causes of `about`, each as ``effect.parameter``."""
+        q = len(self.soil)
+        causes = [i for i, key in enumerate(self.effects) if key in self.about]
+        units = dict.fromkeys(self.soil, "laboratory's one-sigma")
+        units |= {f"{self.effects[i]}.{self.parameters[i]}": self.units[i] for i in causes}
+        neutral = np.array([0.0] * q + [self.neutrals[i] for i in causes])
+        scale = np.diag([1.0] * q + [self.scales[i] for i in causes])
+        at = np.array([*range(1, 1 + q), *(1 + q + i for i in causes)], np.intp)
+        covariance = np.linalg.inv(np.eye(at.size) + self.matrix[np.ix_(at, at)])
+        mean = neutral + scale @ covariance @ self.matrix[at, 0]
+        return Normal(units, mean, scale @ covariance @ scale), Normal(units, neutral, scale @ scale)

@@ -10,6 +10,7 @@ import numpy as np
 from daq import OUTPUTS, ROLES, DataError, FloatArray, IndexArray, Note, frame_of_rows
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.shapes import Rows, Shape
+from model.inference_data import inference_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -417,9 +418,9 @@ class Diagnosis:
         """
         if self.information is None:
             raise DataError.of("this diagnosis has no linear model", next_step="give campaigns with usable samples")
-        from model.inference_data import draws_of_information
-
-        return draws_of_information(self.information, {"verdict": self.verdict}, draws, seed)
+        posterior, prior = self.information.posterior_and_prior()
+        said = {"verdict": self.verdict}
+        return inference_data(posterior, prior, attributes=said, draws=draws, seed=seed)
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the diagnosis as frames.
