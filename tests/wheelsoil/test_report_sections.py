@@ -16,7 +16,7 @@ from daq.recording import Event
 from model import FitCode
 from wheelsoil.cli.runs import print_fit
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Table
+from wheelsoil.report.content import Panels, Table
 from wheelsoil.report.inputs import model_sigmas, source_of
 from wheelsoil.report.sections.quality import sensors
 from wheelsoil.workflows.fit import FitChoices
@@ -119,6 +119,20 @@ def test_intervals_and_bounds_are_laid_out_as_lmfit_does(material):
     assert (shown["min"], shown["max"]) == ("−1.00", "20.0")
     assert [row[1] for row in tables["Correlations"].rows] == ["C(m₁, m₂)"]
     assert "held by its bound 20" in text_of(report, "coefficients")
+
+
+def test_a_pair_of_coefficients_is_drawn_with_what_the_data_leave(material):
+    [panels] = [b for b in section_of(build_report(material), "coefficients").blocks if isinstance(b, Panels)]
+    [figure] = [one for one in panels.figures if one.key == "pair-lyasko"]
+    fit = material.fit.model("lyasko")
+    _, region, centre = figure.data
+    for axis, name in (("x", "m1"), ("y", "m2")):
+        estimate = fit.estimate(name)
+        assert centre[axis] == [pytest.approx(estimate.value, rel=1e-4)]
+        assert max(region[axis]) - estimate.value == pytest.approx(
+            2.4477 * estimate.sigma, rel=0.01
+        )  # chi2, 2 and 95 %
+    assert {one.key for one in panels.figures} == {f"pair-{m.name}" for m in material.fit.models if m.correlation}
 
 
 def test_the_band_is_what_the_coefficients_leave_open(material):

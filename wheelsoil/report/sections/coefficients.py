@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from math import isfinite
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from daq import OUTPUTS
 from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel
-from wheelsoil.report.content import Block, Contents, Table, Text, section
-from wheelsoil.report.figures import style
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.figures import axes, line, marked_line, style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
 from wheelsoil.wording.fit_text import criteria_json, reason_text
@@ -31,6 +33,10 @@ _HELD_NOTE = (
     "Derived: a sum of two that are fitted."
 )
 
+_READING_PAIRS = (
+    "what the data leave of two coefficients together, the most correlated ones: the regions that hold both with 50 "
+    "and with 95 %. In a long thin one only a combination of the two is known."
+)
 _STATISTICS = [
     "model",
     "method",
@@ -59,6 +65,7 @@ def coefficients(material: ReportInputs) -> Contents:
         Table("Fit statistics", _STATISTICS, [_statistics(fit, model) for model in fit.models], _said_of_data(fit)),
         Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2),
         *_correlations(fit),
+        *_pairs(fit),
         *(Text(_meaning(model)) for model in fit.models if model.effects),
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.notes]
@@ -156,6 +163,34 @@ def _correlations(fit: CampaignFit) -> list[Block]:
         "sum, or fix one."
     )
     return [Table("Correlations", ["model", "between", "correlation"], rows, note, left=2)]
+
+
+def _pairs(fit: CampaignFit) -> list[Block]:
+    """Return what the data leave of the most correlated pair of each model: regions of 50 and 95 %."""
+    figures = [figure for model in fit.models if (figure := _pair(model))]
+    return [Panels(figures, _READING_PAIRS)] if figures else []
+
+
+def _pair(model: ModelFit) -> Figure | None:
+    normal, names = model.normal, list(model.normal.units)
+    free = [i for i in range(len(names)) if normal.covariance[i, i] > 0]
+    if len(free) < 2:
+        return None
+    sigma = np.sqrt(np.diag(normal.covariance))
+    i, j = max(combinations(free, 2), key=lambda at: abs(normal.covariance[at]) / (sigma[at[0]] * sigma[at[1]]))
+    root = np.linalg.cholesky(normal.covariance[np.ix_([i, j], [i, j])])
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    around = root @ np.array([np.cos(turn), np.sin(turn)])
+    look, data = style(model.name), []
+    for share, dash in ((0.5, "solid"), (0.95, "dash")):
+        x, y = normal.mean[[i, j], None] + np.sqrt(chi2.ppf(share, 2)) * around
+        data.append(line(x, y, f"{100 * share:.0f} %", look.colour, dash))
+    data.append(marked_line(normal.mean[[i]], normal.mean[[j]], "estimate", look))
+    letters = [letter(names[at]) for at in (i, j)]
+    units = [unit(normal.units[names[at]]) for at in (i, j)]
+    x_title, y_title = (f"{each} ({u})" if u != "1" else each for each, u in zip(letters, units, strict=True))
+    title = f"{look.label}: {' and '.join(letters)}"
+    return Figure(f"pair-{model.name}", title, data, axes(x_title, y_title, height=300))
 
 
 def _meaning(model: ModelFit) -> str:
