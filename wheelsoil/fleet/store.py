@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from io import BytesIO
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "wheelsoil/store/1"
 _HEAD, _DONE = "store.json", "done"
-_AT_ONCE = 1000
+_AT_ONCE = 200
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,20 @@ class Store:
             self.files.invalidate_cache()
             found = self.files.ls(f"{self.root}/{_DONE}", detail=True) if self._holds(_DONE) else []
             paths = [one["name"] for one in sorted(found, key=_changed) if one["name"].endswith(".json")]
-            texts: dict[str, bytes] = {}
-            for start in range(0, len(paths), _AT_ONCE):
-                texts |= self.files.cat(paths[start : start + _AT_ONCE], on_error="omit")
-        read = (Manifest.of(texts[path]) for path in paths if path in texts)
+            read = [Manifest.of(text) for text in self._contents(paths, gone=b"") if text]
         return dict(sorted((one.campaign, one) for one in read))
+
+    def _contents(self, paths: Sequence[str], gone: bytes | None = None) -> Iterator[bytes]:
+        """Yield what files hold, many at once of a bucket; `gone` for one that is no longer there."""
+        for start in range(0, len(paths), _AT_ONCE):
+            # `cat` would take the brackets of a folder's name for a pattern
+            for found in self.files.cat_ranges(list(paths[start : start + _AT_ONCE]), None, None):
+                if isinstance(found, FileNotFoundError) and gone is not None:
+                    yield gone
+                elif isinstance(found, BaseException):
+                    raise found
+                else:
+                    yield found
 
     def has(self, campaign: str, content: str) -> bool:
         """Return whether a campaign is there in full."""
@@ -147,13 +156,11 @@ class Store:
         columns = schema_of(name).names if columns is None else columns
         none = pa.schema([schema_of(name).field(column) for column in columns]).empty_table()
         pieces = [_of_campaign("", none)]
-        manifests = self.manifests()
+        holding = {self._path(name, one): one.campaign for one in self.manifests().values() if one.rows.get(name)}
         with _reached(self.url):
-            for manifest in manifests.values():
-                if not manifest.rows.get(name):
-                    continue
-                data = BytesIO(self.files.cat_file(self._path(name, manifest)))
-                pieces.append(_of_campaign(manifest.campaign, pq.read_table(data, columns=columns)))
+            for campaign, data in zip(holding.values(), self._contents(list(holding)), strict=True):
+                rows = pq.ParquetFile(BytesIO(data)).read(columns, use_threads=False)
+                pieces.append(_of_campaign(campaign, rows))
         return pa.concat_tables(pieces)
 
     def _path(self, table: str, manifest: Manifest) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -102,6 +103,14 @@ def test_an_extra_that_is_missing_is_said(
     places = {"STORE": fleet if command[0] == "run" else store, "NEW": tmp_path / "s"}
     result = invoke("fleet", *(places.get(arg, arg) for arg in command))
     assert result.code == 2 and f"pip install 'wheelsoil[{extra}]'" in result.err and "Traceback" not in result.err
+
+
+def test_a_store_may_stand_in_a_folder_with_brackets(store: Path, tmp_path: Path) -> None:
+    other = tmp_path / "year [1] *"
+    shutil.copytree(store, other)
+    for command in (("status",), ("diagnose",), ("sql", "select campaign, verdict from diagnoses order by all")):
+        here, there = (ok("fleet", command[0], at, *command[1:], "--json").out for at in (store, other))
+        assert there.replace(str(other), str(store)) == here
 
 
 def test_status_says_what_there_is(store: Path) -> None:
