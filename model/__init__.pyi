@@ -11,3 +11,4 @@ from .notes import FitCode as FitCode
 from .notes import LackCode as LackCode
 from .notes import SinkageCode as SinkageCode
 from .notes import StepCode as StepCode
+from .progress import watched as watched

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from daq import ConfigError, table_lines, without_powers
 from wheelsoil.to_json import to_json
@@ -82,37 +82,47 @@ def progress(items: Iterable[Item], label: str, total: int | None = None) -> Ite
 
 
 @contextmanager
-def diagnosing() -> Iterator[None]:
-    """Show how far the diagnosis inside is and about how long it will take, when stderr is a terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+def computing(label: str) -> Iterator[None]:
+    """Show how far the fit or the diagnosis inside is and about how long it will take, when stderr is a terminal."""
+    from model import watched
 
-    from model.diagnosis import SHARE_BEFORE, watched
-
-    columns = (TextColumn("diagnosing"), BarColumn(), TimeRemainingColumn(compact=True))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-
-        def tell(stage: str) -> None:
-            bar.update(task, completed=max(bar.tasks[0].completed, SHARE_BEFORE.get(stage, 0.0)))
-
-        with watched(tell):
+    with _bar(label) as show:
+        if show is None:
+            yield
+            return
+        with watched(show):
             yield
 
 
 @contextmanager
-def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
-    """Yield a function that shows a count of `what`; None if stderr is not a terminal."""
+def counting(label: str, what: str) -> Iterator[Callable[[int, float], None] | None]:
+    """Yield a function that shows a count of `what` and the share that is done; None if stderr is not a terminal."""
+    with _bar(label) as show:
+        yield None if show is None else lambda count, share: show(share, f"{count:,} {what}")
+
+
+class _Show(Protocol):
+    def __call__(self, share: float, text: str = "") -> None: ...
+
+
+@contextmanager
+def _bar(label: str) -> Iterator[_Show | None]:
+    """Yield what moves a bar, which never goes back, with the time left; None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    with Console(stderr=True).status(label) as status:
-        yield lambda count: status.update(f"{label}: {count:,} {what}")
+    columns = (TextColumn(label), BarColumn(), TimeRemainingColumn(compact=True), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=1.0)
+
+        def show(share: float, text: str = "") -> None:
+            done = max(progress.tasks[0].completed, share)
+            progress.update(task, completed=done, description=text)
+
+        yield show
 
 
 def check_output(path: Path, *, force: bool = False) -> Path:

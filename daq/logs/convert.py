@@ -49,7 +49,7 @@ def import_logs(
     columns: FrameColumns | None = None,
     view_rate_hz: float | None = 100.0,
     overwrite: bool = False,
-    watch: Callable[[int], None] | None = None,
+    watch: Callable[[int, float], None] | None = None,
 ) -> Imported:
     """Write the frames of logs into a recording, in bounded memory.
 
@@ -68,7 +68,7 @@ def import_logs(
     view_rate_hz : float or None
         Rate of the decoded topics; None: raw frames only.
     watch : callable, optional
-        Called with the number of frames after each batch.
+        Called after each batch with the number of frames and the share of the logs' bytes that have been read.
 
     Raises
     ------
@@ -92,13 +92,15 @@ def import_logs(
         vehicle = known.vehicle or VehicleConfig()
         view = DecodedWriter(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
         decoder = Decoder(known.databases)
+        sizes = [log.stat().st_size if log.is_file() else 0 for log in logs]
         for batch in _batches(logs, rename, columns, reports):
             writer.write_frames(batch)
             seen = seen + coverage(batch, known.databases)
             if view:
                 view.write(decoder.decode(batch))
             if watch:
-                watch(sum(report.frames for report in reports))
+                read = sum(size * report.share for size, report in zip(sizes, reports, strict=False))
+                watch(sum(report.frames for report in reports), read / max(sum(sizes), 1))
         _check_renamed(rename, reports)
     frames = writer.frame_counts
     return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))

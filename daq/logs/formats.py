@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import zlib
 from collections.abc import Callable, Iterator
@@ -51,6 +52,10 @@ class Gunzip(io.RawIOBase):
     def readable(self) -> bool:
         """Return True."""
         return True
+
+    def fileno(self) -> int:
+        """Return that of the packed file."""
+        return self._file.fileno()
 
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """Fill `buffer` as far as the file reaches; 0 at its end."""
@@ -286,10 +291,13 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536, columns: FrameColu
 
 
 def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: LogReport) -> Iterator[FrameBatch]:
-    """Report a gzipped file that is cut off; any failure of the disk is an error."""
-    raw = file.raw
+    """Report how far the reading is, and a gzipped file that is cut off; any failure of the disk is an error."""
+    raw, size = file.raw, os.fstat(file.fileno()).st_size
     try:
-        yield from batches
+        for batch in batches:
+            if not file.closed:
+                report.share = os.lseek(file.fileno(), 0, os.SEEK_CUR) / max(size, 1)
+            yield batch
     except RecordingError:
         raise
     except OSError as error:

@@ -46,6 +46,7 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
         for bus in buses:
             report.bus(bus)
         report.note_frames(frames, lambda i: f"frame {report.frames + i + 1}")
+        report.share = report.frames / max(stated, 1)
         yield FrameBatch(frames, tuple(report.buses))
         lost = stated - report.frames
     if lost > 0:

@@ -22,6 +22,8 @@ class LogReport:
     ----------
     frames : int
         Frames read so far.
+    share : float
+        Of the file, read so far: 0 to 1.
     absolute_time : bool or None
         Whether ``time_ns`` is UTC; False where the log counts from a zero of its own. None before the first frame.
     local_time : bool
@@ -43,6 +45,7 @@ class LogReport:
     path: str
     format: str
     frames: int = 0
+    share: float = 0.0
     absolute_time: bool | None = None
     local_time: bool = False
     lost: list[str] = field(default_factory=list)

@@ -50,6 +50,8 @@ class SeriesReport:
     Attributes
     ----------
     rows : mapping topic -> int
+    share : float
+        Of the file, read so far: 0 to 1.
     absolute_time : bool or None
         Whether time stamps are dates; None before the first.
     unzoned : bool
@@ -72,6 +74,7 @@ class SeriesReport:
     path: str
     format: str
     rows: dict[str, int] = field(default_factory=dict)
+    share: float = 0.0
     absolute_time: bool | None = None
     unzoned: bool = False
     assumed_unit: str = ""

@@ -38,7 +38,7 @@ def import_series(
     *,
     run: RunInfo,
     overwrite: bool = False,
-    watch: Callable[[int], None] | None = None,
+    watch: Callable[[int, float], None] | None = None,
 ) -> ImportedSeries:
     """Write the series of files into a recording, every column at its own rate.
 
@@ -51,7 +51,7 @@ def import_series(
     known : Configuration
         What goes along: vehicle, terrain. ``[series]`` of vehicle.toml says how the files are laid out.
     watch : callable, optional
-        Called with the number of rows after each block.
+        Called after each block with the number of rows and the share of the files that has been read.
 
     Raises
     ------
@@ -70,6 +70,6 @@ def import_series(
                 writer.decoded.write(block.topic, SERIES_BUS, block.time_ns, block.columns, units)
                 rows[block.topic] += len(block)
             if watch:
-                watch(sum(rows.values()))
+                watch(sum(rows.values()), sum(report.share for report in reports) / len(reports))
     remarks = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
     return ImportedSeries(target, series.topics, rows, tuple(remarks))

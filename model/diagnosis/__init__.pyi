@@ -29,7 +29,6 @@ from .core import bound_rows_of_table as bound_rows_of_table
 from .core import considered as considered
 from .core import inconsistent as inconsistent
 from .core import not_identifiable as not_identifiable
-from .core import watched as watched
 from .findings import CONFOUNDED_COSINE as CONFOUNDED_COSINE
 from .findings import DETECTABLE_D as DETECTABLE_D
 from .planning import Plan as Plan

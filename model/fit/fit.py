@@ -32,6 +32,7 @@ from model.fit.observations import Measured, Observations, measured_of, observat
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.notes import FitCode
+from model.progress import counted
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.run_conditions import conditions_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
@@ -45,6 +46,8 @@ _WORSE = 1.2
 """R0 over that of Wong's model, from which on a channel that was not fitted is said to be followed worse."""
 _RENEWALS = 2
 _BLOCK = 1 << 16
+_SHARE_OF_FITS = 0.8
+"""Of the time of a fit to runs; the rest goes into what the models predict."""
 """Samples that are predicted at once."""
 
 
@@ -238,7 +241,7 @@ def _answers(
             parts = [_forces(model.predict(one.rows(block), fit.values), slice(None)) for one, block in blocks]
         return kept, {key: np.concatenate([part[key] for part in parts]) for key in OUTPUTS}
 
-    return list(in_parallel(of_model, fitted.models))
+    return list(counted(in_parallel(of_model, fitted.models), len(fitted.models), _SHARE_OF_FITS, 1.0))
 
 
 def _forces(prediction: Prediction, rows: IndexArray | slice) -> dict[str, FloatArray]:
@@ -275,7 +278,8 @@ def fit_observations(
     driven, lost = driven[answered], int((~answered).sum())
     check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
-    fits = list(in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names))
+    found = in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names)
+    fits = list(counted(found, len(chosen.names), 0.0, _SHARE_OF_FITS))
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{key: getattr(p, channel.field) for key, channel in OUTPUTS.items()} for p in predictions]

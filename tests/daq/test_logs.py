@@ -99,6 +99,22 @@ def test_mf4_equals_its_candump(name: str) -> None:
     assert np.abs(ours.frames["time_ns"] - text.frames["time_ns"]).max() <= 1000
 
 
+@pytest.mark.parametrize("name", ["drive.log", "drive.log.gz", "drive.blf"])
+def test_the_share_that_is_read_grows_to_the_whole(tmp_path: Path, name: str) -> None:
+    frames = classical(some_frames(np.random.default_rng(0), 200_000))
+    if name == "drive.blf":
+        with can.BLFWriter(tmp_path / name) as writer:
+            for message in messages_from_frames(frames.frames):
+                writer.on_message_received(message)
+    else:
+        write_candump([frames], tmp_path / "drive.log")
+        if name.endswith(".gz"):
+            (tmp_path / name).write_bytes(gzip.compress((tmp_path / "drive.log").read_bytes(), 1))
+    reading = read_log(tmp_path / name)
+    shares = [reading.report.share for _ in reading]
+    assert shares == sorted(shares) and shares[0] < 0.9 and shares[-1] == 1
+
+
 def test_mf4_without_asammdf_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
     path = tmp_path / "drive.mf4"

@@ -91,6 +91,7 @@ def test_a_delimited_table_comes_back(
     assert unit_back == "kN"
     np.testing.assert_array_equal(time, time_ns)
     np.testing.assert_array_equal(back, values)
+    assert series.report.share == 1
     assert series.report.remarks() == ["times have no date: they count from a zero of the logger's own"]
 
 
@@ -205,6 +206,7 @@ def test_the_formats_of_other_programs_come_back(
     np.testing.assert_allclose(time_ns, TIME_NS, rtol=0, atol=1000)  # float seconds hold a date to 0.24 us
     np.testing.assert_array_equal(values, VALUES)
     assert unit == "kN" or column.endswith("[kN]")
+    assert series.report.share == pytest.approx(1)
 
 
 def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:

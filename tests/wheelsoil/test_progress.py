@@ -1,4 +1,4 @@
-"""What a terminal shows while a diagnosis runs; a pipe gets nothing of it."""
+"""What a terminal shows while something long runs; a pipe gets nothing of it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ import time
 
 import pytest
 
+from model import in_parallel, processes, watched
 from model.diagnosis import SHARE_BEFORE
 from model.diagnosis.core.clock import Clock
-from wheelsoil.console import diagnosing
+from model.progress import counted, note_share
+from wheelsoil.console import computing, counting
 
 
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
+
+
+def terminal_of(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setenv("TERM", "xterm")
+    return shown
 
 
 def work() -> None:
@@ -26,21 +35,40 @@ def work() -> None:
 
 
 def test_a_terminal_shows_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = Terminal()
-    monkeypatch.setattr(sys, "stderr", shown)
-    monkeypatch.setenv("TERM", "xterm")
-    with diagnosing():
+    terminal = terminal_of(monkeypatch)
+    with computing("diagnosing"):
         work()
     work()  # a bar that has ended hears of nothing
-    assert "diagnosing" in shown.getvalue() and "00:0" in shown.getvalue()
+    assert "diagnosing" in terminal.getvalue() and "00:0" in terminal.getvalue()
+
+
+def test_a_terminal_shows_what_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = terminal_of(monkeypatch)
+    with counting("importing", "frames") as watch:
+        assert watch
+        for i in range(1, 5):
+            watch(1000 * i, 0.2 * i)
+            time.sleep(0.12)
+    assert (
+        "importing" in terminal.getvalue() and "3,000 frames" in terminal.getvalue() and "00:0" in terminal.getvalue()
+    )
 
 
 def test_a_pipe_gets_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with diagnosing():
+    with computing("diagnosing"):
         work()
+    with counting("importing", "frames") as watch:
+        assert watch is None
     assert capsys.readouterr() == ("", "")
 
 
 def test_shares_grow_with_the_stages() -> None:
     shares = list(SHARE_BEFORE.values())
     assert shares == sorted(shares) and shares[0] > 0 and shares[-1] < 1
+
+
+def test_copies_of_the_process_are_not_watched() -> None:
+    heard: list[float] = []
+    with watched(heard.append), processes(2):
+        list(counted(in_parallel(note_share, [0.1, 0.2, 0.3]), 3, 0.5, 0.8))
+    assert heard == pytest.approx([0.6, 0.7, 0.8])

@@ -60,7 +60,7 @@ def test_the_list_names_every_run_with_its_quality(view: View, processed: list[P
     [campaign] = view.campaigns()
     assert campaign["name"] == "clay" and campaign["terrain"] == "clay"
     assert campaign["wheel"] == {"radius_m": 0.47, "width_m": 0.318}
-    assert campaign["diagnosis"] == {"state": "none", "verdict": None, "sentence": None, "why": None}
+    assert campaign["diagnosis"] == {"state": "none", "share": 0.0, "verdict": None, "sentence": None, "why": None}
     assert campaign["choice"] == {"schema": "wheelsoil/choice/1"} and campaign["saved_at"] is None
     assert [run["id"] for run in campaign["runs"]] == ["run-1", "run-2", "run-3"]
     for entry, run in zip(campaign["runs"], processed, strict=True):
@@ -243,6 +243,7 @@ def test_the_diagnosis_is_that_of_the_command_line(view: View, folder: Path) -> 
     assert json.dumps(ours, sort_keys=True) == json.dumps(theirs, sort_keys=True)
     assert campaign["diagnosis"] == {
         "state": "done",
+        "share": 1.0,
         "verdict": ours["verdict"],
         "sentence": ours["sentence"],
         "why": None,

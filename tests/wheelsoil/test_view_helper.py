@@ -13,6 +13,7 @@ import pytest
 
 from daq.errors import ConfigError, HardwareError
 from daq.runs.open import open_runs
+from model.progress import note_share
 from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.workflows.fit import known_soil
 
@@ -29,6 +30,13 @@ def helper() -> Iterator[Helper]:
 def test_it_is_another_process_and_stays_the_same(helper: Helper) -> None:
     first, second = (helper.ask(os.getpid).result(PATIENCE_S) for _ in range(2))
     assert first == second != os.getpid()
+
+
+def test_a_job_says_how_far_it_is(helper: Helper) -> None:
+    heard: list[float] = []
+    helper.ask(note_share, 0.25, watch=heard.append).result(PATIENCE_S)
+    helper.ask(note_share, 0.75).result(PATIENCE_S)
+    assert heard == [0.25]
 
 
 def test_our_errors_come_back_with_their_faults(helper: Helper) -> None:

@@ -10,7 +10,7 @@ import typer
 
 from daq import ConfigError
 from wheelsoil.cli import options
-from wheelsoil.console import check_output, diagnosing, print_json, say, terminal_width
+from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
@@ -127,7 +127,7 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
     targets = model_targets(output, [one.name for one in given], force=force) if output else []
-    with diagnosing():
+    with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
     _print(diagnosis, json=json)
     for path, model in zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False):
@@ -144,7 +144,7 @@ def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool
         step = "give two --table, or one with a column wheel or lug_height_m that holds two; --where chooses rows"
         raise ConfigError.of("--paired compares two wheels", found=found, expected="two", next_step=step)
     first, second = benches
-    with diagnosing():
+    with computing("diagnosing"):
         compared = compare_wheels(first, second, settings)
     if json:
         print_json(wheel_pair_json(compared, first.name, second.name))

@@ -10,7 +10,7 @@ import typer
 
 from daq import ConfigError
 from wheelsoil.cli import options
-from wheelsoil.console import check_output, counter, print_json, print_pairs, say
+from wheelsoil.console import check_output, counting, print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq import RunInfo
@@ -87,10 +87,10 @@ def import_command(
     info = _completed(info, context, known, logs[0].name)
     frame_columns = parse_columns(columns) if columns else None
     if frame_columns is None and all(map(series_format, logs)):
-        with counter("importing", "rows") as watch:
+        with counting("importing", "rows") as watch:
             _print_series(import_series(logs, target, known, run=info, overwrite=force, watch=watch), json)
         return
-    with counter("importing", "frames") as watch:
+    with counting("importing", "frames") as watch:
         done = import_logs(
             logs,
             target,

@@ -12,7 +12,7 @@ import typer
 
 from daq import ConfigError, Fault, moment, number
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, configuration, pairs
-from wheelsoil.console import check_output, counter, print_json, print_pairs, print_table, progress, say
+from wheelsoil.console import check_output, counting, print_json, print_pairs, print_table, progress, say
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.recordings import FileFacts
@@ -115,7 +115,7 @@ def info_command(
     opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     facts = []
     for run in opened:
-        with counter(f"reading {run.path.name}", "frames") as watch:
+        with counting(f"reading {run.path.name}", "frames") as watch:
             facts.append(file_facts(run, watch))
     if json:
         print_json([_as_json(one) for one in facts])

@@ -12,6 +12,7 @@ from daq import OUTPUTS, number
 from wheelsoil.cli import options
 from wheelsoil.console import (
     check_output,
+    computing,
     folded,
     print_json,
     print_pairs,
@@ -159,9 +160,12 @@ def fit_command(
     files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
     if table is not None:
         bench = read_bench(table, files, rename=rename, where=where)
-        fit = fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
+        with computing("fitting"):
+            fit = fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
     else:
-        fit = fit_runs(options.processed_for(choices.purpose, runs or (), files, by_hand), choices, soil)
+        processed = options.processed_for(choices.purpose, runs or (), files, by_hand)
+        with computing("fitting"):
+            fit = fit_runs(processed, choices, soil)
     comparison = _sinkages(fit) if table is not None else None
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))

@@ -16,7 +16,7 @@ import typer
 
 from daq import ConfigError
 from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
-from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
+from wheelsoil.console import computing, print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Diagnosis
@@ -114,12 +114,12 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     say(f"  {options.runs} runs, {simulated.frames:,} frames in {folder}")
     with _step("decode and process"):
         processed = open_and_process([folder], process_options)
-    with _step("diagnose from forces"):
+    with _step("diagnose from forces"), computing("diagnosing"):
         unread = [(run, without_ruts(one)) for run, one in processed]
         first = diagnose_campaigns(campaigns_of([folder], unread), diagnosis_options())
-    with _step("diagnose with rut readings"):
+    with _step("diagnose with rut readings"), computing("diagnosing"):
         found = diagnose_campaigns(campaigns_of([folder], processed), diagnosis_options())
-    with _step("fit four models"):
+    with _step("fit four models"), computing("fitting"):
         fit = fit_runs(processed, choices, None, keep_predictions=True)
     with _step("write the report"):
         report = report_of_processed(processed, choices, process_options, campaign=fit, diagnosed=Diagnosed(found))

@@ -354,8 +354,9 @@ class AnalysisSession:
             if any(other.diagnosis.state == "running" for other in self.campaigns):
                 raise NotReadyError.of("a diagnosis is running already", next_step="wait until it has ended")
             members, choices = campaign.members(), campaign.choice.fit_choices()
-            asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
-            mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
+            mine = campaign.diagnosis = DiagnosisOnPage("running")
+            given = members, self.paths, self.files.soil, choices
+            asked = mine.asked = self._slow.ask(jobs.diagnose_members, *given, watch=mine.watch)
             entry = campaign_entry(campaign, self.files)
 
         def done(_: object) -> None:
@@ -364,7 +365,7 @@ class AnalysisSession:
             error = asked.exception()
             with self.lock:
                 if error is None:
-                    mine.found, mine.state = asked.result(), "done"
+                    mine.found, mine.state, mine.share = asked.result(), "done", 1.0
                 else:
                     mine.state, mine.faults = "failed", _faults_of(error)
 

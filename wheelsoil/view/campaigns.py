@@ -76,12 +76,17 @@ class ViewedRun:
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis: its state, its result once it is done, and the pending answer of the helper (`asked`)."""
+    """A diagnosis: its state, the share that is done, its result, and the pending answer of the helper (`asked`)."""
 
     state: DiagnosisState = "none"
     asked: Future[dict[str, Any]] | None = None
     found: dict[str, Any] | None = None
     faults: tuple[Fault, ...] = ()
+    share: float = 0.0
+
+    def watch(self, share: float) -> None:
+        """Take the share that is done."""
+        self.share = max(self.share, share)
 
 
 @dataclass

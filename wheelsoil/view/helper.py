@@ -18,9 +18,11 @@ from queue import PriorityQueue
 from typing import Any
 
 from daq import Fault, HardwareError, WheelsoilError
+from model import watched
 
 _NICENESS = 5
-Job = tuple[Callable[..., Any], tuple[Any, ...]]
+Watch = Callable[[float], None]
+Job = tuple[Callable[..., Any], tuple[Any, ...], Watch | None]
 
 
 class HelperEndedError(HardwareError):
@@ -41,15 +43,18 @@ class Helper:
         self._thread = threading.Thread(target=self._hand_over, name=name, daemon=True)
         self._thread.start()
 
-    def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
+    def ask(
+        self, function: Callable[..., Any], *args: Any, urgent: bool = False, watch: Watch | None = None
+    ) -> Future[Any]:
         """Return the future result of ``function(*args)`` in the process; all three are pickled.
 
-        An urgent job precedes all jobs that are not, but does not interrupt one.
+        An urgent job precedes all jobs that are not, but does not interrupt one. `watch` is called with the share that
+        is done; see `model.watched`.
         """
         future: Future[Any] = Future()
         with self._lock:
             if not self._closed:
-                self._line.put((0 if urgent else 1, next(self._number), future, (function, args)))
+                self._line.put((0 if urgent else 1, next(self._number), future, (function, args, watch)))
                 return future
         future.set_exception(_ended())
         return future
@@ -100,11 +105,14 @@ class Helper:
             if future.set_running_or_notify_cancel():
                 future.set_exception(_ended())
 
-    def _done(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    def _done(self, function: Callable[..., Any], args: tuple[Any, ...], watch: Watch | None) -> Any:
         try:
             pipe = self._started()
             pipe.send((function, args))
-            kind, value = pipe.recv()
+            while (answer := pipe.recv())[0] == "share":
+                if watch:
+                    watch(answer[1])
+            kind, value = answer
         except (EOFError, OSError):
             self._forget()
             raise _ended() from None
@@ -155,7 +163,9 @@ def serve(pipe: Connection) -> None:
             function, args = pipe.recv()
         except EOFError:
             return
-        pipe.send_bytes(_outcome(function, args))
+        with watched(lambda share: pipe.send(("share", share))):
+            outcome = _outcome(function, args)
+        pipe.send_bytes(outcome)
 
 
 def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> bytes:

@@ -142,6 +142,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
         "runs": [_run_entry(run, run.key in keeps, keeps.get(run.key)) for run in campaign.runs],
         "diagnosis": {
             "state": diagnosis.state,
+            "share": diagnosis.share,
             "verdict": found.get("verdict"),
             "sentence": found.get("sentence"),
             "why": fault_line(diagnosis.faults),

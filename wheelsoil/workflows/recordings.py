@@ -30,6 +30,9 @@ from daq.series import Series, SeriesReport, draft_of, write_frame
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
 """Bus, name, time stamps, values and units of a message."""
 
+Watch = Callable[[int, float], None]
+"""Takes the number of frames or rows and the share of the file that has been read."""
+
 _BLOCK_BYTES = 1 << 20
 _NO_END, _NO_END_YET = "no end of the run", "still being recorded"
 
@@ -143,13 +146,13 @@ class FileFacts:
         return self.frames[bus] / self.duration_s if self.duration_s > 0 else float("nan")
 
 
-def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFacts:
+def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
     """Read a run's file once and say what is in it.
 
     Parameters
     ----------
     watch : callable, optional
-        Called with the number of frames now and then.
+        Called now and then with the number of frames and the share of the file that has been read.
 
     Raises
     ------
@@ -258,7 +261,7 @@ class _Tally:
             self.end_ns = last if self.end_ns is None else max(last, self.end_ns)
 
 
-def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
+def _tally(run: Run, watch: Watch | None) -> _Tally:
     tally = _Tally()
     if run.series:
         _tally_series(run.series, tally, watch)
@@ -282,18 +285,25 @@ def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
         for bus, name, time_ns, values, units in _messages(batch, decoder):
             tally.messages.take(bus, name, time_ns, values, units)
         if watch:
-            watch(sum(tally.frames.values()))
+            share = batches.report.share if isinstance(batches, LogReading) else _share(run, tally)
+            watch(sum(tally.frames.values()), share)
     return tally
 
 
-def _tally_series(series: Series, tally: _Tally, watch: Callable[[int], None] | None) -> None:
+def _share(run: Run, tally: _Tally) -> float:
+    """Return how much of a recording's time has been read."""
+    first, last = (run.recording and run.recording.time_range_ns) or (0, 0)
+    return 0.0 if tally.end_ns is None else (tally.end_ns - first) / max(last - first, 1)
+
+
+def _tally_series(series: Series, tally: _Tally, watch: Watch | None) -> None:
     tally.report = series.report
     for blocks in series.blocks():
         for block in blocks:
             tally.messages.take("", block.topic, block.time_ns, block.columns, series.topics[block.topic])
             tally.span(block.time_ns)
         if watch:
-            watch(sum(series.report.rows.values()))
+            watch(sum(series.report.rows.values()), series.report.share)
 
 
 def _messages(batch: FrameBatch, decoder: Decoder | None) -> Iterator[Sample]:

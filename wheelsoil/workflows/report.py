@@ -12,7 +12,7 @@ from model import ExtendedModel
 from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
-from wheelsoil.console import diagnosing
+from wheelsoil.console import computing
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
 from wheelsoil.workflows.choice import Choice, provenance_of
@@ -69,7 +69,7 @@ def report_of(
     choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
     processed = open_and_process(paths, options, files, choice=choice)
-    with diagnosing():
+    with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
     return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice)
 
@@ -89,7 +89,8 @@ def report_of_processed(
     problem = ""
     if campaign is None:
         try:
-            campaign = fit_runs(processed, choices, soil, keep_predictions=True)
+            with computing("fitting"):
+                campaign = fit_runs(processed, choices, soil, keep_predictions=True)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
     material = ReportInputs(
@@ -138,7 +139,8 @@ def report_of_tables(
         problem = "the tables are of several wheels; `wheelsoil fit --table` takes one at a time"
     else:
         try:
-            campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
+            with computing("fitting"):
+                campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
     soils = dict.fromkeys(one.soil.name for one in benches)
@@ -161,7 +163,7 @@ def report_of_tables(
 
 def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) -> Diagnosed:
     try:
-        with diagnosing():
+        with computing("diagnosing"):
             return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
     except WheelsoilError as error:
         return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))

@@ -69,6 +69,7 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                     gathered.setdefault(connection.topic, []).append(row)
                     count += 1
                     if count % _ROWS_TOGETHER == 0:
+                        report.share = count / reader.message_count
                         yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
                         gathered = {}
         except Exception as error:  # noqa: BLE001  # see above; what came before it stays

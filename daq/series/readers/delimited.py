@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -247,6 +248,7 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
     with _opened(path) as file:
         file.read(offset)
         carry = b""
+        size = os.fstat(file.fileno()).st_size
         while True:
             try:
                 piece = file.read(_PIECE)
@@ -255,6 +257,7 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
                 piece = b""
             if not piece:
                 break
+            report.share = os.lseek(file.fileno(), 0, os.SEEK_CUR) / max(size, 1)
             end = piece.rfind(b"\n") + 1
             if end:
                 yield carry + piece[:end]

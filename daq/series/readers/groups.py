@@ -78,6 +78,7 @@ def series_of(
         clocks[""] = Clock(0, layout.rate_hz)
     stamped = {time: by_name[time] for time in groups if time not in clocks}
     names = {time: "table" if len(groups) == 1 else _topic(time) for time in groups}
+    cells = sum(one.length for own in groups.values() for one in own)
 
     def stream(time: str) -> Iterator[SeriesBlock]:
         own = groups[time]
@@ -91,6 +92,7 @@ def series_of(
                 time_ns = clock.start_ns + at_rate(end - start, start, clock.rate_hz)
                 usable = np.ones(end - start, np.bool_)
             values = {one.name: np.asarray(one.cells(start, end)).astype(np.float64, copy=False) for one in own}
+            report.share += len(own) * (end - start) / cells
             yield report.taken(SeriesBlock(names[time], time_ns, values), usable)
 
     def read() -> Iterator[Blocks]:

@@ -67,6 +67,7 @@ def read_parquet(path: Path, layout: SeriesSection, report: SeriesReport) -> Ser
                         values = {name: cells[name].astype(np.float64, copy=False) for name in columns}
                         blocks.append(report.taken(SeriesBlock(topic, time_ns, values), usable))
                     done += batch.num_rows
+                    report.share = done / opened.metadata.num_rows
                     yield tuple(blocks)
         except (OSError, pa.ArrowException) as error:
             if not any(report.rows.values()):

@@ -6,7 +6,6 @@ from .campaign import Lugs as Lugs
 from .campaign import considered as considered
 from .campaign import not_identifiable as not_identifiable
 from .clock import SHARE_BEFORE as SHARE_BEFORE
-from .clock import watched as watched
 from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table

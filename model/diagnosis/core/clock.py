@@ -1,12 +1,13 @@
-"""How long the stages of a diagnosis take, and which one is under way."""
+"""How long the stages of a diagnosis take."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
 from time import perf_counter
+
+from model.progress import note_share
 
 SHARE_BEFORE = {
     "linearise": 0.01,
@@ -19,18 +20,6 @@ SHARE_BEFORE = {
 }
 """What of the time of a campaign's diagnosis has passed when a stage begins: typical of 2 to 12 runs, 3 to 13 s."""
 
-_watch: ContextVar[Callable[[str], None] | None] = ContextVar("watch", default=None)
-
-
-@contextmanager
-def watched(tell: Callable[[str], None]) -> Iterator[None]:
-    """Have each stage of the diagnoses inside told by its name when it begins."""
-    token = _watch.set(tell)
-    try:
-        yield
-    finally:
-        _watch.reset(token)
-
 
 @dataclass
 class Clock:
@@ -41,8 +30,8 @@ class Clock:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Count the time inside for a stage."""
-        if tell := _watch.get():
-            tell(name)
+        if name in SHARE_BEFORE:
+            note_share(SHARE_BEFORE[name])
         start = perf_counter()
         yield
         self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start
