@@ -9,9 +9,11 @@ import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
+from processing import ProcessedRun
 from wheelsoil.wording.notes import texts_of
 
 RUNS = 3
@@ -72,6 +74,25 @@ def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> N
     assert again.noises == null.noises
     assert again.best.keys == null.best.keys
     assert again.grams.matrices.shape == null.grams.matrices.shape
+
+
+def test_what_turns_with_the_wheel_is_a_needle_at_its_order(null: LinearisedCampaign) -> None:
+    once = wheel_orders_of(null, 0)["dp"]
+    at_one, beside = np.isclose(once.order, 1.0), np.abs(once.order - 1.0) > 0.12
+    stated = np.sqrt(2.0) * null.noises[0].values["drawbar_pull_wheel_order_n"]
+    assert once.swing[at_one] == pytest.approx(stated, rel=0.15) and once.swing[at_one] > 2.0 * once.by_chance[at_one]
+    assert np.mean(once.swing[beside] > once.by_chance[beside]) < 0.15
+
+    def oval(run: ProcessedRun, phase: float) -> ProcessedRun:
+        angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
+        return replace(run, drawbar_pull_n=run.drawbar_pull_n + 50.0 * np.cos(2.0 * angle + phase))
+
+    sound = null.campaigns[0].campaign
+    runs = tuple(oval(run, 2.0 * i) for i, run in enumerate(sound.runs))
+    seen = linearise_campaigns([replace(sound, runs=runs)], DiagnosisOptions(effects=FEW), noises=null.noises)
+    twice = wheel_orders_of(seen, 0)["dp"]
+    assert twice.order[np.argmax(twice.swing)] == pytest.approx(2.0)
+    assert twice.swing.max() == pytest.approx(50.0, rel=0.15)
 
 
 def test_effects_without_a_trace_are_left_out(null: LinearisedCampaign) -> None:

@@ -13,7 +13,7 @@ from diagnosis_samples import SENTENCES, diagnosis, seen
 from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
-from model.diagnosis.core.result import Candidate, Diagnosis, PlotData
+from model.diagnosis.core.result import Candidate, Diagnosis, PlotData, WheelOrders
 from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report
@@ -98,6 +98,15 @@ def test_residuals_are_drawn_against_everything_that_tells(plain_material):
     drawn = {figure.key for figure in figures(built(plain_material, diagnosis()), "misfit")}
     against = ("slip", "vertical_load_n", "ground_speed_mps", "time_s", "line_position", "run")
     assert drawn == {f"misfit-{channel}-{key}" for channel in ("dp", "t") for key in against}
+
+
+def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):
+    orders = WheelOrders(np.array([0.95, 1.0, 1.05]), np.array([4.0, 26.0, 5.0]), np.array([7.0, 7.1, 7.2]))
+    found = replace(diagnosis(), plot_data=(replace(seen(), wheel_orders={"dp": orders}),))
+    report = built(plain_material, found)
+    [drawn] = [figure for figure in figures(report, "misfit") if figure.key == "wheel-order-dp"]
+    assert [4.0, 26.0, 5.0] in [trace["y"] for trace in drawn.data]
+    assert section(report, "misfit").numbers["wheel_orders"]["clay"]["dp"] is orders
 
 
 def test_without_a_torque_channel_there_are_no_empty_panels(plain_material):

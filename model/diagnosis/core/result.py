@@ -218,6 +218,25 @@ class NextRun:
 
 
 @dataclass(frozen=True)
+class WheelOrders:
+    """How much a channel swings with the turning wheel, by order; arrays of shape (k,).
+
+    Attributes
+    ----------
+    order : array
+        Cycles a turn.
+    swing : array
+        Amplitude, root mean square over the runs.
+    by_chance : array
+        What noise alone stays below in 95 of 100 campaigns.
+    """
+
+    order: FloatArray
+    swing: FloatArray
+    by_chance: FloatArray
+
+
+@dataclass(frozen=True)
 class PlotData:
     """Samples of a campaign or rows of a table, for figures; arrays of shape (n,).
 
@@ -235,6 +254,8 @@ class PlotData:
         What each candidate says as if it were the one, of channels that were not used too.
     unused_channels : tuple of str
         Channels that were measured and not used: nothing was chosen or fitted by them.
+    wheel_orders : mapping channel -> WheelOrders
+        Of the channels that are said to swing once a turn of the wheel.
     """
 
     campaign: str
@@ -252,6 +273,7 @@ class PlotData:
     signatures: dict[str, dict[str, FloatArray]]
     implied: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
     unused_channels: tuple[str, ...] = ()
+    wheel_orders: dict[str, WheelOrders] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

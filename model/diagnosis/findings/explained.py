@@ -18,6 +18,7 @@ from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.findings.isolability import CONFOUNDED_COSINE, isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_sets, parameters_of, soils_of, spread_of
+from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.linearise import simulated
@@ -88,6 +89,7 @@ def _plot_data(
             key: changes.get(key) or dict(zip(channels, _signature(linearised, index, key, size), strict=True))
             for key, size in shown.items()
         },
+        wheel_orders=wheel_orders_of(linearised, index),
     )
 
 

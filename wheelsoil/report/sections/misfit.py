@@ -42,6 +42,12 @@ _READING = (
     "unit, else in sigmas of the noise (σ)."
 )
 
+_READING_ORDERS = (
+    "how much the channel swings at so many cycles a turn of the wheel, beyond what slip, load, soil and noise "
+    "explain; noise alone stays in the grey in 95 of 100 campaigns. A needle at 1 is a zero that turns with the wheel, "
+    "or a wheel that is not round; at 2 an oval."
+)
+
 _AGAINST = (
     ("slip", "slip", "against slip"),
     ("vertical_load_n", "vertical load (N)", "against load"),
@@ -70,6 +76,9 @@ def misfit(material: ReportInputs) -> Contents:
         figures, shown = _panels(found.plot_data, channel)
         blocks.append(Panels(figures, _READING, names))
         numbers[channel] = shown
+    if orders := _wheel_orders(found.plot_data):
+        blocks.append(Panels(orders, _READING_ORDERS, names))
+        numbers["wheel_orders"] = {seen.campaign: seen.wheel_orders for seen in found.plot_data}
     return blocks, numbers
 
 
@@ -142,6 +151,27 @@ def _panels(everything: tuple[PlotData, ...], channel: str) -> tuple[list[Figure
         name = f"{OUTPUTS[channel].name.capitalize()} {title}"
         figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
     return figures, numbers
+
+
+def _wheel_orders(everything: tuple[PlotData, ...]) -> list[Figure]:
+    """Return a figure for each channel that swings once a turn of the wheel in some campaign."""
+    figures = []
+    for channel in dict.fromkeys(channel for seen in everything for channel in seen.wheel_orders):
+        data: list[Trace] = []
+        groups: list[str] = []
+        for seen in everything:
+            if found := seen.wheel_orders.get(channel):
+                nothing = np.zeros(len(found.order))
+                shades = band(found.order, nothing, found.by_chance, "noise, 95 %", GREY_BAND)
+                traces = [*shades, line(found.order, found.swing, "swing", MEASURED, "solid", 2.2)]
+                data += traces
+                groups += [seen.campaign] * len(traces)
+        unit = OUTPUTS[channel].unit_text
+        layout = axes("cycles a turn of the wheel", f"swing ({unit})", height=310)
+        layout["yaxis"] |= {"rangemode": "tozero"}
+        name = f"{OUTPUTS[channel].name.capitalize()} by wheel order"
+        figures.append(Figure(f"wheel-order-{channel}", name, data, layout, groups))
+    return figures
 
 
 def _sigmas_shown(panels: list[dict[str, Any]]) -> float:

@@ -1,0 +1,88 @@
+r"""How much a channel swings with the turning wheel, by order: by cycles a turn.
+
+A spectrum of measured less simulated shows the errors of slip above all. Here each order is a pair of columns,
+cos k psi and sin k psi with the wheel's angle psi, fitted to a run under the diagnosis's own noise model, so that what
+the errors of speed, load and soil explain does not count. With a the two amplitudes of a run and v half the trace of
+their covariance, runs are put together as
+
+.. math:: A^2 = \frac{\sum |a|^2/v}{\sum 1/v}, \qquad \sum |a|^2/v \sim \chi^2_{2R} \text{ under noise alone.}
+
+A run begins at an unknown angle: only the size of its swing counts, not its phase.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from daq import FloatArray
+from model.diagnosis.core.result import WheelOrders
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.noise import hyper_priors, named, noise_notes
+from model.diagnosis.time_series.samples import places_of
+from model.diagnosis.time_series.start import CampaignData
+from model.diagnosis.time_series.whitening import state_space, whiten
+from model.notes import DiagnosisCode
+
+_STEP = 0.05
+_LOWEST, _HIGHEST = 0.3, 3.0
+_OF_NYQUIST = 0.8
+_LEAST_SAMPLES = 30
+_CHANCE = 0.95
+
+
+def wheel_orders_of(linearised: LinearisedCampaign, index: int) -> dict[str, WheelOrders]:
+    """Return the orders of each channel of a campaign that is said to swing once a turn of the wheel."""
+    data = linearised.campaigns[index]
+    told = noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels)
+    channels = [str(note.values["channel"]) for note in told if note.code == DiagnosisCode.WHEEL_ORDER]
+    if not channels:
+        return {}
+    left = _left(linearised, index)
+    return {channel: orders for channel in channels if (orders := _orders(data, left, channel)) is not None}
+
+
+def _left(linearised: LinearisedCampaign, index: int) -> FloatArray:
+    """Return what the best explanation leaves of a campaign's channels, shape (c, n)."""
+    data, best = linearised.campaigns[index], linearised.best
+    first = sum(len(one.columns.soil) for one in linearised.campaigns[:index])
+    soil = best.soil[first : first + len(data.columns.soil)]
+    sizes = {(c.key, c.parameter): x * c.scale for c, x in zip(linearised.grams.causes, best.coefficients, strict=True)}
+    causes = [sizes[c.key, c.parameter] / c.scale for c in data.columns.causes]
+    known = np.concatenate([soil, causes])
+    return np.asarray(data.columns.rows[..., 0] - data.columns.rows[..., 1 : 1 + len(known)] @ known)
+
+
+def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders | None:
+    """Return the orders of one channel; None where no run is long enough."""
+    samples, columns, values = data.samples, data.columns, data.noise.values
+    speed = np.asarray(samples.conditions.wheel_speed_radps)
+    fastest = np.pi / samples.block_s / np.median(speed)
+    order = np.arange(_LOWEST, min(_HIGHEST, _OF_NYQUIST * fastest) + _STEP / 2, _STEP)
+    row = data.linear.channels.index(channel)
+    turning = order[:, None] * samples.wheel_angle_rad
+    pairs = np.zeros((*left.shape, 2 * len(order)))
+    seen = np.sinc(order[:, None] * speed * samples.block_s / (2.0 * np.pi))  # in the mean of a block
+    pairs[row] = np.stack([seen * np.cos(turning), seen * np.sin(turning)], axis=1).reshape(-1, len(samples)).T
+    pairs *= columns.present[..., None]
+    others = [i for i, name in enumerate(columns.constants) if name != named(channel, "wheel_order")]
+    constants = columns.rows[..., columns.varying :][..., others] * [values[columns.constants[i]] for i in others]
+    at = places_of(samples.run, samples.runs)
+    space = state_space(samples, data.linear, columns.present, values, data.speed_variance)
+    rows = whiten(space, at.padded(np.concatenate([constants, left[..., None], pairs], axis=-1))).columns
+    full = rows.swapaxes(1, 2) @ rows
+    keep = len(others)
+    across = full[:, :keep, keep:]
+    full = full[:, keep:, keep:] - across.swapaxes(1, 2) @ np.linalg.solve(np.eye(keep) + full[:, :keep, :keep], across)
+    long = np.bincount(samples.run[columns.present[row]], minlength=samples.runs) >= _LEAST_SAMPLES
+    if not long.any() or not len(order):
+        return None
+    power, weight = np.zeros(len(order)), np.zeros(len(order))
+    for i in range(len(order)):
+        own = slice(1 + 2 * i, 3 + 2 * i)
+        covariance = np.linalg.inv(full[long, own, own])
+        found = (covariance @ full[long, own, 0][..., None])[..., 0]
+        variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
+        power[i], weight[i] = ((found**2).sum(axis=1) / variance).sum(), (1.0 / variance).sum()
+    by_chance = chi2.ppf(_CHANCE, 2 * int(long.sum()))
+    return WheelOrders(order, np.sqrt(power / weight), np.sqrt(by_chance / weight))
