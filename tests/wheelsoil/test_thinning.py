@@ -11,9 +11,9 @@ series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) |
 
 
 @given(series, st.integers(4, 100))
-def test_decimation_keeps_order_limit_and_peaks(values, limit):
+def test_decimation_keeps_order_limit_ends_and_peaks(values, limit):
     rows = decimated_rows(values, limit)
-    assert len(rows) <= max(limit, 2)
+    assert len(rows) <= max(limit, 2) and rows[0] == 0 and rows[-1] == len(values) - 1
     assert (np.diff(rows) > 0).all()
     if np.isfinite(values).any():
         assert np.nanmax(values[rows]) == np.nanmax(values)

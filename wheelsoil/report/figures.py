@@ -76,14 +76,14 @@ def points_of_run(runs: int) -> int:
 
 
 def decimated_rows(values: FloatArray, limit: int) -> IntArray:
-    """Choose at most `limit` rows of a series so that its line keeps every peak, in ascending order.
+    """Choose at most `limit` rows of a series so that its line keeps every peak and both ends, in ascending order.
 
-    The series is cut into ``limit / 2`` pieces; each keeps the rows of its minimum and maximum.
+    The series is cut into ``limit / 2 - 1`` pieces; each keeps the rows of its minimum and maximum.
     A piece without a number keeps its first row, so that gaps stay visible.
     """
     if len(values) <= limit:
         return np.arange(len(values))
-    starts = np.linspace(0, len(values), max(limit // 2, 1) + 1).astype(np.int64)[:-1]
+    starts = np.linspace(0, len(values), max(limit // 2 - 1, 1) + 1).astype(np.int64)[:-1]
     finite = np.isfinite(values)
     piece = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(values)))
     known = np.flatnonzero(finite)
@@ -91,7 +91,7 @@ def decimated_rows(values: FloatArray, limit: int) -> IntArray:
     edge = np.flatnonzero(np.diff(piece[order], prepend=-1))
     lows, highs = order[edge], order[np.append(edge[1:], len(order)) - 1] if len(order) else order
     empty = starts[~np.isin(np.arange(len(starts)), piece[order])]
-    return np.unique(np.concatenate([lows, highs, empty]))
+    return np.unique(np.concatenate([lows, highs, empty, [0, len(values) - 1]]))
 
 
 def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int = 2) -> IntArray:
