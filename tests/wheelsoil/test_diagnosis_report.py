@@ -100,6 +100,23 @@ def test_residuals_are_drawn_against_everything_that_tells(plain_material):
     assert drawn == {f"misfit-{channel}-{key}" for channel in ("dp", "t") for key in against}
 
 
+def test_what_would_fit_almost_as_well_can_be_judged(plain_material):
+    found = diagnosis()
+    report = built(plain_material, replace(found, grounds=replace(found.grounds, confounded=("bulldozing",))))
+    assert section(report, "evidence").numbers["members"] == ["vasilev", "bulldozing"]
+    assert "Bulldozing would fit almost as well" in section(report, "causes").blocks[-1].note
+    assert section(built(plain_material, found), "evidence").numbers["members"] == ["vasilev"]
+
+
+def test_a_later_step_says_how_much_less_it_tells(plain_material):
+    found = diagnosis()
+    weaker = replace(found.next_run[0], expected_log_bayes_factor=0.63, cost_runs=2.0)
+    steps = section(built(plain_material, replace(found, next_run=(found.next_run[0], weaker))), "glance")
+    first, second = steps.numbers["steps"]
+    assert first.why == "Separates slip sinkage and bulldozing; expected odds 545 : 1."
+    assert second.why.endswith("10.0 times less evidence than 1; takes about as long as 2.0 runs.")
+
+
 def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):
     orders = WheelOrders(np.array([0.95, 1.0, 1.05]), np.array([4.0, 26.0, 5.0]), np.array([7.0, 7.1, 7.2]))
     found = replace(diagnosis(), plot_data=(replace(seen(), wheel_orders={"dp": orders}),))

@@ -173,8 +173,28 @@ def _run(canvas: _Canvas, across: FloatArray, up: FloatArray, row: int, chosen: 
     return "".join(pieces)
 
 
+def _inside(canvas: _Canvas, x: FloatArray, y: FloatArray) -> list[list[tuple[float, float]]]:
+    """Return the pieces of a line that lie within the axes; it ends where it leaves them."""
+    low, high = canvas.plane.y
+    pieces: list[list[tuple[float, float]]] = []
+    last: tuple[float, float] | None = None
+    for (a, b), (c, d) in pairwise(zip(x.tolist(), y.tolist(), strict=True)):
+        if not (isfinite(b) and isfinite(d) and canvas.plane.x[0] <= a and c <= canvas.plane.x[1]):
+            continue
+        ends = sorted(((low - b) / (d - b), (high - b) / (d - b))) if d != b else [0.0, 1.0]
+        start, stop = max(ends[0], 0.0), min(ends[1], 1.0)
+        if start >= stop or (d == b and not low <= b <= high):
+            continue
+        first, then = (canvas.at(a + part * (c - a), b + part * (d - b)) for part in (start, stop))
+        if first != last:
+            pieces.append([first])
+        pieces[-1].append(then)
+        last = then
+    return pieces
+
+
 def _clipped(canvas: _Canvas, x: FloatArray, y: FloatArray) -> list[list[tuple[float, float]]]:
-    """Return the pieces of a line between its gaps, cut at the axes' ends."""
+    """Return the pieces of a line between its gaps, held at the axes' ends."""
     low, high = canvas.plane.y
     pieces: list[list[tuple[float, float]]] = [[]]
     for a, b in zip(x.tolist(), y.tolist(), strict=True):
@@ -203,7 +223,7 @@ def _band(canvas: _Canvas, one: Curve) -> None:
 
 def _line(canvas: _Canvas, one: Curve) -> None:
     if not one.points:
-        for piece in _clipped(canvas, one.x, one.y):
+        for piece in _inside(canvas, one.x, one.y):
             canvas.add(f'<path class="line {one.look}" d="{_path(piece)}"/>')
         return
     low, high = canvas.plane.y

@@ -65,9 +65,9 @@ def count(value: int) -> str:
 
 
 def signed(value: float, form: str) -> str:
-    """Return a number in a format of Python with a proper minus, and no minus before zero."""
+    """Return a number in a format of Python with a proper minus, and no sign before zero."""
     text = f"{value:{form}}"
-    return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("-")
+    return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("+-")
 
 
 def interval(low: float, high: float, digits: int = 3) -> str:

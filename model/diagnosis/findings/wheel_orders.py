@@ -17,8 +17,8 @@ from scipy.stats import chi2
 
 from daq import FloatArray
 from model.diagnosis.core.result import WheelOrders
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import hyper_priors, named, noise_notes
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, notes_of
+from model.diagnosis.time_series.noise import named, swing_seen
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import state_space, whiten
@@ -34,8 +34,7 @@ _CHANCE = 0.95
 def wheel_orders_of(linearised: LinearisedCampaign, index: int) -> dict[str, WheelOrders]:
     """Return the orders of each channel of a campaign that is said to swing once a turn of the wheel."""
     data = linearised.campaigns[index]
-    told = noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels)
-    channels = [str(note.values["channel"]) for note in told if note.code == DiagnosisCode.WHEEL_ORDER]
+    channels = [str(note.values["channel"]) for note in notes_of(data) if note.code == DiagnosisCode.WHEEL_ORDER]
     if not channels:
         return {}
     left = _left(linearised, index)
@@ -56,13 +55,12 @@ def _left(linearised: LinearisedCampaign, index: int) -> FloatArray:
 def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders | None:
     """Return the orders of one channel; None where no run is long enough."""
     samples, columns, values = data.samples, data.columns, data.noise.values
-    speed = np.asarray(samples.conditions.wheel_speed_radps)
-    fastest = np.pi / samples.block_s / np.median(speed)
+    fastest = np.pi / samples.block_s / np.median(np.asarray(samples.conditions.wheel_speed_radps))
     order = np.arange(_LOWEST, min(_HIGHEST, _OF_NYQUIST * fastest) + _STEP / 2, _STEP)
     row = data.linear.channels.index(channel)
     turning = order[:, None] * samples.wheel_angle_rad
     pairs = np.zeros((*left.shape, 2 * len(order)))
-    seen = np.sinc(order[:, None] * speed * samples.block_s / (2.0 * np.pi))  # in the mean of a block
+    seen = np.stack([swing_seen(samples, float(each)) for each in order])
     pairs[row] = np.stack([seen * np.cos(turning), seen * np.sin(turning)], axis=1).reshape(-1, len(samples)).T
     pairs *= columns.present[..., None]
     others = [i for i, name in enumerate(columns.constants) if name != named(channel, "wheel_order")]

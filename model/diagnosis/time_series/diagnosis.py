@@ -136,7 +136,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         offered = propose_for(fits[linearised.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
-        shown = plot_data_of(linearised, fits[()], fits[explained.extended], explained.sizes, alone)
+        instead = [(c.key, coefficients_in_place_of(linearised.grams, explained.extended, c)) for c in confounded[:2]]
+        shown = plot_data_of(linearised, fits[()], fits[explained.extended], dict(instead) | explained.sizes, alone)
         disputes = _disputes(linearised, verdict, explained, fits)
         one_campaign = verdict.verdict == "unexplained" and len(linearised.campaigns) == 1
         grounds = Grounds(

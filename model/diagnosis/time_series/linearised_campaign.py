@@ -42,7 +42,7 @@ from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
-from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes
+from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
@@ -428,13 +428,16 @@ def linearise_campaigns(
         most_causes=options.most_causes,
         rounds=len(best_found.chosen_sets),
         converged=best_found.converged,
-        notes=tuple(note for data in best_found.campaigns for note in _notes(data)),
+        notes=tuple(note for data in best_found.campaigns for note in notes_of(data)),
         stages_s=clock.stages_s,
     )
 
 
-def _notes(data: CampaignData) -> tuple[Note, ...]:
-    return (*data.samples.notes, *noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels))
+def notes_of(data: CampaignData) -> tuple[Note, ...]:
+    """Return what the samples and the noise of one campaign tell."""
+    seen = float(np.sqrt(np.mean(swing_seen(data.samples) ** 2)))
+    told = noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels, seen)
+    return (*data.samples.notes, *told)
 
 
 def _choice(most_causes: int) -> Callable[[Grams, SetEstimate | None], SetEstimate]:

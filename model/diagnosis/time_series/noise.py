@@ -244,22 +244,34 @@ _NOTABLE_ZERO = 5.0
 """Of the zeros that differ from run to run, over their prior."""
 
 
-def noise_notes(noise: Noise, priors: Mapping[str, HyperPrior], channels: tuple[str, ...]) -> tuple[Note, ...]:
+def noise_notes(
+    noise: Noise, priors: Mapping[str, HyperPrior], channels: tuple[str, ...], swing_seen: float = 1.0
+) -> tuple[Note, ...]:
     """Return what the noise of one campaign tells of its sensors.
 
     Parameters
     ----------
     priors : mapping name -> Belief
         See `model.diagnosis.time_series.noise.hyper_priors`.
+    swing_seen : float
+        What the mean of a block leaves of what swings once a turn; see `swing_seen`.
     """
-    return tuple(note for channel in channels for note in (*_swing(noise, channel), *_zeros(noise, priors, channel)))
+    return tuple(
+        note for channel in channels for note in (*_swing(noise, channel, swing_seen), *_zeros(noise, priors, channel))
+    )
 
 
-def _swing(noise: Noise, channel: str) -> Iterator[Note]:
+def swing_seen(samples: Samples, order: float = 1.0) -> FloatArray:
+    """Return what the mean of a block leaves of what swings so many times a turn, shape (n,)."""
+    speed = np.asarray(samples.conditions.wheel_speed_radps)
+    return np.asarray(np.sinc(order * speed * samples.block_s / (2.0 * np.pi)))
+
+
+def _swing(noise: Noise, channel: str, seen: float) -> Iterator[Note]:
     name = named(channel, "wheel_order")
     size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
     if unsure < _DETERMINED and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
-        yield Note(DiagnosisCode.WHEEL_ORDER, values={"channel": channel, "size": float(size)})
+        yield Note(DiagnosisCode.WHEEL_ORDER, values={"channel": channel, "size": float(size / seen)})
 
 
 def _zeros(noise: Noise, priors: Mapping[str, HyperPrior], channel: str) -> Iterator[Note]:

@@ -46,7 +46,7 @@ _SHOWN = ("dp", "t")
 _MARK = "#8a5300"
 
 _READING_DRIVE = (
-    "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
+    "If the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
     "at low speed and at excluded samples. A good test covers the range of slip several times."
 )
 

@@ -30,7 +30,7 @@ from wheelsoil.report.figures import (
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, listed, number, signed
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
-from wheelsoil.wording.names import effect_name
+from wheelsoil.wording.names import effect_name, family_of
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
@@ -113,9 +113,11 @@ def _numbers(view: _Shown) -> dict[str, Bins]:
 
 
 def _members(found: Diagnosis) -> list[str]:
-    """Return the effects to show: the causes, as far as their signatures are known."""
-    known = {key for seen in found.plot_data for key in seen.signatures}
-    return [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known][:_MEMBERS]
+    """Return the effects to show: the causes and what would fit almost as well, as far as signatures are known."""
+    known = dict.fromkeys(key for seen in found.plot_data for key in seen.signatures)
+    causes = [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known]
+    rivals = [key for key in known if family_of(key) in found.grounds.confounded and key not in causes]
+    return [*causes, *(rivals if causes else [])][:_MEMBERS]
 
 
 def _nothing(found: Diagnosis) -> str:

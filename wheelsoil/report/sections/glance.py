@@ -16,7 +16,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
 from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
-from wheelsoil.wording.names import chance, plain_name
+from wheelsoil.wording.names import chance, family_of, plain_name
 from wheelsoil.wording.notes import step_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentences_of
 from wheelsoil.workflows.grading import Grade
@@ -25,6 +25,8 @@ _STEPS = 3
 _NAMED = 5
 _SIGMAS = 1.959964
 _HIGHEST_ODDS = 1000.0
+_FEWER = 1.5
+"""Times less evidence than the first step's that are worth a word."""
 
 
 @section("glance", "Summary")
@@ -133,9 +135,11 @@ def _share(value: float) -> tuple[str, str]:
 
 
 def _chosen(found: Diagnosis) -> str:
+    """Return in how many of the held-out fits the named causes were chosen, without that of the run left out."""
     chosen = found.gain.chosen if found.gain is not None else ()
-    held = sum(bool(keys) for keys in chosen)
-    return f"; a cause chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
+    named = {cause.name for cause in found.causes}
+    held = sum(named <= {family_of(key) for key in keys} for keys in chosen)
+    return f", alone or with others; chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
 
 
 def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
@@ -266,21 +270,27 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     found = material.diagnosed
     poor = any(grade.level == "poor" for grade in grades.values())
     if found is None or not found.next_run or poor:
-        first = [Step(_upper(next_step(material, grades)).replace("`", ""))]
+        first = [Step(upper(next_step(material, grades)).replace("`", ""))]
         if found is None or not found.next_run:
             return first
     else:
         first = []
     ranked = []
+    most = found.next_run[0].expected_log_bayes_factor
     for run in found.next_run[:_STEPS]:
         parted = listed([plain_name(name) for name in run.separates])
         odds = exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0))
         to_1 = f"{number(odds, 2)} : 1" if odds < _HIGHEST_ODDS else "above 1000 : 1"
-        ranked.append(Step(_upper(step_text(run)), f"Separates {parted}; expected odds {to_1}." if parted else ""))
+        times = most / run.expected_log_bayes_factor if run.expected_log_bayes_factor > 0 else 1.0
+        tells = f"{number(times, 2)} times less evidence than 1" if times > _FEWER else f"expected odds {to_1}"
+        cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
+        reason = f"Separates {parted}; {tells}{cost}."
+        ranked.append(Step(upper(step_text(run)), reason if parted else ""))
     return [*first, *ranked][:_STEPS]
 
 
-def _upper(text: str) -> str:
+def upper(text: str) -> str:
+    """Return a text that begins with a capital."""
     return f"{text[0].upper()}{text[1:]}"
 
 

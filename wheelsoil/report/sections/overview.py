@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES, DataError
+from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from wheelsoil.report.content import (
     Bar,
@@ -29,11 +30,11 @@ from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, biases
-from wheelsoil.report.sections.glance import caution_text, in_page_unit
+from wheelsoil.report.sections.glance import caution_text, in_page_unit, upper
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_name
 from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
-from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.workflows.traction import Traction, traction_of
 
 _SIGMAS = 1.959964
@@ -41,6 +42,7 @@ _MOST_SETS, _MOST_CAUSES, _MOST_RUNS = 5, 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
+_SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
     "A right model stays at zero everywhere; where a line leaves zero and stays away, that model is wrong."
@@ -55,7 +57,7 @@ def fit(material: ReportInputs) -> Contents:
     figures = [_residuals(one, channel) for channel in one.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
     checks += [
-        Check(True, f"{OUTPUTS[c].name.capitalize()}: no bias, driving and braking.")
+        Check(True, f"{OUTPUTS[c].name.capitalize()}: no bias beyond the noise of a sample ({_noise(one, c)}).")
         for c in one.measured
         if not any(bias.channel == c for bias in found) and np.isfinite(one.noise[c]).any()
     ]
@@ -82,6 +84,14 @@ def fit(material: ReportInputs) -> Contents:
         blocks.append(Tiles(_traction_tiles(traction), small=True))
         numbers["traction"] = traction
     return blocks, numbers
+
+
+def _noise(one: Recommendation, channel: str) -> str:
+    """Return the noise of a sample, driving and braking: a smaller bias need not show."""
+    factor, text = in_page_unit(channel)
+    sides = (("driving", one.slip > 0), ("braking", one.slip < 0))
+    known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
+    return ", ".join(f"{name} {number(factor * float(np.median(x)), 2)} {text}" for name, x in known if len(x))
 
 
 def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
@@ -114,7 +124,7 @@ def _residuals(one: Recommendation, channel: str) -> Drawing:
         curves,
         shades=shades,
         reading=_READING,
-        wide=(560, 340, 112),
+        wide=(560, 340, 124),
     )
 
 
@@ -178,7 +188,7 @@ def _traction_tiles(one: Traction) -> list[Tile]:
     if one.pull is not None:
         low, high = one.pull.interval95
         said = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
-        note = f"{said}{count(one.pull.passes)} passes, {one.pull.load_n / 1e3:.1f} kN"
+        note = f"{said}{count(one.pull.passes)} passes through it, {one.pull.load_n / 1e3:.1f} kN"
         tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", number(one.pull.pull_n), "N", note))
         tiles.append(
             Tile(
@@ -206,13 +216,18 @@ def causes(material: ReportInputs) -> Contents:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
         )
+    rivals = found.grounds.confounded
     rows = [
         [plain_name(one.name), chance(one.probability), *_size(found, one.name)]
-        for one in found.candidates[:_MOST_CAUSES]
-        if one.name != "none"
+        for i, one in enumerate(found.candidates)
+        if one.name != "none" and (i < _MOST_CAUSES or one.name in rivals)
     ]
     if rows:
-        note = "Causes may act together: these need not add up. Minimum detectable: alone, in half of such campaigns."
+        note = (
+            "Each cause alone or with others: these need not add up. "
+            "Minimum detectable: alone, in half of such campaigns."
+        )
+        note += f" {upper(listed([plain_name(one) for one in rivals]))} would fit almost as well." if rivals else ""
         blocks.append(Table("Each cause", ["cause", "probability", "estimate", "minimum detectable"], rows, note))
     if not blocks:
         raise DataError("no cause was weighed")
@@ -227,7 +242,11 @@ def causes(material: ReportInputs) -> Contents:
 
 def _sets(found: Diagnosis) -> list[Bar]:
     shown = found.sets[:_MOST_SETS]
-    bars = [Bar(set_name(one), one.probability, chance(one.probability), i == 0) for i, one in enumerate(shown)]
+    names = [f"{set_name(one)} alone" if len(one.causes) == 1 else set_name(one) for one in shown]
+    bars = [
+        Bar(name, one.probability, chance(one.probability), i == 0)
+        for i, (name, one) in enumerate(zip(names, shown, strict=True))
+    ]
     rest = 1.0 - sum(one.probability for one in shown)
     return [*bars, Bar("all other sets", rest, chance(rest))] if shown and rest > 0.0005 else bars
 
@@ -335,9 +354,11 @@ def signals(material: ReportInputs) -> Contents:
     blocks: list[Block] = []
     if rows:
         head = ["channel", "state", "rate (Hz)", "longest gap (ms)", "delay (ms)", "sigma of a sample"]
-        blocks.append(Table("All channels, all runs", head, rows, "Delay: as declared in vehicle.toml.", left=2))
+        blocks.append(Table("All channels, all runs", head, rows, _SENSORS_NOTE, left=2))
     lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in material.sources if source.lost]
     blocks += [Text(f"Lost while recording: {listed(lost)}.", "warning")] if lost else []
     notes = dict.fromkeys(text for run in material.runs for text in texts_of(run.quality.notes))
     blocks += [Text(f"{text}.") for text in list(notes)[:3]]
+    told = material.diagnosed.notes if material.diagnosed is not None else ()
+    blocks += [Text(f"{upper(note_text(one))}.", "warning") for one in told if one.code == DiagnosisCode.WHEEL_ORDER]
     return blocks, numbers

@@ -115,4 +115,4 @@ def next_run(material: ReportInputs) -> Contents:
     ]
     head = ["what to do", "parts", "expected ln Bayes factor", "odds", "cost, runs"]
     numbers = {"next_run": [next_run_json(run) for run in runs], "odds_to_1": odds}
-    return [Table("Best first", head, rows, _ODDS_NOTE, left=2)], numbers
+    return [Table("Best first: of steps that tell enough, the cheapest", head, rows, _ODDS_NOTE, left=2)], numbers

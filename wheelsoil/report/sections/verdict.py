@@ -160,7 +160,7 @@ def _trust(concerns: int) -> str:
             "None of the checks below speaks against relying on it; an error that is the same in every run "
             "(zero, angle, soil values) they cannot see."
         )
-    what = "the reservation" if concerns == 1 else f"the {concerns} reservations"
+    what = "the check that is marked" if concerns == 1 else f"the {concerns} checks that are marked"
     return f"Before relying on it, read {what} below."
 
 
