@@ -11,7 +11,6 @@ import typer
 from daq import ConfigError, Fault
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
-from wheelsoil.report.build import find_browser
 
 
 class Format(StrEnum):
@@ -129,7 +128,11 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
         raise ConfigError(fault)
     target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
     check_output(target.with_suffix(".json"), force=force)
-    return target, find_browser() if pdf else ""
+    if not pdf:
+        return target, ""
+    from wheelsoil.report.build import find_browser
+
+    return target, find_browser()
 
 
 def view_command(

@@ -13,7 +13,7 @@ A run begins at an unknown angle: only the size of its swing counts, not its pha
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from daq import FloatArray
 from model.diagnosis.core.result import WheelOrders
@@ -82,5 +82,5 @@ def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders |
         found = (covariance @ full[long, own, 0][..., None])[..., 0]
         variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
         power[i], weight[i] = ((found**2).sum(axis=1) / variance).sum(), (1.0 / variance).sum()
-    by_chance = chi2.ppf(_CHANCE, 2 * int(long.sum()))
+    by_chance = float(chdtri(2 * int(long.sum()), 1.0 - _CHANCE))
     return WheelOrders(order, np.sqrt(power / weight), np.sqrt(by_chance / weight))

@@ -25,8 +25,7 @@ from itertools import combinations, product
 from typing import Literal
 
 import numpy as np
-from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtrc, logsumexp
 
 from daq import FloatArray
 from model.diagnosis.pooling.reduced import OF_THE_TRANSDUCER, Observation, Reduced, may_be_shared, reduced, scales_of
@@ -311,7 +310,7 @@ def _disagreeing(
         basis = axes[:, seen]
         spread = basis.T @ (own + rows @ covariance @ rows.T + tau**2 * own @ own) @ basis
         along = basis.T @ error
-        p_value = float(chi2.sf(float(along @ np.linalg.solve(spread, along)), int(seen.sum())))
+        p_value = float(chdtrc(int(seen.sum()), float(along @ np.linalg.solve(spread, along))))
         if p_value < _DISAGREES / len(data):
             found[ordered[i].campaign] = p_value
     return found

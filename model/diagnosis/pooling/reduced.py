@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from daq import FloatArray
 from model.diagnosis.core.information import Information
@@ -159,7 +159,7 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
     along = axes.T @ score
     statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
     mean = np.linalg.solve(np.eye(q) + precision, score)
-    p_value = float(chi2.sf(statistic, int(seen.sum()))) if seen.any() else 1.0
+    p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
     return SoilDeparture(one.campaign, dict(zip(information.soil, map(float, mean), strict=True)), p_value)
 
 
