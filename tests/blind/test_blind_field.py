@@ -143,6 +143,7 @@ def yardstick() -> Yardstick:
     return Yardstick(field_day("clay", (6, 3)))
 
 
+@pytest.mark.slow
 def test_sizes_are_set_by_their_loudness(yardstick: Yardstick) -> None:
     for key in ("vasilev", "torque_gain", "speed_latency", "exit_angle"):
         for level in (0.5, 5.0):

@@ -52,6 +52,7 @@ def test_a_package_adds_an_effect_as_the_page_says(install: Install, tmp_path: P
     assert seen.stdout == "The wind takes part of the drawbar pull.\n", seen.stderr
 
 
+@pytest.mark.slow
 def test_the_contract_suite_takes_it_up(install: Install) -> None:
     env = install("my_wind", HEADWIND, "my_wind:Headwind")
     assert "`pytest tests/contract` in a checkout" in README, "the whole of it, as the page says"
@@ -61,6 +62,7 @@ def test_the_contract_suite_takes_it_up(install: Install) -> None:
     assert " passed" in done.stdout
 
 
+@pytest.mark.slow
 def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> None:
     said = 'shows = ("drawbar_pull",)'
     env = install("my_wind", HEADWIND.replace(said, 'shows = ("driving_torque",)'), "my_wind:Headwind")

@@ -31,6 +31,7 @@ def reason_places(result: HealthRun) -> set[tuple[str, str]]:
     return {(one.code, one.where.partition(":")[0]) for one in result.reasons}
 
 
+@pytest.mark.slow
 def test_a_drive_on_the_highway() -> None:
     folder = data_dir("comma2k19-example1")
     dbc = folder / "toyota_rav4_2019.dbc"

@@ -76,6 +76,7 @@ def test_truth_is_found_without_noise(law: str, reading: str) -> None:
     assert fit.criteria["dp"].R2 > 0.999
 
 
+@pytest.mark.slow
 def test_intervals_contain_the_truth_about_as_often_as_they_say() -> None:
     """A quick look; the measurement is in test_recovery.py (slow)."""
     law, name, hits = "vasilev", "H_m", 0

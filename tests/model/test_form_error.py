@@ -90,6 +90,7 @@ def diagnosed(one: Bench, share: float | None = None) -> Diagnosis:
     return diagnose_bench([one], DiagnosisOptions(effects=FEW, channels=("dp", "z"), error_of_form=share))
 
 
+@pytest.mark.slow
 def test_an_assumed_error_is_said_and_is_what_gives_it() -> None:
     assumed, given_one = diagnosed(single()), diagnosed(single(), FORM_SHARE)
     assert [c.probability for c in assumed.candidates] == [c.probability for c in given_one.candidates]

@@ -24,6 +24,7 @@ def line(report: Path, check: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_a_virtual_bus_up_down_and_with_a_small_buffer(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     vehicle_folder(tmp_path, channel='"vcan0"', interface='"socketcan"')
     (tmp_path / "send.py").write_text(

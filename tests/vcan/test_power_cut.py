@@ -45,6 +45,7 @@ def seconds_lost(folder: Path) -> float:
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(20, marks=pytest.mark.study)])
+@pytest.mark.slow
 def test_a_power_cut_takes_little(guest: Callable[..., GuestResult], tmp_path: Path, count: int) -> None:
     folders = [tmp_path / f"cut-{number}" for number in range(count)]
     for folder, after_s in zip(folders, np.random.default_rng(count).uniform(0.7, 3.5, count), strict=True):

@@ -44,6 +44,7 @@ end
 """
 
 
+@pytest.mark.slow
 def test_interfaces_come_back_and_a_clock_may_be_set(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0", "vcan1")
 

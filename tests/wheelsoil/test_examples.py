@@ -57,6 +57,7 @@ def test_the_first_notebook_tells_what_it_finds():
     assert "Slip sinkage explains the misfit" in text
 
 
+@pytest.mark.slow
 def test_first_run(execute):
     shown = execute("01_first_run.ipynb")
     tables, figures = pages(shown), drawn(shown)

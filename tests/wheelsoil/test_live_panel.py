@@ -218,6 +218,7 @@ def test_more_browsers_than_allowed_are_refused_with_the_reason() -> None:
         until(lambda: _opens(panel), "a place")
 
 
+@pytest.mark.slow
 def test_who_does_not_say_what_he_wants_holds_no_place() -> None:
     """Anybody in the network can open connections; there is room for few."""
     with page() as panel, ExitStack() as silent:

@@ -64,6 +64,7 @@ def test_twelve_campaigns_survive_too(tmp_path: Path) -> None:
     _survives(fleet, tmp_path / "whole", tmp_path)
 
 
+@pytest.mark.slow
 def test_no_scheduler_no_workers_and_another_version_are_said(fleet: Path, tmp_path: Path) -> None:
     def said(address: str) -> tuple[int, str]:
         result = invoke(

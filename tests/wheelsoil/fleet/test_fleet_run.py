@@ -115,6 +115,7 @@ def test_shards_are_all_of_it_and_each_once(fleet: Path, store: Path) -> None:
     assert sorted(names) == sorted(whole) and sum(bool(part) for part in parts) > 1
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
     with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 2) as process:
         process.line_with("1/3")
@@ -157,6 +158,7 @@ def _same(whole: Path, part: Path, prefix: str) -> None:
         ], name
 
 
+@pytest.mark.slow
 def test_a_full_disk_costs_no_finished_campaign(fleet: Path, tmp_path: Path) -> None:
     small = tmp_path / "small"
     small.mkdir()

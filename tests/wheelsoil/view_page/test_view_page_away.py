@@ -19,6 +19,7 @@ def folder(tmp_path: Path) -> Path:
     return taken_from(RECORDINGS / "clay", tmp_path / "clay", 1)
 
 
+@pytest.mark.slow
 def test_the_page_outlives_its_server_and_tells_the_next_one_what_was_chosen(browser: Browser, folder: Path) -> None:
     sandy = taken_from(RECORDINGS / "sandy", folder.parent / "sandy", 1)
     with viewing(folder) as first, looking(browser, first.address, refused=True) as seen:
