@@ -13,7 +13,8 @@ from diagnosis_samples import SENTENCES, diagnosis, seen
 from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
-from model.diagnosis.core.result import Candidate, Diagnosis, PlotData, WheelOrders
+from model.diagnosis.core.plot_data import PlotData, WheelOrders
+from model.diagnosis.core.result import Candidate, Diagnosis
 from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report

@@ -12,6 +12,7 @@ from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
 from .gain import rms as rms
 from .information import Information as Information
+from .plot_data import PlotData as PlotData
 from .result import Adequacy as Adequacy
 from .result import Candidate as Candidate
 from .result import Cause as Cause
@@ -25,7 +26,6 @@ from .result import Grounds as Grounds
 from .result import Inconsistent as Inconsistent
 from .result import NextRun as NextRun
 from .result import ParameterEstimate as ParameterEstimate
-from .result import PlotData as PlotData
 from .result import Scores as Scores
 from .result import SoilEstimate as SoilEstimate
 from .shapes import Kind as Kind

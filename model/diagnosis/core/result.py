@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError, FloatArray, IndexArray, Note, frame_of_rows
+from daq import OUTPUTS, ROLES, DataError, Note, frame_of_rows
 from model.diagnosis.core.information import Information
+from model.diagnosis.core.plot_data import PlotData
 from model.diagnosis.core.shapes import Rows, Shape
 from model.inference_data import inference_data
 
@@ -215,65 +216,6 @@ class NextRun:
     expected_log_bayes_factor: float
     cost_runs: float = 1.0
     campaign: str = ""
-
-
-@dataclass(frozen=True)
-class WheelOrders:
-    """How much a channel swings with the turning wheel, by order; arrays of shape (k,).
-
-    Attributes
-    ----------
-    order : array
-        Cycles a turn.
-    swing : array
-        Amplitude, root mean square over the runs.
-    by_chance : array
-        What noise alone stays below in 95 of 100 campaigns.
-    """
-
-    order: FloatArray
-    swing: FloatArray
-    by_chance: FloatArray
-
-
-@dataclass(frozen=True)
-class PlotData:
-    """Samples of a campaign or rows of a table, for figures; arrays of shape (n,).
-
-    Attributes
-    ----------
-    runs : tuple of str
-        Names; ``run`` indexes them.
-    measured, base, extended : mapping channel -> array
-        What was measured; what the simulation says with its re-calibrated soil; what the extended model says.
-    base_sigma : mapping channel -> array
-        One-sigma of measured less base by the noise model.
-    signatures : mapping effect key -> mapping channel -> array
-        What each candidate changes at its estimated size, less what the soil can imitate.
-    implied : mapping effect key -> mapping channel -> array
-        What each candidate says as if it were the one, of channels that were not used too.
-    unused_channels : tuple of str
-        Channels that were measured and not used: nothing was chosen or fitted by them.
-    wheel_orders : mapping channel -> WheelOrders
-        Of the channels that are said to swing once a turn of the wheel.
-    """
-
-    campaign: str
-    runs: tuple[str, ...]
-    run: IndexArray
-    time_s: FloatArray
-    slip: FloatArray
-    ground_speed_mps: FloatArray
-    vertical_load_n: FloatArray
-    line_position: FloatArray
-    measured: dict[str, FloatArray]
-    base: dict[str, FloatArray]
-    extended: dict[str, FloatArray]
-    base_sigma: dict[str, FloatArray]
-    signatures: dict[str, dict[str, FloatArray]]
-    implied: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
-    unused_channels: tuple[str, ...] = ()
-    wheel_orders: dict[str, WheelOrders] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ import numpy as np
 from daq import FloatArray
 from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
+from model.diagnosis.core.plot_data import PlotData
+from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.isolability import CONFOUNDED_COSINE, isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_sets, parameters_of, soils_of, spread_of
 from model.diagnosis.findings.wheel_orders import wheel_orders_of

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from daq import FloatArray
-from model.diagnosis.core.result import WheelOrders
+from model.diagnosis.core.plot_data import WheelOrders
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, notes_of
 from model.diagnosis.time_series.noise import named, swing_seen
 from model.diagnosis.time_series.samples import places_of

@@ -12,7 +12,8 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, IndexArray, Note, Severity
 from model.diagnosis.core.bayes_factors import Direction, minimum_detectable
-from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, PlotData, SoilEstimate
+from model.diagnosis.core.plot_data import PlotData
+from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, SoilEstimate
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import scatter_of_repeats
