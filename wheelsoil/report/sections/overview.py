@@ -91,7 +91,8 @@ def _noise(one: Recommendation, channel: str) -> str:
     factor, text = in_page_unit(channel)
     sides = (("driving", one.slip > 0), ("braking", one.slip < 0))
     known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
-    return ", ".join(f"{name} {number(factor * float(np.median(x)), 2)} {text}" for name, x in known if len(x))
+    said = text.replace(" ", "\u00a0")
+    return ", ".join(f"{name} {number(factor * float(np.median(x)), 2)}\u00a0{said}" for name, x in known if len(x))
 
 
 def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
