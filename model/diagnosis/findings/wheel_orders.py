@@ -29,6 +29,9 @@ _LOWEST, _HIGHEST = 0.3, 3.0
 _OF_NYQUIST = 0.8
 _LEAST_SAMPLES = 30
 _CHANCE = 0.95
+_SLOWEST_RADPS = 0.1
+_LARGEST = 1e6
+"""Of a swing, in N or N m: what keeps a pair that a run does not show from being singular."""
 
 
 def wheel_orders_of(linearised: LinearisedCampaign, index: int) -> dict[str, WheelOrders]:
@@ -53,34 +56,44 @@ def _left(linearised: LinearisedCampaign, index: int) -> FloatArray:
 
 
 def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders | None:
-    """Return the orders of one channel; None where no run is long enough."""
-    samples, columns, values = data.samples, data.columns, data.noise.values
-    fastest = np.pi / samples.block_s / np.median(np.asarray(samples.conditions.wheel_speed_radps))
-    order = np.arange(_LOWEST, min(_HIGHEST, _OF_NYQUIST * fastest) + _STEP / 2, _STEP)
+    """Return the orders of one channel; None where no run is long enough, or the wheel too fast for any."""
+    samples, present = data.samples, data.columns.present
     row = data.linear.channels.index(channel)
-    turning = order[:, None] * samples.wheel_angle_rad
-    pairs = np.zeros((*left.shape, 2 * len(order)))
-    seen = np.stack([swing_seen(samples, float(each)) for each in order])
-    pairs[row] = np.stack([seen * np.cos(turning), seen * np.sin(turning)], axis=1).reshape(-1, len(samples)).T
-    pairs *= columns.present[..., None]
-    others = [i for i, name in enumerate(columns.constants) if name != named(channel, "wheel_order")]
-    constants = columns.rows[..., columns.varying :][..., others] * [values[columns.constants[i]] for i in others]
-    at = places_of(samples.run, samples.runs)
-    space = state_space(samples, data.linear, columns.present, values, data.speed_variance)
-    rows = whiten(space, at.padded(np.concatenate([constants, left[..., None], pairs], axis=-1))).columns
-    full = rows.swapaxes(1, 2) @ rows
-    keep = len(others)
-    across = full[:, :keep, keep:]
-    full = full[:, keep:, keep:] - across.swapaxes(1, 2) @ np.linalg.solve(np.eye(keep) + full[:, :keep, :keep], across)
-    long = np.bincount(samples.run[columns.present[row]], minlength=samples.runs) >= _LEAST_SAMPLES
+    long = np.bincount(samples.run[present[row]], minlength=samples.runs) >= _LEAST_SAMPLES
+    speed = max(float(np.median(np.abs(samples.conditions.wheel_speed_radps))), _SLOWEST_RADPS)
+    order = np.arange(_LOWEST, min(_HIGHEST, _OF_NYQUIST * np.pi / (samples.block_s * speed)) + _STEP / 2, _STEP)
     if not long.any() or not len(order):
         return None
+    grams = _grams(data, left, row, order)[long]
     power, weight = np.zeros(len(order)), np.zeros(len(order))
     for i in range(len(order)):
         own = slice(1 + 2 * i, 3 + 2 * i)
-        covariance = np.linalg.inv(full[long, own, own])
-        found = (covariance @ full[long, own, 0][..., None])[..., 0]
+        covariance = np.linalg.inv(grams[:, own, own] + np.eye(2) / _LARGEST**2)
+        found = (covariance @ grams[:, own, 0][..., None])[..., 0]
         variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
         power[i], weight[i] = ((found**2).sum(axis=1) / variance).sum(), (1.0 / variance).sum()
     by_chance = float(chdtri(2 * int(long.sum()), 1.0 - _CHANCE))
     return WheelOrders(order, np.sqrt(power / weight), np.sqrt(by_chance / weight))
+
+
+def _grams(data: CampaignData, left: FloatArray, row: int, order: FloatArray) -> FloatArray:
+    """Return whitened cross products of what is left and of each order's pair, shape (runs, 1 + 2 k, 1 + 2 k).
+
+    What is one value a run is integrated out, but for the channel's own first order.
+    """
+    samples, columns, values = data.samples, data.columns, data.noise.values
+    turning = order[:, None] * samples.wheel_angle_rad
+    seen = np.stack([swing_seen(samples, float(each)) for each in order])
+    pairs = np.zeros((*left.shape, 2 * len(order)))
+    pairs[row] = np.stack([seen * np.cos(turning), seen * np.sin(turning)], axis=1).reshape(-1, len(samples)).T
+    pairs *= columns.present[..., None]
+    own = named(data.linear.channels[row], "wheel_order")
+    others = [i for i, name in enumerate(columns.constants) if name != own]
+    constants = columns.rows[..., columns.varying :][..., others] * [values[columns.constants[i]] for i in others]
+    space = state_space(samples, data.linear, columns.present, values, data.speed_variance)
+    at = places_of(samples.run, samples.runs)
+    rows = whiten(space, at.padded(np.concatenate([constants, left[..., None], pairs], axis=-1))).columns
+    full, keep = rows.swapaxes(1, 2) @ rows, len(others)
+    across = full[:, :keep, keep:]
+    solved = np.linalg.solve(np.eye(keep) + full[:, :keep, :keep], across)
+    return np.asarray(full[:, keep:, keep:] - across.swapaxes(1, 2) @ solved)
