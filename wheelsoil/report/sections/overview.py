@@ -212,7 +212,11 @@ def causes(material: ReportInputs) -> Contents:
     """Build the section: sets of causes, which add up, and each cause with its size."""
     found = material.diagnosis
     blocks: list[Block] = []
-    bars = _sets(found)
+    sets = _sets(found)
+    bars = [
+        Bar(f"{name} alone" if alone else name, share, chance(share), i == 0)
+        for i, (name, share, alone) in enumerate(sets)
+    ]
     if bars:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
@@ -233,7 +237,7 @@ def causes(material: ReportInputs) -> Contents:
     if not blocks:
         raise DataError("no cause was weighed")
     numbers = {
-        "sets": [{"causes": one.name, "probability": one.share} for one in bars],
+        "sets": [{"causes": name, "probability": share} for name, share, _ in sets],
         "candidates": found.candidates,
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
@@ -241,15 +245,12 @@ def causes(material: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _sets(found: Diagnosis) -> list[Bar]:
+def _sets(found: Diagnosis) -> list[tuple[str, float, bool]]:
+    """Return the most probable sets and all others together: name, probability, whether it is one cause alone."""
     shown = found.sets[:_MOST_SETS]
-    names = [f"{set_name(one)} alone" if len(one.causes) == 1 else set_name(one) for one in shown]
-    bars = [
-        Bar(name, one.probability, chance(one.probability), i == 0)
-        for i, (name, one) in enumerate(zip(names, shown, strict=True))
-    ]
+    listed_sets = [(set_name(one), one.probability, len(one.causes) == 1) for one in shown]
     rest = 1.0 - sum(one.probability for one in shown)
-    return [*bars, Bar("all other sets", rest, chance(rest))] if shown and rest > 0.0005 else bars
+    return [*listed_sets, ("all other sets", rest, False)] if shown and rest > 0.0005 else listed_sets
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
