@@ -323,7 +323,7 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
 
 
 def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
-    """Return what the head of the page names: dates, loads, runs, tyre, transducer; (label, value)."""
+    """Return what the head of the page names: dates, loads, runs, tyre, transducer, place; (label, value)."""
     found = [("", f"{_dates([run.start_ns for run in material.runs])}")] if material.runs else []
     loads = [
         float(np.nanmedian(run.vertical_load_n)) for run in material.runs if np.isfinite(run.vertical_load_n).any()
@@ -339,7 +339,19 @@ def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
     tyre += [f"{listed([f'{one:g}' for one in pressures])} kPa"] if pressures else []
     found += [("Tyre", ", ".join(tyre))] if tyre else []
     serial = material.vehicle.transducer.serial
-    return [*found, *([("Transducer", serial)] if serial else [])]
+    found += [("Transducer", serial)] if serial else []
+    place = _place(material)
+    return [*found, ("", place)] if place else found
+
+
+def _place(material: ReportInputs) -> str:
+    """Return the median position of the first run that has one."""
+    for run in material.runs:
+        known = np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg)
+        if known.any():
+            north, east = (float(np.median(x[known])) for x in (run.latitude_deg, run.longitude_deg))
+            return f"{abs(north):.3f}° {'N' if north >= 0 else 'S'}, {abs(east):.3f}° {'E' if east >= 0 else 'W'}"
+    return ""
 
 
 def _dates(starts_ns: list[int]) -> str:

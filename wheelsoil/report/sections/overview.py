@@ -150,11 +150,14 @@ def _parameters(material: ReportInputs) -> Table | None:
             sigma = soil.sigmas.get(name, float("nan"))
             said = interval(value - _SIGMAS * sigma, value + _SIGMAS * sigma)
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
-            label = f"{letter(name)}, {soil.campaign}" if several else letter(name)
-            rows.append([label, measured(value, sigma), said, unit(_SOIL_UNITS.get(name, "")), off])
+            before = number(soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
+            label = _with_unit(
+                f"{letter(name)}, {soil.campaign}" if several else letter(name), _SOIL_UNITS.get(name, "")
+            )
+            rows.append([label, measured(value, sigma), said, before, off])
     if not rows:
         return None
-    head = ["parameter", "estimate", "95 % interval", "unit", "from the laboratory"]
+    head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
     causes = listed([_with_form(cause) for cause in _recommended_causes(found)])
     of_soil = (
         "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
@@ -171,13 +174,17 @@ def _recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
     return found.causes if found.verdict == "named" else found.causes[:1] if found.verdict == "one_of" else ()
 
 
+def _with_unit(name: str, text: str) -> str:
+    return f"{name} ({unit(text)})" if unit(text) else name
+
+
 def _of_cause(cause: Cause) -> list[list[str]]:
     return [
         [
-            letter(parameter_name(cause.key, one.name)),
+            _with_unit(letter(parameter_name(cause.key, one.name)), one.unit),
             measured(one.value, one.sigma),
             interval(*one.interval95),
-            unit(one.unit),
+            "",
             "",
         ]
         for one in cause.parameters
