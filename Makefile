@@ -31,8 +31,9 @@ PYTEST = $(BIN)/pytest -n 3 --no-loadscope-reorder --durations 15
 fast: $(STAMP)
 	$(PYTEST) --hypothesis-profile gate -m "not slow and not study"
 
+# SEED=0 draws the same examples each time, as .ci/run does.
 slow: $(STAMP)
-	$(PYTEST) --hypothesis-profile random -m "(slow or hypothesis) and not study"
+	$(PYTEST) --hypothesis-profile random $(if $(SEED),--hypothesis-seed $(SEED)) -m "(slow or hypothesis) and not study"
 
 study: $(STAMP)
 	$(BIN)/pytest -s -m study
