@@ -25,7 +25,7 @@ def watched(watch: Callable[[float], None]) -> Iterator[None]:
 
 
 def note_share(share: float) -> None:
-    """Say what share of the computation is done."""
+    """Say what share of the computation is done, 0 to 1."""
     if watch := _watch.get():
         watch(share)
 

@@ -114,13 +114,13 @@ def _bar(label: str) -> Iterator[_Show | None]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(label), BarColumn(), TimeRemainingColumn(compact=True), TextColumn("{task.description}"))
+    named, counted = (TextColumn(f"{{task.fields[{name}]}}", markup=False) for name in ("label", "text"))
+    columns = (named, BarColumn(), TimeRemainingColumn(compact=True), counted)
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=1.0)
+        task = progress.add_task("", total=1.0, label=label, text="")
 
         def show(share: float, text: str = "") -> None:
-            done = max(progress.tasks[0].completed, share)
-            progress.update(task, completed=done, description=text)
+            progress.update(task, completed=max(progress.tasks[0].completed, share), text=text)
 
         yield show
 

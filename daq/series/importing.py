@@ -63,6 +63,7 @@ def import_series(
     metadata = {"source": ", ".join(file.name for file in files)}
     carried = known.attachments
     rows = dict.fromkeys(series.topics, 0)
+    sizes = [file.stat().st_size for file in files]
     with whole_recording(target, run=run, attachments=carried, metadata=metadata, overwrite=overwrite) as writer:
         for blocks in series.blocks():
             for block in blocks:
@@ -70,6 +71,7 @@ def import_series(
                 writer.decoded.write(block.topic, SERIES_BUS, block.time_ns, block.columns, units)
                 rows[block.topic] += len(block)
             if watch:
-                watch(sum(rows.values()), sum(report.share for report in reports) / len(reports))
+                read = sum(size * report.share for size, report in zip(sizes, reports, strict=True))
+                watch(sum(rows.values()), read / max(sum(sizes), 1))
     remarks = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
     return ImportedSeries(target, series.topics, rows, tuple(remarks))

@@ -1,4 +1,3 @@
-from .core import SHARE_BEFORE as SHARE_BEFORE
 from .core import Adequacy as Adequacy
 from .core import Bench as Bench
 from .core import BoundRows as BoundRows
@@ -24,6 +23,7 @@ from .core import Rows as Rows
 from .core import Scores as Scores
 from .core import Shape as Shape
 from .core import SoilEstimate as SoilEstimate
+from .core import WheelOrders as WheelOrders
 from .core import bound_rows_of_runs as bound_rows_of_runs
 from .core import bound_rows_of_table as bound_rows_of_table
 from .core import considered as considered

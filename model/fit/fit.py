@@ -45,9 +45,9 @@ MIN_SAMPLES = 20
 _WORSE = 1.2
 """R0 over that of Wong's model, from which on a channel that was not fitted is said to be followed worse."""
 _RENEWALS = 2
-_BLOCK = 1 << 16
 _SHARE_OF_FITS = 0.8
 """Of the time of a fit to runs; the rest goes into what the models predict."""
+_BLOCK = 1 << 16
 """Samples that are predicted at once."""
 
 

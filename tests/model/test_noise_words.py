@@ -23,7 +23,7 @@ PRIORS = {"drawbar_pull_of_run_n": HyperPrior(7.0, 0.8)}
 
 @pytest.mark.parametrize(("size_n", "told"), [(8.0, False), (30.0, False), (48.0, True)])
 def test_zeros_far_beyond_what_is_usual_are_told(size_n: float, told: bool) -> None:
-    said = texts_of(noise_notes(Noise(VALUES | {"drawbar_pull_of_run_n": size_n}), PRIORS, ("dp",)))
+    said = texts_of(noise_notes(Noise(VALUES | {"drawbar_pull_of_run_n": size_n}), PRIORS, ("dp",), 1.0))
     assert bool(said) == told
     assert all("zeros that differ by 48 N from run to run" in text and "where 7 are usual" in text for text in said)
 
@@ -31,7 +31,7 @@ def test_zeros_far_beyond_what_is_usual_are_told(size_n: float, told: bool) -> N
 @pytest.mark.parametrize(("size_n", "sure", "told"), [(30.0, 0.1, True), (30.0, 0.9, False), (5.0, 0.1, False)])
 def test_a_swing_is_told_where_the_data_tell_it(size_n: float, sure: float, told: bool) -> None:
     values = VALUES | {"drawbar_pull_wheel_order_n": size_n}
-    said = texts_of(noise_notes(Noise(values, {"drawbar_pull_wheel_order_n": sure}), PRIORS, ("dp",)))
+    said = texts_of(noise_notes(Noise(values, {"drawbar_pull_wheel_order_n": sure}), PRIORS, ("dp",), 1.0))
     assert any("once a turn of the wheel" in text for text in said) == told
 
 

@@ -17,8 +17,8 @@ from short_campaign import driven
 from daq import Channel, ConfigError, DataError
 from daq.runs import Run, open_runs
 from daq.series import write_frame
-from model.diagnosis import SHARE_BEFORE
 from model.diagnosis.core import Diagnosis, DiagnosisOptions
+from model.diagnosis.core.clock import OF_RUNS
 from model.diagnosis.time_series import diagnose
 from model.fit import CampaignFit, FitOptions, fit_models
 from processing import ProcessedRun
@@ -117,7 +117,7 @@ def test_a_diagnosis_has_its_tables(diagnosis: Diagnosis) -> None:
 
 
 def test_the_stages_of_the_bar_are_those_of_a_diagnosis(diagnosis: Diagnosis) -> None:
-    assert set(SHARE_BEFORE) <= set(diagnosis.stages_s)
+    assert set(OF_RUNS) <= set(diagnosis.stages_s)
 
 
 def test_a_fit_opens_in_arviz(fit: CampaignFit) -> None:

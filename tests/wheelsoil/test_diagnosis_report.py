@@ -115,7 +115,7 @@ def test_a_later_step_says_how_much_less_it_tells(plain_material):
     steps = section(built(plain_material, replace(found, next_run=(found.next_run[0], weaker))), "glance")
     first, second = steps.numbers["steps"]
     assert first.why == "Separates slip sinkage and bulldozing; expected odds 545 : 1."
-    assert second.why.endswith("10 times less evidence than 1; takes about as long as 2.0 runs.")
+    assert second.why.endswith("about 10 % of the evidence of step 1; takes about as long as 2.0 runs.")
 
 
 def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):

@@ -9,8 +9,7 @@ import time
 import pytest
 
 from model import in_parallel, processes, watched
-from model.diagnosis import SHARE_BEFORE
-from model.diagnosis.core.clock import Clock
+from model.diagnosis.core.clock import OF_RUNS, OF_TABLES, Clock
 from model.progress import counted, note_share
 from wheelsoil.console import computing, counting
 
@@ -44,14 +43,13 @@ def test_a_terminal_shows_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_terminal_shows_what_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = terminal_of(monkeypatch)
-    with counting("importing", "frames") as watch:
+    with counting("reading run {1} [bold].mcap", "frames") as watch:  # a file may be called so
         assert watch
         for i in range(1, 5):
             watch(1000 * i, 0.2 * i)
             time.sleep(0.12)
-    assert (
-        "importing" in terminal.getvalue() and "3,000 frames" in terminal.getvalue() and "00:0" in terminal.getvalue()
-    )
+    shown = terminal.getvalue()
+    assert "run {1} [bold].mcap" in shown and "3,000 frames" in shown and "00:0" in shown
 
 
 def test_a_pipe_gets_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,8 +60,9 @@ def test_a_pipe_gets_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr() == ("", "")
 
 
-def test_shares_grow_with_the_stages() -> None:
-    shares = list(SHARE_BEFORE.values())
+@pytest.mark.parametrize("stages", [OF_RUNS, OF_TABLES])
+def test_shares_grow_with_the_stages(stages: dict[str, float]) -> None:
+    shares = list(stages.values())
     assert shares == sorted(shares) and shares[0] > 0 and shares[-1] < 1
 
 

@@ -60,7 +60,14 @@ def test_the_list_names_every_run_with_its_quality(view: View, processed: list[P
     [campaign] = view.campaigns()
     assert campaign["name"] == "clay" and campaign["terrain"] == "clay"
     assert campaign["wheel"] == {"radius_m": 0.47, "width_m": 0.318}
-    assert campaign["diagnosis"] == {"state": "none", "share": 0.0, "verdict": None, "sentence": None, "why": None}
+    assert campaign["diagnosis"] == {
+        "state": "none",
+        "share": 0.0,
+        "left_s": None,
+        "verdict": None,
+        "sentence": None,
+        "why": None,
+    }
     assert campaign["choice"] == {"schema": "wheelsoil/choice/1"} and campaign["saved_at"] is None
     assert [run["id"] for run in campaign["runs"]] == ["run-1", "run-2", "run-3"]
     for entry, run in zip(campaign["runs"], processed, strict=True):
@@ -244,6 +251,7 @@ def test_the_diagnosis_is_that_of_the_command_line(view: View, folder: Path) -> 
     assert campaign["diagnosis"] == {
         "state": "done",
         "share": 1.0,
+        "left_s": None,
         "verdict": ours["verdict"],
         "sentence": ours["sentence"],
         "why": None,

@@ -175,22 +175,29 @@ def _run(canvas: _Canvas, across: FloatArray, up: FloatArray, row: int, chosen: 
 
 def _inside(canvas: _Canvas, x: FloatArray, y: FloatArray) -> list[list[tuple[float, float]]]:
     """Return the pieces of a line that lie within the axes; it ends where it leaves them."""
-    low, high = canvas.plane.y
+    (left, right), (low, high) = canvas.plane.x, canvas.plane.y
     pieces: list[list[tuple[float, float]]] = []
-    last: tuple[float, float] | None = None
+    goes_on = False
     for (a, b), (c, d) in pairwise(zip(x.tolist(), y.tolist(), strict=True)):
-        if not (isfinite(b) and isfinite(d) and canvas.plane.x[0] <= a and c <= canvas.plane.x[1]):
+        start, stop = _within(a, c, left, right, _within(b, d, low, high, (0.0, 1.0)))
+        if not start < stop:
+            goes_on = False
             continue
-        ends = sorted(((low - b) / (d - b), (high - b) / (d - b))) if d != b else [0.0, 1.0]
-        start, stop = max(ends[0], 0.0), min(ends[1], 1.0)
-        if start >= stop or (d == b and not low <= b <= high):
-            continue
-        first, then = (canvas.at(a + part * (c - a), b + part * (d - b)) for part in (start, stop))
-        if first != last:
-            pieces.append([first])
-        pieces[-1].append(then)
-        last = then
+        if not (goes_on and start == 0.0):
+            pieces.append([canvas.at(a + start * (c - a), b + start * (d - b))])
+        goes_on = stop == 1.0
+        pieces[-1].append(canvas.at(c, d) if goes_on else canvas.at(a + stop * (c - a), b + stop * (d - b)))
     return pieces
+
+
+def _within(start: float, end: float, low: float, high: float, part: tuple[float, float]) -> tuple[float, float]:
+    """Return which part of the way from one value to another lies within limits; (1, 0) where nothing does."""
+    if not (isfinite(start) and isfinite(end)) or (start == end and not low <= start <= high):
+        return 1.0, 0.0
+    if start == end:
+        return part
+    first, last = sorted(((low - start) / (end - start), (high - start) / (end - start)))
+    return max(part[0], first), min(part[1], last)
 
 
 def _clipped(canvas: _Canvas, x: FloatArray, y: FloatArray) -> list[list[tuple[float, float]]]:
@@ -241,7 +248,7 @@ def _labels(canvas: _Canvas, curves: Sequence[Curve]) -> None:
     """Write the name of each line at its right end, moved apart where they would touch."""
     named = []
     for one in curves:
-        pieces = [] if one.points else _clipped(canvas, one.x, one.y)
+        pieces = [] if one.points else _inside(canvas, one.x, one.y)
         if pieces and one.name:
             named.append((pieces[-1][-1][1], one))
     below = float(_TOP)

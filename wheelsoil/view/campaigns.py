@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from math import ceil
 from pathlib import Path
+from time import monotonic
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +28,8 @@ from wheelsoil.workflows.runs import Files
 RunState = Literal["waiting", "processing", "ready", "failed"]
 Keeps = tuple[tuple[PlotData, tuple[Interval, ...] | None], ...]
 _USUAL_SPEED_MPS = 2.0
+_TELLING = 0.1
+"""Share of a diagnosis from which its speed is known well enough."""
 DiagnosisState = Literal["none", "running", "done", "failed"]
 
 
@@ -76,17 +80,29 @@ class ViewedRun:
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis: its state, the share that is done, its result, and the pending answer of the helper (`asked`)."""
+    """A diagnosis: its state, how far it is, its result, and the pending answer of the helper (`asked`)."""
 
     state: DiagnosisState = "none"
     asked: Future[dict[str, Any]] | None = None
     found: dict[str, Any] | None = None
     faults: tuple[Fault, ...] = ()
     share: float = 0.0
+    began_s: float | None = None
+    ends_s: float = 0.0
 
     def watch(self, share: float) -> None:
-        """Take the share that is done."""
-        self.share = max(self.share, share)
+        """Take the share that is done, 0 to 1, and expect the rest to go on at the same speed."""
+        now_s = monotonic()
+        if self.began_s is None:
+            self.began_s = now_s
+        if share > self.share:
+            self.share = share
+            self.ends_s = now_s + (now_s - self.began_s) * (1.0 - share) / share
+
+    @property
+    def left_s(self) -> int | None:
+        """About how many seconds it will still take; None where too little is done to say."""
+        return max(ceil(self.ends_s - monotonic()), 1) if _TELLING < self.share < 1.0 else None
 
 
 @dataclass

@@ -143,6 +143,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
         "diagnosis": {
             "state": diagnosis.state,
             "share": diagnosis.share,
+            "left_s": diagnosis.left_s,
             "verdict": found.get("verdict"),
             "sentence": found.get("sentence"),
             "why": fault_line(diagnosis.faults),

@@ -56,18 +56,24 @@ def _excluded(v: Values) -> str:
     return f"{fault.where}: {fault.what}{f', {fault.found}' if fault.found else ''}; excluded"
 
 
+def _of_campaign(v: Values) -> str:
+    return f"{v['campaign']}: " if "campaign" in v else ""
+
+
 def _wheel_order(v: Values) -> str:
     channel = v["channel"]
     why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
     size = f"{v['size']:.0f} {OUTPUTS[channel].unit_text}"
-    return f"{OUTPUTS[channel].name} swings by {size} once a turn of the wheel: {why} that is not round"
+    return (
+        f"{_of_campaign(v)}{OUTPUTS[channel].name} swings by {size} once a turn of the wheel: {why} that is not round"
+    )
 
 
 def _zeros(v: Values) -> str:
     channel = v["channel"]
     size = f"{v['size']:.2g} {OUTPUTS[channel].unit_text}"
     return (
-        f"{OUTPUTS[channel].name}: zeros that differ by {size} from run to run are taken for noise, "
+        f"{_of_campaign(v)}{OUTPUTS[channel].name}: zeros that differ by {size} from run to run are taken for noise, "
         f"where {v['usual']:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
         "that was not considered"
     )

@@ -63,13 +63,14 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         try:
             with opened() as reader:
                 wanted = [one for one in reader.connections if one.topic in topics]
+                total = sum(one.msgcount for one in wanted)
                 for connection, time_ns, data in reader.messages(wanted):
                     message = reader.deserialize(data, connection.msgtype)
                     row = (_stamp_ns(message) or time_ns, dict(_numbers("", message)))
                     gathered.setdefault(connection.topic, []).append(row)
                     count += 1
                     if count % _ROWS_TOGETHER == 0:
-                        report.share = count / reader.message_count
+                        report.share = count / total
                         yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
                         gathered = {}
         except Exception as error:  # noqa: BLE001  # see above; what came before it stays

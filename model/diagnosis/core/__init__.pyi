@@ -5,7 +5,6 @@ from .campaign import DiagnosisOptions as DiagnosisOptions
 from .campaign import Lugs as Lugs
 from .campaign import considered as considered
 from .campaign import not_identifiable as not_identifiable
-from .clock import SHARE_BEFORE as SHARE_BEFORE
 from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
@@ -13,6 +12,7 @@ from .consistency import inconsistent as inconsistent
 from .gain import rms as rms
 from .information import Information as Information
 from .plot_data import PlotData as PlotData
+from .plot_data import WheelOrders as WheelOrders
 from .result import Adequacy as Adequacy
 from .result import Candidate as Candidate
 from .result import Cause as Cause

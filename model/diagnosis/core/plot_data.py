@@ -16,9 +16,10 @@ class WheelOrders:
     order : array
         Cycles a turn.
     swing : array
-        Amplitude, root mean square over the runs.
+        Peak amplitude in the channel's unit (N, N m): root of the runs' mean square, weighted by their information.
+        It holds the noise.
     by_chance : array
-        What noise alone stays below in 95 of 100 campaigns.
+        What noise alone stays below at any one order in 95 of 100 campaigns.
     """
 
     order: FloatArray
@@ -39,7 +40,8 @@ class PlotData:
     base_sigma : mapping channel -> array
         One-sigma of measured less base by the noise model.
     signatures : mapping effect key -> mapping channel -> array
-        What each candidate changes at its estimated size, less what the soil can imitate.
+        What each candidate changes at its estimated size, less what the soil can imitate; of what would fit almost as
+        well as a named cause, at its size in place of that.
     implied : mapping effect key -> mapping channel -> array
         What each candidate says as if it were the one, of channels that were not used too.
     unused_channels : tuple of str

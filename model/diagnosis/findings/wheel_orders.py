@@ -15,19 +15,21 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
-from daq import FloatArray
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.plot_data import WheelOrders
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, notes_of
 from model.diagnosis.time_series.noise import named, swing_seen
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.start import CampaignData
-from model.diagnosis.time_series.whitening import state_space, whiten
+from model.diagnosis.time_series.whitening import RUNS_AT_ONCE, state_space, whiten
 from model.notes import DiagnosisCode
 
 _STEP = 0.05
 _LOWEST, _HIGHEST = 0.3, 3.0
 _OF_NYQUIST = 0.8
 _LEAST_SAMPLES = 30
+_AT_ONCE = 14
+"""Orders that are whitened together: what bounds the memory of a long campaign."""
 _CHANCE = 0.95
 _SLOWEST_RADPS = 0.1
 _LARGEST = 1e6
@@ -56,31 +58,22 @@ def _left(linearised: LinearisedCampaign, index: int) -> FloatArray:
 
 
 def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders | None:
-    """Return the orders of one channel; None where no run is long enough, or the wheel too fast for any."""
-    samples, present = data.samples, data.columns.present
-    row = data.linear.channels.index(channel)
-    long = np.bincount(samples.run[present[row]], minlength=samples.runs) >= _LEAST_SAMPLES
+    """Return the orders of one channel; None where no run is long enough, or blocks too long for the first order."""
+    samples, row = data.samples, data.linear.channels.index(channel)
+    long = np.bincount(samples.run[data.columns.present[row]], minlength=samples.runs) >= _LEAST_SAMPLES
     speed = max(float(np.median(np.abs(samples.conditions.wheel_speed_radps))), _SLOWEST_RADPS)
-    order = np.arange(_LOWEST, min(_HIGHEST, _OF_NYQUIST * np.pi / (samples.block_s * speed)) + _STEP / 2, _STEP)
-    if not long.any() or not len(order):
+    highest = min(_HIGHEST, _OF_NYQUIST * np.pi / (samples.block_s * speed))
+    if not long.any() or highest < 1.0:
         return None
-    grams = _grams(data, left, row, order)[long]
-    power, weight = np.zeros(len(order)), np.zeros(len(order))
-    for i in range(len(order)):
-        own = slice(1 + 2 * i, 3 + 2 * i)
-        covariance = np.linalg.inv(grams[:, own, own] + np.eye(2) / _LARGEST**2)
-        found = (covariance @ grams[:, own, 0][..., None])[..., 0]
-        variance = 0.5 * np.trace(covariance, axis1=1, axis2=2)
-        power[i], weight[i] = ((found**2).sum(axis=1) / variance).sum(), (1.0 / variance).sum()
+    order = np.arange(_LOWEST, highest + _STEP / 2, _STEP)
+    pieces = [_swings(data, left, row, order[i : i + _AT_ONCE], long) for i in range(0, len(order), _AT_ONCE)]
+    power, weight = np.concatenate(pieces, axis=1)
     by_chance = float(chdtri(2 * int(long.sum()), 1.0 - _CHANCE))
     return WheelOrders(order, np.sqrt(power / weight), np.sqrt(by_chance / weight))
 
 
-def _grams(data: CampaignData, left: FloatArray, row: int, order: FloatArray) -> FloatArray:
-    """Return whitened cross products of what is left and of each order's pair, shape (runs, 1 + 2 k, 1 + 2 k).
-
-    What is one value a run is integrated out, but for the channel's own first order.
-    """
+def _swings(data: CampaignData, left: FloatArray, row: int, order: FloatArray, long: BoolArray) -> FloatArray:
+    """Return the sums over runs of |a|^2/v and of 1/v, shape (2, k)."""
     samples, columns, values = data.samples, data.columns, data.noise.values
     turning = order[:, None] * samples.wheel_angle_rad
     seen = np.stack([swing_seen(samples, float(each)) for each in order])
@@ -90,10 +83,32 @@ def _grams(data: CampaignData, left: FloatArray, row: int, order: FloatArray) ->
     own = named(data.linear.channels[row], "wheel_order")
     others = [i for i, name in enumerate(columns.constants) if name != own]
     constants = columns.rows[..., columns.varying :][..., others] * [values[columns.constants[i]] for i in others]
+    together = np.concatenate([constants, left[..., None], pairs], axis=-1)
     space = state_space(samples, data.linear, columns.present, values, data.speed_variance)
     at = places_of(samples.run, samples.runs)
-    rows = whiten(space, at.padded(np.concatenate([constants, left[..., None], pairs], axis=-1))).columns
-    full, keep = rows.swapaxes(1, 2) @ rows, len(others)
+    found = np.zeros((2, len(order)))
+    for first in range(0, samples.runs, RUNS_AT_ONCE):
+        last = min(first + RUNS_AT_ONCE, samples.runs)
+        rows = whiten(space.runs(first, last), at.padded_runs(together, first, last)).columns
+        found += _of_runs(_without(rows[long[first:last]], len(others)))
+    return found
+
+
+def _without(rows: FloatArray, keep: int) -> FloatArray:
+    """Return cross products of whitened columns, shape (runs, m, m), with the first `keep` integrated out."""
+    full = rows.swapaxes(1, 2) @ rows
     across = full[:, :keep, keep:]
     solved = np.linalg.solve(np.eye(keep) + full[:, :keep, :keep], across)
     return np.asarray(full[:, keep:, keep:] - across.swapaxes(1, 2) @ solved)
+
+
+def _of_runs(grams: FloatArray) -> FloatArray:
+    """Return the sums over runs of |a|^2/v and of 1/v by order; `grams` of what is left and of each order's pair."""
+    found = np.zeros((2, grams.shape[-1] // 2))
+    for i in range(found.shape[1]):
+        own = slice(1 + 2 * i, 3 + 2 * i)
+        covariance = np.linalg.inv(grams[:, own, own] + np.eye(2) / _LARGEST**2)
+        a = (covariance @ grams[:, own, 0][..., None])[..., 0]
+        v = 0.5 * np.trace(covariance, axis1=1, axis2=2)
+        found[:, i] = ((a**2).sum(axis=1) / v).sum(), (1.0 / v).sum()
+    return found

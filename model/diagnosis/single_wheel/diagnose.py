@@ -10,7 +10,7 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
+from model.diagnosis.core.clock import OF_TABLES, Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
@@ -57,7 +57,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     options = options or DiagnosisOptions()
     if not any(len(bench.rows) for bench in benches):
         raise DataError.of("the table has no rows to diagnose", ", ".join(b.name for b in benches))
-    clock = Clock()
+    clock = Clock(shares=OF_TABLES)
     with clock.stage("rows"):
         chosen, channels, remarks = _rows(benches, options.channels)
         problem = BenchProblem.of(chosen, channels, options.reading, FormError(options.error_of_form))

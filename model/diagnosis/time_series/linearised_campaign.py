@@ -428,15 +428,17 @@ def linearise_campaigns(
         most_causes=options.most_causes,
         rounds=len(best_found.chosen_sets),
         converged=best_found.converged,
-        notes=tuple(note for data in best_found.campaigns for note in notes_of(data)),
+        notes=tuple(note for data in best_found.campaigns for note in notes_of(data, named=len(starts) > 1)),
         stages_s=clock.stages_s,
     )
 
 
-def notes_of(data: CampaignData) -> tuple[Note, ...]:
-    """Return what the samples and the noise of one campaign tell."""
+def notes_of(data: CampaignData, *, named: bool = False) -> tuple[Note, ...]:
+    """Return what the samples and the noise of one campaign tell; `named`: with its name, where there are several."""
     seen = float(np.sqrt(np.mean(swing_seen(data.samples) ** 2)))
     told = noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels, seen)
+    if named:
+        told = tuple(replace(note, values={**note.values, "campaign": data.campaign.name}) for note in told)
     return (*data.samples.notes, *told)
 
 

@@ -245,7 +245,7 @@ _NOTABLE_ZERO = 5.0
 
 
 def noise_notes(
-    noise: Noise, priors: Mapping[str, HyperPrior], channels: tuple[str, ...], swing_seen: float = 1.0
+    noise: Noise, priors: Mapping[str, HyperPrior], channels: tuple[str, ...], seen: float
 ) -> tuple[Note, ...]:
     """Return what the noise of one campaign tells of its sensors.
 
@@ -253,16 +253,19 @@ def noise_notes(
     ----------
     priors : mapping name -> Belief
         See `model.diagnosis.time_series.noise.hyper_priors`.
-    swing_seen : float
-        What the mean of a block leaves of what swings once a turn; see `swing_seen`.
+    seen : float
+        Share of a swing once a turn that the blocks of the samples show; see `swing_seen`.
     """
     return tuple(
-        note for channel in channels for note in (*_swing(noise, channel, swing_seen), *_zeros(noise, priors, channel))
+        note for channel in channels for note in (*_swing(noise, channel, seen), *_zeros(noise, priors, channel))
     )
 
 
 def swing_seen(samples: Samples, order: float = 1.0) -> FloatArray:
-    """Return what the mean of a block leaves of what swings so many times a turn, shape (n,)."""
+    """Return the share of a swing, so many times a turn of the wheel, that the mean of a block shows, shape (n,).
+
+    1 is all of it; negative where the block is longer than a cycle.
+    """
     speed = np.asarray(samples.conditions.wheel_speed_radps)
     return np.asarray(np.sinc(order * speed * samples.block_s / (2.0 * np.pi)))
 

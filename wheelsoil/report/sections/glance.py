@@ -25,8 +25,10 @@ _STEPS = 3
 _NAMED = 5
 _SIGMAS = 1.959964
 _HIGHEST_ODDS = 1000.0
+_ONE_PLACE_DEG = 0.02
+"""Two kilometres: runs farther apart have no place in common."""
 _FEWER = 1.5
-"""Times less evidence than the first step's that are worth a word."""
+"""By how many times less than the first a step must tell to be compared with it."""
 
 
 @section("glance", "Summary")
@@ -119,7 +121,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     if found.verdict == "named":
         named = listed([plain_name(cause.name) for cause in found.causes])
         lowest = min(cause.probability for cause in found.causes)
-        return Tile(title, *_share(lowest), f"in {named}{_chosen(found)}")
+        return Tile(title, *_share(lowest), f"in {named}, alone or with others{_chosen(found)}")
     if found.verdict == "one_of":
         names = " or ".join(f"{plain_name(c.name)} {chance(c.probability)}" for c in found.causes)
         return Tile(title, *_share(1 - chances.get("none", 0.0)), f"that a cause acts: {names}")
@@ -135,11 +137,11 @@ def _share(value: float) -> tuple[str, str]:
 
 
 def _chosen(found: Diagnosis) -> str:
-    """Return in how many of the held-out fits the named causes were chosen, without that of the run left out."""
+    """Return in how many of the fits with a run left out all named causes were chosen."""
     chosen = found.gain.chosen if found.gain is not None else ()
     named = {cause.name for cause in found.causes}
     held = sum(named <= {family_of(key) for key in keys} for keys in chosen)
-    return f", alone or with others; chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
+    return f"; chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
 
 
 def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
@@ -282,7 +284,11 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
         odds = exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0))
         to_1 = f"{number(odds, 2)} : 1" if odds < _HIGHEST_ODDS else "above 1000 : 1"
         times = most / run.expected_log_bayes_factor if run.expected_log_bayes_factor > 0 else 1.0
-        tells = f"{number(times, 2)} times less evidence than 1" if times > _FEWER else f"expected odds {to_1}"
+        tells = (
+            f"about {number(100 / times, 1)} % of the evidence of step {len(first) + 1}"
+            if times > _FEWER
+            else f"expected odds {to_1}"
+        )
         cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
         reason = f"Separates {parted}; {tells}{cost}."
         ranked.append(Step(upper(step_text(run)), reason if parted else ""))
@@ -345,13 +351,17 @@ def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
 
 
 def _place(material: ReportInputs) -> str:
-    """Return the median position of the first run that has one."""
-    for run in material.runs:
-        known = np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg)
-        if known.any():
-            north, east = (float(np.median(x[known])) for x in (run.latitude_deg, run.longitude_deg))
-            return f"{abs(north):.3f}° {'N' if north >= 0 else 'S'}, {abs(east):.3f}° {'E' if east >= 0 else 'W'}"
-    return ""
+    """Return the median position of the runs; nothing where none is known, or they are kilometres apart."""
+    known = [np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg) for run in material.runs]
+    places = [
+        (float(np.median(run.latitude_deg[rows])), float(np.median(run.longitude_deg[rows])))
+        for run, rows in zip(material.runs, known, strict=True)
+        if rows.any()
+    ]
+    if not places or np.ptp(places, axis=0).max() > _ONE_PLACE_DEG:
+        return ""
+    north, east = np.median(places, axis=0).tolist()
+    return f"{abs(north):.3f}° {'N' if north >= 0 else 'S'}, {abs(east):.3f}° {'E' if east >= 0 else 'W'}"
 
 
 def _dates(starts_ns: list[int]) -> str:

@@ -43,9 +43,9 @@ _READING = (
 )
 
 _READING_ORDERS = (
-    "how much the channel swings at so many cycles a turn of the wheel, beyond what slip, load, soil and noise "
-    "explain; noise alone stays in the grey in 95 of 100 campaigns. A needle at 1 is a zero that turns with the wheel, "
-    "or a wheel that is not round; at 2 an oval."
+    "how much the channel swings at so many cycles a turn of the wheel, beyond what slip, load and soil explain; noise "
+    "alone stays in the grey at 19 of 20 orders. A needle at 1, with its flanks, is a wheel that is not round or, in "
+    "the pull, a zero that turns with it; at 2 an oval."
 )
 
 _AGAINST = (

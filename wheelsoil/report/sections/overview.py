@@ -42,6 +42,7 @@ _MOST_SETS, _MOST_CAUSES, _MOST_RUNS = 5, 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
+_NO_BIAS = "no bias above the noise of a sample in a bin of slip, or above half of it nearly everywhere"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
@@ -57,7 +58,7 @@ def fit(material: ReportInputs) -> Contents:
     figures = [_residuals(one, channel) for channel in one.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
     checks += [
-        Check(True, f"{OUTPUTS[c].name.capitalize()}: no bias beyond the noise of a sample ({_noise(one, c)}).")
+        Check(True, f"{OUTPUTS[c].name.capitalize()}: {_NO_BIAS} ({_noise(one, c)}).")
         for c in one.measured
         if not any(bias.channel == c for bias in found) and np.isfinite(one.noise[c]).any()
     ]

@@ -27,20 +27,13 @@ export class Job {
     if (this.campaign) return;
     this.campaign = campaign;
     this.cancelled = false;
-    this.since = performance.now();
-    const seconds = part("span", "number"), name = this.button.textContent.replace(/R$/, "");
-    const tick = () => { seconds.textContent = `${Math.floor((performance.now() - this.since) / 1000)} s`; };
+    const since = performance.now(), seconds = part("span", "number"), name = this.button.textContent.replace(/R$/, "");
+    const tick = () => { seconds.textContent = `${Math.floor((performance.now() - since) / 1000)} s`; };
     tick();
     this.timer = setInterval(tick, 500);
     this.button.classList.add("running");
     this.button.replaceChildren(`Cancel `, seconds);
     this.button.setAttribute("aria-label", `Cancel: ${name}`);
-  }
-
-  /** How far it is and about how long it will still take, from the share that is done. */
-  left(share) {
-    const seconds = (performance.now() - this.since) / 1000;
-    return share > 0.1 ? `${Math.round(100 * share)} % done, about ${Math.ceil(seconds * (1 - share) / share)} s left` : "just begun";
   }
 
   end() {

@@ -57,7 +57,7 @@ function showLine(told, diagnosis) {
   const line = get("verdict"), words = told ? verdictOf(told) : "";
   get("verdict-line").dataset.state = told?.state ?? "none";
   get("recommended").hidden = !recommendedOf(diagnosis);
-  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${job.left(told.share)}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
+  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const [first, ...rest] = diagnosis.sentence.split(/(?<=[.)])\s+(?=[A-Z])/), next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
   const parts = [part("b", "", first)];
   if (best?.parameters.length) {
