@@ -6,7 +6,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -86,12 +86,8 @@ def computing(label: str) -> Iterator[None]:
     """Show how far the fit or the diagnosis inside is and about how long it will take, when stderr is a terminal."""
     from model import watched
 
-    with _bar(label) as show:
-        if show is None:
-            yield
-            return
-        with watched(show):
-            yield
+    with _bar(label) as show, watched(show) if show else nullcontext():
+        yield
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from daq.can.identify import Coverage, coverage
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import DataError, Fault
 from daq.logs import FrameColumns, LogReport, read_log
+from daq.logs.report import share_of_all
 from daq.recording import whole_recording
 from daq.recording.decoded_topics import DecodedWriter
 from daq.runs.run import LENIENT_KEY, Configuration
@@ -99,8 +100,7 @@ def import_logs(
             if view:
                 view.write(decoder.decode(batch))
             if watch:
-                read = sum(size * report.share for size, report in zip(sizes, reports, strict=False))
-                watch(sum(report.frames for report in reports), read / max(sum(sizes), 1))
+                watch(sum(report.frames for report in reports), share_of_all(sizes, reports))
         _check_renamed(rename, reports)
     frames = writer.frame_counts
     return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import zlib
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from daq.logs.busmaster import MARK, read_busmaster
 from daq.logs.candump import LINE, read_candump
 from daq.logs.frame_tables import FrameColumns, is_frame_table, read_frame_table
 from daq.logs.mf4 import read_mf4
-from daq.logs.report import LogReport
+from daq.logs.report import LogReport, share_of_file
 from daq.logs.trc import read_trc
 
 if TYPE_CHECKING:
@@ -292,11 +291,11 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536, columns: FrameColu
 
 def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: LogReport) -> Iterator[FrameBatch]:
     """Report how far the reading is, and a gzipped file that is cut off; any failure of the disk is an error."""
-    raw, size = file.raw, os.fstat(file.fileno()).st_size
+    raw = file.raw
     try:
         for batch in batches:
             if not file.closed:
-                report.share = os.lseek(file.fileno(), 0, os.SEEK_CUR) / max(size, 1)
+                report.share = share_of_file(file)
             yield batch
     except RecordingError:
         raise

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import IO, Any, Protocol
 
 import numpy as np
 
@@ -118,3 +120,21 @@ class LogReport:
             lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
         lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())
         return lines
+
+
+class HasShare(Protocol):
+    """A report of a file that is read, with the share of it that has been."""
+
+    share: float
+
+
+def share_of_file(file: IO[Any]) -> float:
+    """Return the share of a file's bytes that has been read, 0 to 1; of a gzipped one, of the packed bytes."""
+    place = file.fileno()
+    return os.lseek(place, 0, os.SEEK_CUR) / max(os.fstat(place).st_size, 1)
+
+
+def share_of_all(sizes: Sequence[int], reports: Sequence[HasShare]) -> float:
+    """Return the share of all files' bytes that has been read; files without a report yet come later."""
+    read = sum(size * report.share for size, report in zip(sizes, reports, strict=False))
+    return read / max(sum(sizes), 1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
+from daq.logs.report import share_of_all
 from daq.recording import whole_recording
 from daq.recording.format import SERIES_BUS
 from daq.runs.run import Configuration
@@ -71,7 +72,6 @@ def import_series(
                 writer.decoded.write(block.topic, SERIES_BUS, block.time_ns, block.columns, units)
                 rows[block.topic] += len(block)
             if watch:
-                read = sum(size * report.share for size, report in zip(sizes, reports, strict=True))
-                watch(sum(rows.values()), read / max(sum(sizes), 1))
+                watch(sum(rows.values()), share_of_all(sizes, reports))
     remarks = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
     return ImportedSeries(target, series.topics, rows, tuple(remarks))

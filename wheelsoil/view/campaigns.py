@@ -102,7 +102,7 @@ class DiagnosisOnPage:
     @property
     def left_s(self) -> int | None:
         """About how many seconds it will still take; None where too little is done to say."""
-        return max(ceil(self.ends_s - monotonic()), 1) if _TELLING < self.share < 1.0 else None
+        return max(ceil(self.ends_s - monotonic()), 1) if self.state == "running" and self.share > _TELLING else None
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from daq.can.roles import unit_behind
 from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError
 from daq.formatting import numbered
+from daq.logs.report import share_of_file
 from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport
 from daq.series.tables import MISSING
 from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, is_time_text, time_columns
@@ -248,7 +248,6 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
     with _opened(path) as file:
         file.read(offset)
         carry = b""
-        size = os.fstat(file.fileno()).st_size
         while True:
             try:
                 piece = file.read(_PIECE)
@@ -257,7 +256,7 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
                 piece = b""
             if not piece:
                 break
-            report.share = os.lseek(file.fileno(), 0, os.SEEK_CUR) / max(size, 1)
+            report.share = share_of_file(file)
             end = piece.rfind(b"\n") + 1
             if end:
                 yield carry + piece[:end]

@@ -121,8 +121,7 @@ def _signature(linearised: LinearisedCampaign, index: int, key: str, size: Float
     total = grams.total
     soil = grams.soil_columns
     imitated = np.linalg.solve(np.eye(len(grams.soil)) + total[soil, soil], total[soil, own] @ size)
-    first = sum(len(v.columns.soil) for v in linearised.campaigns[:index])
-    mine = imitated[first : first + len(data.columns.soil)]
+    mine = imitated[linearised.soil_of(index)]
     changed = np.zeros(data.linear.value.shape)
     units = {(grams.causes[c - grams.cause_columns.start].parameter): (c, s) for c, s in zip(own, size, strict=True)}
     for i, cause in enumerate(data.columns.causes):

@@ -49,11 +49,9 @@ def wheel_orders_of(linearised: LinearisedCampaign, index: int) -> dict[str, Whe
 def _left(linearised: LinearisedCampaign, index: int) -> FloatArray:
     """Return what the best explanation leaves of a campaign's channels, shape (c, n)."""
     data, best = linearised.campaigns[index], linearised.best
-    first = sum(len(one.columns.soil) for one in linearised.campaigns[:index])
-    soil = best.soil[first : first + len(data.columns.soil)]
     sizes = {(c.key, c.parameter): x * c.scale for c, x in zip(linearised.grams.causes, best.coefficients, strict=True)}
     causes = [sizes[c.key, c.parameter] / c.scale for c in data.columns.causes]
-    known = np.concatenate([soil, causes])
+    known = np.concatenate([best.soil[linearised.soil_of(index)], causes])
     return np.asarray(data.columns.rows[..., 0] - data.columns.rows[..., 1 : 1 + len(known)] @ known)
 
 

@@ -377,6 +377,11 @@ class LinearisedCampaign:
             about=self.best.keys,
         )
 
+    def soil_of(self, index: int) -> slice:
+        """Return where the soil of a campaign stands among those of all."""
+        first = sum(len(one.columns.soil) for one in self.campaigns[:index])
+        return slice(first, first + len(self.campaigns[index].columns.soil))
+
     @property
     def noises(self) -> tuple[Noise, ...]:
         """The noise model of each campaign."""

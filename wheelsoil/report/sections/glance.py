@@ -14,6 +14,7 @@ from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
+from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.names import chance, family_of, plain_name
@@ -352,7 +353,7 @@ def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
 
 def _place(material: ReportInputs) -> str:
     """Return the median position of the runs; nothing where none is known, or they are kilometres apart."""
-    known = [np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg) for run in material.runs]
+    known = [known_places(run) for run in material.runs]
     places = [
         (float(np.median(run.latitude_deg[rows])), float(np.median(run.longitude_deg[rows])))
         for run, rows in zip(material.runs, known, strict=True)

@@ -77,17 +77,18 @@ def track(material: ReportInputs) -> Contents:
 
 
 def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, float]]:
-    placed = [run for run in runs if _known(run).any()]
+    placed = [run for run in runs if known_places(run).any()]
     if not placed:
         raise DataError.of("the position was not measured: no run has latitude and longitude")
-    latitude = float(np.mean(np.concatenate([run.latitude_deg[_known(run)] for run in placed])))
-    longitudes = np.concatenate([run.longitude_deg[_known(run)] for run in placed])
+    latitude = float(np.mean(np.concatenate([run.latitude_deg[known_places(run)] for run in placed])))
+    longitudes = np.concatenate([run.longitude_deg[known_places(run)] for run in placed])
     longitude = float(_wrapped(longitudes[0] + np.mean(_wrapped(longitudes - longitudes[0]))))
     points = min(_MOST, max(60, _POINTS_IN_ALL // len(placed)))
     return [_track(run, latitude, longitude, points) for run in placed], (latitude, longitude)
 
 
-def _known(run: ProcessedRun) -> BoolArray:
+def known_places(run: ProcessedRun) -> BoolArray:
+    """Return which samples have a position, shape (n,)."""
     return np.asarray(np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg))
 
 
@@ -98,7 +99,7 @@ def _wrapped(degrees: FloatArray) -> FloatArray:
 
 def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) -> _Track:
     """Return a run on the tangent plane at a position (degrees)."""
-    known = np.flatnonzero(_known(run))
+    known = np.flatnonzero(known_places(run))
     rows = known[np.unique(np.linspace(0, len(known) - 1, min(points, len(known))).astype(int))]
     north = _EARTH_M * np.radians(run.latitude_deg - latitude)
     east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(_wrapped(run.longitude_deg - longitude))
@@ -111,7 +112,7 @@ def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) ->
 
 def places(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, list[float | None]]]:
     """Return where each run was over its time, metres east and north of the mean of all; nothing without positions."""
-    if not any(_known(run).any() for run in runs):
+    if not any(known_places(run).any() for run in runs):
         return {}
     return {
         track.name: {"x": plotted(track.time_s), "east": plotted(track.east_m, 5), "north": plotted(track.north_m, 5)}
