@@ -43,7 +43,7 @@ class Conditions:
     slip : Eq. 6 when driving, (r omega - V)/V when braking.
     vertical_load_n : > 0
     ground_speed_mps, wheel_speed_radps : V and omega
-    ground_acceleration_mps2, ground_jerk_mps3, wheel_acceleration_radps2 : their derivatives
+    ground_acceleration_mps2, ground_jerk_mps3, wheel_acceleration_radps2, wheel_jerk_radps3 : their derivatives
     ground_speed_shift_s : the ground speed and its derivatives are those that were measured so much later
     line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
     campaign_time : from -1/2 to 1/2 over the campaign's clock
@@ -52,6 +52,7 @@ class Conditions:
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration was added to the measured drawbar pull
+    compensated_inertia_kgm2 : outboard inertia whose acceleration was taken off the measured torque
     outboard_mass_kg : between transducer and soil
     """
 
@@ -62,6 +63,7 @@ class Conditions:
     ground_acceleration_mps2: Number = np.nan
     ground_jerk_mps3: Number = np.nan
     wheel_acceleration_radps2: Number = np.nan
+    wheel_jerk_radps3: Number = np.nan
     ground_speed_shift_s: Number = 0.0
     line_position: Number = np.nan
     campaign_time: Number = np.nan
@@ -70,6 +72,7 @@ class Conditions:
     inflation_kpa: Number = np.nan
     unit_weight_n_m3: Number = 16_500.0
     compensated_mass_kg: Number = 0.0
+    compensated_inertia_kgm2: Number = 0.0
     outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
 
     @property

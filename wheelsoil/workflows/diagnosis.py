@@ -191,6 +191,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         soil_prior=prior_of(soil, terrain),
         tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
+        outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
     )
 
 

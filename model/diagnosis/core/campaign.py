@@ -36,6 +36,8 @@ class Campaign:
         As vehicle.toml declares it.
     outboard_mass_kg : float
         As vehicle.toml declares it. Its inertia is in the drawbar pull of the runs, by the slope of the measured speed.
+    outboard_inertia_kgm2 : float
+        The same, in the torque, by the slope of the wheel speed.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Campaign:
     soil_prior: SoilPrior
     tyre: str = ""
     outboard_mass_kg: float = 0.0
+    outboard_inertia_kgm2: float = 0.0
 
 
 _WEDGE = 3.0**0.5

@@ -16,6 +16,7 @@ from daq import FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.linearise import (
+    LATE_WHEEL,
     Linear,
     Point,
     Simulation,
@@ -68,9 +69,11 @@ class Part:
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
         found = derivatives(self.simulation, at_speed(samples, point.speed_mps), values, frozen.channels)
-        by_soil = found["soil"] @ self.simulation.space.jacobian(point.soil)
+        late = frozen.soil[..., -len(LATE_WHEEL) :]
+        by_soil = self.simulation.space.columns(found["soil"], late, point.soil)
         rest_value, rest_causes = at_rest(self.simulation, samples, values)
         value = found["value"] + frozen.value - frozen.centre
+        value = value + late @ (point.soil - frozen.point.soil)[-len(LATE_WHEEL) :]
         return replace(
             frozen,
             point=point,

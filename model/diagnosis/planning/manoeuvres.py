@@ -161,6 +161,7 @@ def with_speed_times(run: Samples, factor: float) -> Samples:
         "ground_acceleration_mps2",
         "ground_jerk_mps3",
         "wheel_acceleration_radps2",
+        "wheel_jerk_radps3",
     )
     return _changed(
         run,
@@ -182,6 +183,7 @@ def slower_ramps(run: Samples) -> Samples:
             ground_acceleration_mps2=0.5 * np.asarray(c.ground_acceleration_mps2),
             ground_jerk_mps3=0.25 * np.asarray(c.ground_jerk_mps3),
             wheel_acceleration_radps2=0.5 * np.asarray(c.wheel_acceleration_radps2),
+            wheel_jerk_radps3=0.25 * np.asarray(c.wheel_jerk_radps3),
         )
 
     def nearer(values: FloatArray) -> FloatArray:
@@ -236,6 +238,7 @@ def with_standstills(run: Samples) -> Samples:
         ground_acceleration_mps2=nothing,
         ground_jerk_mps3=nothing,
         wheel_acceleration_radps2=nothing,
+        wheel_jerk_radps3=nothing,
     )
     return replace(
         run,

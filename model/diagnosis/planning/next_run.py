@@ -54,7 +54,7 @@ USUAL_MPS = 0.05
 LOG_SIGMAS = 2.0
 """One-sigmas of its logarithm by which a delay, or the soil's scatter in a run, may be larger than thought."""
 _SPEED = ("speed_noise_mps", "speed_white_mps")
-_OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
+_OTHERS = ("stiffness_in_run", "friction_in_run")
 
 MOST = 5
 COST_RUNS = {

@@ -106,6 +106,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
         thinned.conditions,
         wheel_speed_radps=speed / run.wheel_radius_m,
         wheel_acceleration_radps2=np.asarray(thinned.conditions.ground_acceleration_mps2) / run.wheel_radius_m,
+        wheel_jerk_radps3=np.asarray(thinned.conditions.ground_jerk_mps3) / run.wheel_radius_m,
         slip=np.zeros(len(speed)),
     )
     sigma = float(np.hypot(values["speed_noise_mps"], values["speed_white_mps"] / np.sqrt(apart)))

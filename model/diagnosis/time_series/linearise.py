@@ -26,6 +26,14 @@ from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
 from model.wheel_soil.stresses import slip_of_ratio
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
 
+LATE_WHEEL = {"wheel_delay_s": 0.015, "wheel_edge_delay_rad": 0.06}
+"""One-sigma of how late the wheel speed is beyond its declared delay: by a time, and by an angle of its ring.
+
+A toothed ring tells its speed only when an edge comes: the slower the wheel, the longer it waits. The declared delay is
+right at a typical speed. Ring and bus are the same in every run: as one value a run, independent of the others, their
+delay would be known ever better by more runs, and be taken for a misfit.
+"""
+_LEAST_RADPS = 0.3
 _LOGARITHMIC_UP_TO = 0.5
 """Relative one-sigma up to which a positive parameter is moved by factors instead of by steps: it stays positive."""
 _NOTHING = 1e-12
@@ -34,6 +42,8 @@ _NOTHING = 1e-12
 @dataclass(frozen=True)
 class SoilSpace:
     """x = mean + R u, or mean exp(R u) where logarithmic; u ~ N(0, I).
+
+    The last coordinates move no parameter of the soil: they are `LATE_WHEEL`, as unknown in every campaign.
 
     Attributes
     ----------
@@ -63,6 +73,12 @@ class SoilSpace:
         at = np.array(list(self.values(u).values()))
         return np.where(self.logarithmic, at, 1.0)[:, None] * self.root
 
+    def columns(self, by_soil: FloatArray, late: FloatArray, u: FloatArray) -> FloatArray:
+        """Return derivatives by u, shape (c, n, q), from those by the parameters, (c, n, 6), and `late_wheel`'s."""
+        found = by_soil @ self.jacobian(u)
+        found[..., -len(LATE_WHEEL) :] = late
+        return np.asarray(found)
+
 
 def soil_space(prior: SoilPrior) -> SoilSpace:
     """Return the coordinates that belong to a prior; an exactly known parameter has none."""
@@ -74,9 +90,9 @@ def soil_space(prior: SoilPrior) -> SoilSpace:
     known = np.flatnonzero(scaled > _NOTHING)
     correlation = prior.covariance[np.ix_(known, known)] / np.outer(sigma[known], sigma[known])
     root, kept = _triangle(correlation)
-    full = np.zeros((len(sigma), len(kept)))
-    full[known] = scaled[known, None] * root
-    return SoilSpace(prior.mean, logarithmic, full, tuple(SOIL_PARAMETERS[known[i]] for i in kept))
+    full = np.zeros((len(sigma), len(kept) + len(LATE_WHEEL)))
+    full[known, : len(kept)] = scaled[known, None] * root
+    return SoilSpace(prior.mean, logarithmic, full, (*(SOIL_PARAMETERS[known[i]] for i in kept), *LATE_WHEEL))
 
 
 def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
@@ -248,8 +264,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     centre, causes = found["value"], found["causes"]
     for i, (by, share) in zip(secants, moved, strict=True):
         causes[..., i] = (by - centre) / share
-    jacobian = simulation.space.jacobian(point.soil)
-    by_soil = found["soil"]
+    by_soil, late = found["soil"], late_wheel(conditions, found["speed"], channels)
     rest_value, rest_causes = at_rest(simulation, samples, values)
     sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
@@ -257,12 +272,12 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         channels=channels,
         point=point,
         conditions=conditions,
-        value=value,
+        value=value + late @ point.soil[-len(LATE_WHEEL) :],
         centre=centre,
         speed=found["speed"],
         curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
         load=found["load"],
-        soil=by_soil @ jacobian,
+        soil=simulation.space.columns(by_soil, late, point.soil),
         causes=causes,
         stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
         + at["frictional_modulus"] * soil["frictional_modulus"],
@@ -272,6 +287,26 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         rest_causes=rest_causes,
         usable=np.logical_and.reduce(sound),
     )
+
+
+def late_wheel(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
+    """Return what a late wheel speed does to each channel, shape (c, n, 2): by each of `LATE_WHEEL`, per one-sigma.
+
+    It acts by the slip, as an error of the ground speed does, and by the outboard inertia that was compensated.
+
+    Parameters
+    ----------
+    speed : array, shape (c, n)
+        d/dV of the channels.
+    """
+    omega = np.maximum(np.asarray(conditions.wheel_speed_radps), _LEAST_RADPS)
+    spin, change = np.asarray(conditions.wheel_acceleration_radps2), np.asarray(conditions.wheel_jerk_radps3)
+    by_delay = -speed * np.asarray(conditions.ground_speed_mps) * spin / omega
+    if "t" in channels:
+        by_delay[channels.index("t")] += np.nan_to_num(np.asarray(conditions.compensated_inertia_kgm2) * change)
+    waiting = 1.0 / omega - 1.0 / float(np.median(omega))
+    delay, angle = LATE_WHEEL.values()
+    return np.stack([delay * by_delay, angle * by_delay * waiting], axis=-1)
 
 
 ROWS_AT_ONCE = 2048

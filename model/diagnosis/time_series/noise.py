@@ -8,8 +8,6 @@ speed error        coloured, and white: slip is measured                     all
 load error         coloured: the load is measured                            all channels, by d/dW
 soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
 soil of the run    one value a run, in ln k, ln tan phi and ln c             the same
-wheel's delay      of the wheel speed: beyond the declared one, and what     all channels, by d/dV
-                   waiting for an edge of its ring adds at low speed
 wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
 zero of the run    one value a run: taken anew, or drifted between runs      its channel, at rest too
 force at rest      one value a run, of all its standstills: for the pull      its channel, at rest only
@@ -34,7 +32,6 @@ from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
 from processing import LEVEL_DEG, RUT_SHARE
 
-_LEAST_RADPS = 0.3
 _KNOWN = 0.05
 """One-sigma of the logarithm of a hyper-parameter that the data do not decide."""
 
@@ -97,8 +94,6 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
         ("stiffness_run_to_run", "stiffness"),
         ("friction_run_to_run", "friction"),
         ("cohesion_run_to_run", "cohesion"),
-        ("wheel_speed_delay_s", "delay"),
-        ("wheel_edge_delay_rad", "edge"),
         *turning,
         *zeros,
         *resting,
@@ -139,8 +134,6 @@ def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
         "stiffness_run_to_run": HyperPrior(0.025, 0.6),
         "friction_run_to_run": HyperPrior(0.012, 0.6),
         "cohesion_run_to_run": HyperPrior(0.025, 0.6),
-        "wheel_speed_delay_s": HyperPrior(0.005, 0.7),
-        "wheel_edge_delay_rad": HyperPrior(0.03, 0.8),
     }
 
 
@@ -165,8 +158,6 @@ def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
     """Return how a process of the given loading is seen, shape (c, n)."""
     if name in ("speed", "load", "stiffness", "friction", "cohesion"):
         return np.asarray(getattr(linear, name))
-    if name in ("delay", "edge"):
-        return np.asarray(linear.speed * _late_wheel(linear, edge=name == "edge"))
     out = np.zeros(linear.value.shape)
     side, _, channel = name.rpartition(" ")
     if side == "rest":
@@ -174,19 +165,6 @@ def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
     angle = samples.wheel_angle_rad
     out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
     return out
-
-
-def _late_wheel(linear: Linear, *, edge: bool) -> FloatArray:
-    """Return the error of ground speed that does the same as a late wheel speed, per second of delay, shape (n,).
-
-    A toothed ring tells its speed only when an edge comes. The declared delay is right at a typical speed; the slower
-    the wheel, the longer it waits: the delay is that of an angle, over the speed (`edge`: per radian).
-    """
-    at = linear.conditions
-    speed, spin = np.asarray(at.ground_speed_mps), np.asarray(at.wheel_acceleration_radps2)
-    omega = np.maximum(np.asarray(at.wheel_speed_radps), _LEAST_RADPS)
-    late = np.asarray(-speed * spin / omega)
-    return late * (1.0 / omega - 1.0 / float(np.median(omega))) if edge else late
 
 
 def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:

@@ -247,7 +247,7 @@ def _blocks(
     acceleration = _calmed(run.ground_acceleration_mps2, CALMING_S * run.rate_hz)
     calmer = np.nan_to_num(acceleration - run.ground_acceleration_mps2)
     slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
-    jerk = np.gradient(slow) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
+    jerk = _rate(slow, run.rate_hz)
     of_run = {
         "vertical_load_n": run.vertical_load_n,
         "ground_speed_mps": run.ground_speed_mps,
@@ -255,6 +255,7 @@ def _blocks(
         "ground_acceleration_mps2": acceleration,
         "ground_jerk_mps3": jerk,
         "wheel_acceleration_radps2": run.wheel_acceleration_radps2,
+        "wheel_jerk_radps3": _rate(run.wheel_acceleration_radps2, run.rate_hz),
         "line_position": position,
         "campaign_time": clock,
         "time_s": run.time_s,
@@ -275,6 +276,7 @@ def _blocks(
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),
         ("compensated_mass_kg", campaign.outboard_mass_kg),
+        ("compensated_inertia_kgm2", campaign.outboard_inertia_kgm2),
         ("outboard_mass_kg", campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     ):
         found[name] = np.full(len(starts), value)
@@ -283,6 +285,10 @@ def _blocks(
     found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
     keep = _kept(run, found, left_out)
     return {name: x[..., keep] for name, x in found.items()}
+
+
+def _rate(x: FloatArray, rate_hz: float) -> FloatArray:
+    return np.gradient(x) * rate_hz if len(x) > 1 else np.zeros(len(x))
 
 
 def _of_known(x: FloatArray) -> FloatArray:

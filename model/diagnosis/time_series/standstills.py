@@ -99,6 +99,7 @@ def standstills_of(
         ground_acceleration_mps2=nothing,
         ground_jerk_mps3=nothing,
         wheel_acceleration_radps2=nothing,
+        wheel_jerk_radps3=nothing,
         ground_speed_shift_s=nothing,
         line_position=table["x"],
         campaign_time=table["clock"],
@@ -107,6 +108,7 @@ def standstills_of(
         inflation_kpa=table["kpa"],
         unit_weight_n_m3=np.full(len(rows), campaign.soil.unit_weight_n_m3),
         compensated_mass_kg=np.full(len(rows), campaign.outboard_mass_kg),
+        compensated_inertia_kgm2=np.full(len(rows), campaign.outboard_inertia_kgm2),
         outboard_mass_kg=np.full(len(rows), campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     )
     return Standstills(
