@@ -98,7 +98,7 @@ def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
     """Return what a fitted model says at the measured slip."""
     part, point = fit.problem.parts[index], fit.problem.points(fit.estimate)[index]
     samples = part.data.samples
-    said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0))
     return dict(zip(part.frozen.channels, said, strict=True))
 
 

@@ -165,7 +165,7 @@ def predict_held_out(
     samples = linearised.campaigns[at].samples
     samples = samples[samples.run == run - first[at]]
     part = fit.problem.parts[at]
-    values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0))
     slip = np.asarray(samples.conditions.slip)
     return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),

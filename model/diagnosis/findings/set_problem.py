@@ -68,7 +68,7 @@ class Part:
         samples = at_point(self.data.samples, frozen.point)  # nearby a delay acts by its series, as derivatives have it
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
-        found = derivatives(self.simulation, at_speed(samples, point.speed_mps), values, frozen.channels)
+        found = derivatives(self.simulation, at_speed(samples, point), values, frozen.channels)
         late = frozen.soil[..., -len(LATE_WHEEL) :]
         by_soil = self.simulation.space.columns(found["soil"], late, point.soil)
         rest_value, rest_causes = at_rest(self.simulation, samples, values)
@@ -149,7 +149,7 @@ class SetProblem:
                 size = max(size, _NEAR_NEUTRAL)
             if size != 0.0:
                 moved[key] = cause.neutral + size * cause.scale
-        return Point(x[part.soil], moved, part.data.linear.point.speed_mps)
+        return replace(part.data.linear.point, soil=x[part.soil], causes=moved)
 
     def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
         """Return residual and derivatives of each run of a campaign, in the layout of x."""

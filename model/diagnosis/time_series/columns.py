@@ -325,6 +325,7 @@ def columns_of(
     own = linear.causes * scale
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
     residual += own @ at + linear.speed * linear.point.speed_mps
+    residual += linear.acceleration * linear.point.acceleration_mps2
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]

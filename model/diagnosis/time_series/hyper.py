@@ -38,6 +38,7 @@ from model.diagnosis.time_series.noise import (
     named,
     processes,
     rest_variance,
+    slope_loading,
 )
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
@@ -47,6 +48,8 @@ LONGEST = 200
 MOST = 1500
 """Samples that tell the hyper-parameters well enough: of a longer campaign about so many are taken, from every run."""
 _SHORTEST = 60
+_SAME_SITE = 0.25
+"""Of a block: sites that are nearer are one."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +60,10 @@ class Block:
     ----------
     columns : array, shape (m, 1 + q + k + b)
         Residual first.
-    seconds, metres : array, shape (samples, samples)
-        Distance of two samples in time and along the track.
-    processes : tuple of (Process, sparse array of shape (samples, m))
-        With what each row sees of it, at the row's sample.
+    seconds, metres : array, shape (sites, sites)
+        Distance in time and along the track of two sites: samples, and what is a block before or behind one.
+    processes : tuple of (Process, sparse array of shape (sites, m))
+        With what each row sees of it: at the row's sample, and of a slope a block later and a block before.
     constants : tuple of (hyper-parameter, array of shape (m,))
     white : tuple of (hyper-parameter, bool array of shape (m,))
     fixed : array, shape (m,)
@@ -127,10 +130,21 @@ def _block(
     def of_drive(x: FloatArray) -> FloatArray:
         return np.asarray(x[channel, at])
 
-    def by_sample(x: FloatArray) -> csr_array:
-        seen = csr_array((of_drive(x), (sample, np.arange(drives))), shape=(len(piece), len(both)))
-        seen.eliminate_zeros()
-        return seen
+    ticks = samples.time_s[piece] + samples.block_s * np.array([[0.0], [1.0], [-1.0]])
+    _, first, site = np.unique(np.round(ticks / (_SAME_SITE * samples.block_s)), return_index=True, return_inverse=True)
+    site = site.reshape(ticks.shape)
+    seconds, metres = ticks.ravel()[first], np.tile(samples.distance_m[piece], 3)[first]
+    by_slope = slope_loading(linear, samples)
+
+    def by_site(process: Process) -> csr_array:
+        seen = [(0, of_drive(loading(linear, samples, process.loading)))]
+        if process.has_slope:
+            seen += [(1, of_drive(by_slope)), (2, -of_drive(by_slope))]
+        values = np.concatenate([x for _, x in seen])
+        at = np.concatenate([site[place, sample] for place, _ in seen]), np.tile(np.arange(drives), len(seen))
+        found = csr_array((values, at), shape=(len(seconds), len(both)))
+        found.eliminate_zeros()
+        return found
 
     turning = both[:, columns.varying :]
     white = []
@@ -141,9 +155,9 @@ def _block(
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
         columns=both[:, : columns.shared],
-        seconds=np.abs(samples.time_s[piece, None] - samples.time_s[piece]),
-        metres=np.abs(samples.distance_m[piece, None] - samples.distance_m[piece]),
-        processes=tuple((p, by_sample(loading(linear, samples, p.loading))) for p in processes(channels)),
+        seconds=np.abs(seconds[:, None] - seconds),
+        metres=np.abs(metres[:, None] - metres),
+        processes=tuple((p, by_site(p)) for p in processes(channels)),
         constants=tuple((name, turning[:, i]) for i, (name, _) in enumerate(constants(channels))),
         white=tuple(white),
         fixed=np.concatenate([of_drive(second), resting[row, standing]]),

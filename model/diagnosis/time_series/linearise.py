@@ -109,7 +109,7 @@ def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
     return (np.stack(columns, axis=1) if columns else np.zeros((len(left), 0))), kept
 
 
-_SPEED, _LOAD = "measured speed", "measured load"
+_SPEED, _LOAD, _RATE = "measured speed", "measured load", "measured acceleration"
 _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
 _DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
@@ -150,13 +150,14 @@ class Point:
     soil : array, shape (q,)
     causes : mapping model's parameter name -> value
         Without those at neutral.
-    speed_mps : array, shape (n,)
-        What is added to the measured ground speed of each sample.
+    speed_mps, acceleration_mps2 : array, shape (n,)
+        What is added to the measured ground speed of each sample, and to its acceleration.
     """
 
     soil: FloatArray
     causes: dict[str, float]
     speed_mps: FloatArray
+    acceleration_mps2: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,9 @@ class Linear:
         The model's at each sample's mean.
     speed, curvature, load : array, shape (c, n)
         d/dV, d2/dV2, d/dW.
+    acceleration : array, shape (c, n)
+        Change of model less measurement by an error of the acceleration of the ground speed, which is in the
+        compensated drawbar pull, too.
     soil : array, shape (c, n, q)
     causes : array, shape (c, n, k)
         By each parameter, in its own unit.
@@ -192,6 +196,7 @@ class Linear:
     speed: FloatArray
     curvature: FloatArray
     load: FloatArray
+    acceleration: FloatArray
     soil: FloatArray
     causes: FloatArray
     stiffness: FloatArray
@@ -207,22 +212,11 @@ def at_point(samples: Samples, point: Point) -> Samples:
     return samples.with_delay(point.causes.get(_DELAY, 0.0))
 
 
-def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
-    """Return the samples' conditions with another ground speed, and the slip and acceleration that belong to it."""
+def at_speed(samples: Samples, point: Point) -> Conditions:
+    """Return the samples' conditions with the ground speed of a point, its acceleration, and the slip with it."""
     at = samples.conditions
-    acceleration = at.ground_acceleration_mps2 + _slope_in_run(samples, speed_mps)
-    moved = replace(at, ground_acceleration_mps2=acceleration)
-    return _moved(moved, at.ground_speed_mps + speed_mps, samples.wheel_radius_m)
-
-
-def _slope_in_run(samples: Samples, x: FloatArray) -> FloatArray:
-    """Return the change of x per second between the neighbours of each sample, shape (n,); 0 without both."""
-    found = np.zeros(len(x))
-    before, after = slice(None, -2), slice(2, None)
-    apart = samples.time_s[after] - samples.time_s[before]
-    near = (samples.run[after] == samples.run[before]) & (np.abs(apart - 2.0 * samples.block_s) < 0.5 * samples.block_s)
-    found[1:-1][near] = (x[after] - x[before])[near] / apart[near]
-    return found
+    moved = replace(at, ground_acceleration_mps2=at.ground_acceleration_mps2 + point.acceleration_mps2)
+    return _moved(moved, at.ground_speed_mps + point.speed_mps, samples.wheel_radius_m)
 
 
 def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) -> Conditions:
@@ -235,7 +229,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     """Linearise the model about a point."""
     samples = at_point(samples, point)
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
-    conditions = at_speed(samples, point.speed_mps)
+    conditions = at_speed(samples, point)
     soil = simulation.space.values(point.soil)
     plain = simulation.model(point.causes)
     values = {**soil, **point.causes}
@@ -277,6 +271,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         speed=found["speed"],
         curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
         load=found["load"],
+        acceleration=_of_acceleration(found["acceleration"], conditions, channels),
         soil=simulation.space.columns(by_soil, late, point.soil),
         causes=causes,
         stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
@@ -287,6 +282,12 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         rest_causes=rest_causes,
         usable=np.logical_and.reduce(sound),
     )
+
+
+def _of_acceleration(by_model: FloatArray, conditions: Conditions, channels: Sequence[str]) -> FloatArray:
+    """Return what an error of the acceleration does to model less measurement: its mass is added to the latter."""
+    mass = np.array([1.0 if c == "dp" else 0.0 for c in channels])[:, None] * conditions.compensated_mass_kg
+    return np.asarray(np.nan_to_num(by_model) - mass)
 
 
 def late_wheel(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
@@ -329,7 +330,7 @@ def derivatives(
     Returns
     -------
     mapping
-        "value", "speed" and "load" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
+        "value", "speed", "load" and "acceleration" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
     """
     pieces = (_piece(conditions, rows) for rows in _pieces(len(np.asarray(conditions.slip))))
     return _joined([_derivatives(simulation, piece, values, channels) for piece in pieces])
@@ -362,6 +363,7 @@ def _derivatives(
     seeded = replace(
         _moved(columns, speed, radius),
         vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
+        ground_acceleration_mps2=Dual(columns.ground_acceleration_mps2, {_RATE: 1.0}),
     )
     with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
         said = model.evaluate(seeded, parameters)
@@ -378,6 +380,7 @@ def _derivatives(
         "value": np.stack([np.broadcast_to(value_of(said[OUTPUTS[c].field]), (n, 1))[:, 0] for c in channels]),
         "speed": by(_SPEED),
         "load": by(_LOAD),
+        "acceleration": by(_RATE),
         "soil": np.stack([by(name) for name in SOIL_PARAMETERS], axis=-1),
         "causes": np.stack([by(key) for _, _, key in simulation.parameters], axis=-1)
         if simulation.parameters

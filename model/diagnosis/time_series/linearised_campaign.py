@@ -149,16 +149,16 @@ def linearisation_points(
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
         soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        speed, variance = _speed(data, soil, at)
+        speed, acceleration, variance = _speed(data, soil, at)
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
-        found.append(LinearisationPoint(Point(soil, causes, speed), data.noise, variance))
+        found.append(LinearisationPoint(Point(soil, causes, speed, acceleration), data.noise, variance))
     return found
 
 
-def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the smoothed error of the ground speed under a soil and causes, and its variance."""
+def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the smoothed error of the ground speed under a soil and causes, its slope, and its variance."""
     columns = data.columns
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
     by_run = data.grams.constants @ shared

@@ -27,7 +27,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import BLOCK_S, CALMING_S, Samples
+from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
 from processing import LEVEL_DEG, RUT_SHARE
@@ -38,12 +38,20 @@ _KNOWN = 0.05
 
 @dataclass(frozen=True)
 class Process:
-    """A coloured process: names of its deviation and time (None: white), whether over distance, what it is seen by."""
+    """A coloured process: names of its deviation and time (None: white), whether over distance, what it is seen by.
+
+    An error of the ground speed is seen by its slope, too: by its values a block later and a block before.
+    """
 
     deviation: str
     time: str | None
     over_distance: bool
     loading: str
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether its slope is seen."""
+        return self.loading == "speed"
 
 
 @dataclass(frozen=True)
@@ -167,6 +175,11 @@ def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
     return out
 
 
+def slope_loading(linear: Linear, samples: Samples) -> FloatArray:
+    """Return how the ground speed's error of a block later is seen, shape (c, n); that of a block before: minus it."""
+    return np.asarray(linear.acceleration / (2.0 * samples.block_s))
+
+
 def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
     """Return the variance of the white remainder of each sample, shape (c, n): the channel's own, and the known one."""
     own = np.array([values[named(c, "white")] ** 2 for c in linear.channels])
@@ -174,27 +187,8 @@ def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: 
 
 
 def known_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
-    """Return what errors of the speed add to the white remainder, shape (c, n).
-
-    (f'' P)^2 / 2 where a channel bends in the speed, and in the drawbar pull the compensated outboard mass times the
-    error of the acceleration.
-    """
-    found = np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
-    if "dp" in linear.channels:
-        mass = np.asarray(linear.conditions.compensated_mass_kg)
-        found[linear.channels.index("dp")] += mass**2 * acceleration_variance(values)
-    return found
-
-
-def acceleration_variance(values: Mapping[str, float]) -> float:
-    """Return the variance of the acceleration by the errors of the ground speed, (m/s2)^2.
-
-    Of the derivative after a kernel of one-sigma s: sigma^2/(time s sqrt(pi)) by the coloured error, whose time is long
-    against s, and b white^2/(4 s^3 sqrt(pi)) by the white one of means over b.
-    """
-    coloured = values["speed_noise_mps"] ** 2 / (max(values["speed_noise_time_s"], CALMING_S) * CALMING_S)
-    white = values["speed_white_mps"] ** 2 * BLOCK_S / (4.0 * CALMING_S**3)
-    return float((coloured + white) / np.sqrt(np.pi))
+    """Return what errors of the speed add to the white remainder where a channel bends in it, (f'' P)^2 / 2; (c, n)."""
+    return np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
 
 
 def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:

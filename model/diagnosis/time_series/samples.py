@@ -31,11 +31,9 @@ LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
 _LEAST_SPEED_MPS = 0.05
-CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
-"""One-sigma of the kernels that acceleration and its change pass. Noise of the acceleration makes what goes with it
-look smaller than it is; that of its change goes against the noise of the speed itself, so that any latency seems right.
-The declared outboard mass times it is in the drawbar pull: there the noise would stand out wherever the speed rises.
-"""
+_CALMING_OF_JERK_S = 0.4
+"""One-sigma of the kernel that the change of the acceleration passes: its noise goes against that of the speed itself,
+so that any latency seems right."""
 STENCIL = (1 / 6, 2 / 3, 1 / 6)
 """Weights of the three instants of a sample."""
 SHIFTS_S = np.linspace(-0.6, 0.6, 25)
@@ -244,7 +242,7 @@ def _blocks(
     left_out.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
-    acceleration = _calmed(run.ground_acceleration_mps2, CALMING_S * run.rate_hz)
+    acceleration = _across_block(run, step)
     calmer = np.nan_to_num(acceleration - run.ground_acceleration_mps2)
     slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
     jerk = _rate(slow, run.rate_hz)
@@ -306,6 +304,14 @@ def _calmed(x: FloatArray, sigma: float) -> FloatArray:
     weight = gaussian_filter1d(known.astype(float), sigma, mode="nearest")
     smooth = gaussian_filter1d(np.where(known, x, 0.0), sigma, mode="nearest")
     return np.where(known, smooth / np.maximum(weight, 1e-9), np.nan)
+
+
+def _across_block(run: ProcessedRun, step: int) -> FloatArray:
+    """Return the acceleration by the speeds a block later and a block before: what its noise is, the model knows."""
+    speed, at = _joined_across_holes(run.ground_speed_mps), np.arange(len(run))
+    later, before = (speed[np.clip(at + way * step, 0, max(len(run) - 1, 0))] for way in (1, -1))
+    found = (later - before) * run.rate_hz / (2.0 * step)
+    return np.where(np.isfinite(run.ground_acceleration_mps2), found, np.nan)
 
 
 def _starts(used: BoolArray, step: int) -> IndexArray:

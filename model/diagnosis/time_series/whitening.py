@@ -26,13 +26,36 @@ from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
+from model.diagnosis.time_series.noise import loading, processes, rest_variance, slope_loading, white_variance
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
 
 
 @dataclass(frozen=True)
+class Neighbours:
+    """Processes of which a sample sees the values a block later and a block before, too.
+
+    Each has three states: its value a block later, which moves on as any process does, now, and a block before.
+
+    Attributes
+    ----------
+    later, now, before : int array, shape (L,)
+        Positions of the states.
+    shares : array, shape (R, N, 3, L)
+        What a step leaves of the states: of "later" now, of "later" a block before, and of "now" a block before.
+    block_decay : array, shape (L,)
+        a of one block.
+    """
+
+    later: IndexArray
+    now: IndexArray
+    before: IndexArray
+    shares: FloatArray
+    block_decay: FloatArray
+
+
+@dataclass(frozen=True)
 class StateSpace:
-    """Noise of R runs of up to N samples in C channels by S processes.
+    """Noise of R runs of up to N samples in C channels by S states.
 
     Attributes
     ----------
@@ -44,17 +67,43 @@ class StateSpace:
         Stationary variances.
     white : array, shape (R, N, C)
         Variances of the white noise; 1 where a channel is missing.
+    neighbours : Neighbours, optional
     """
 
     loadings: FloatArray
     decay: FloatArray
     variance: FloatArray
     white: FloatArray
+    neighbours: Neighbours | None = None
 
     def runs(self, first: int, last: int) -> StateSpace:
         """Return the noise of the runs from `first` to before `last`."""
-        own = slice(first, last)
-        return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own])
+        own, near = slice(first, last), self.neighbours
+        near = replace(near, shares=near.shares[own]) if near else None
+        return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own], near)
+
+    def stationary(self) -> FloatArray:
+        """Return the covariance of the states before any data, shape (S, S)."""
+        found = np.diag(self.variance)
+        if near := self.neighbours:
+            for one, other, blocks in ((near.later, near.now, 1), (near.now, near.before, 1), (near.later, near.before, 2)):
+                found[one, other] = found[other, one] = near.block_decay**blocks * self.variance[near.now]
+        return found
+
+    def moved(self, x: FloatArray, i: int) -> FloatArray:
+        """Return what is left at sample i of the states at the one before, shape (R, S, M)."""
+        out = x * self.decay[:, i, :, None]
+        if near := self.neighbours:
+            of_later, before_of_later, before_of_now = np.moveaxis(near.shares[:, i, :, :, None], 1, 0)
+            later = x[:, near.later]
+            out[:, near.before] = before_of_later * later + before_of_now * x[:, near.now]
+            out[:, near.now] = of_later * later
+        return np.asarray(out)
+
+    def ahead(self, covariance: FloatArray, stationary: FloatArray, i: int) -> FloatArray:
+        """Return the states' covariance at sample i from that at the one before, shape (R, S, S)."""
+        half = self.moved(covariance - stationary, i)
+        return stationary + self.moved(half.swapaxes(1, 2), i)
 
 
 @dataclass(frozen=True)
@@ -74,17 +123,15 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
         Zero where a channel is missing.
     """
     runs, count, channels, width = columns.shape
-    states = len(space.variance)
-    stationary = np.diag(space.variance)
+    states, stationary = len(space.variance), space.stationary()
     covariance = np.repeat(stationary[None], runs, axis=0)
     state = np.zeros((runs, states, width))
     out = np.zeros_like(columns)
     log_determinants = np.zeros(runs)
     for i in range(count):
-        a = space.decay[:, i]
-        state = state * a[:, :, None]
         if i:
-            covariance = _ahead(covariance, stationary, a)
+            state = space.moved(state, i)
+            covariance = space.ahead(covariance, stationary, i)
         for c in range(channels):
             h = space.loadings[:, i, c]
             loaded = (covariance @ h[:, :, None])[..., 0]
@@ -116,14 +163,13 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
     The fixed-interval smoother of Rauch, Tung & Striebel (1965).
     """
     runs, count, channels = data.shape
-    states = len(space.variance)
-    stationary = np.diag(space.variance)
+    states, stationary = len(space.variance), space.stationary()
     mean, covariance = np.zeros((runs, states)), np.repeat(stationary[None], runs, axis=0)
     means, covariances = np.zeros((count, runs, states)), np.zeros((count, runs, states, states))
     for i in range(count):
         if i:
-            mean = space.decay[:, i] * mean
-            covariance = _ahead(covariance, stationary, space.decay[:, i])
+            mean = space.moved(mean[..., None], i)[..., 0]
+            covariance = space.ahead(covariance, stationary, i)
         for c in range(channels):
             h = space.loadings[:, i, c]
             loaded = (covariance @ h[:, :, None])[..., 0]
@@ -132,17 +178,11 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
             covariance = covariance - gain[:, :, None] * loaded[:, None, :]
         means[i], covariances[i] = mean, covariance
     for i in range(count - 2, -1, -1):
-        a = space.decay[:, i + 1]
-        ahead = _ahead(covariances[i], stationary, a)
-        back = np.linalg.solve(ahead, a[:, :, None] * covariances[i]).swapaxes(1, 2)
-        means[i] += (back @ (means[i + 1] - a * means[i])[..., None])[..., 0]
+        ahead = space.ahead(covariances[i], stationary, i + 1)
+        back = np.linalg.solve(ahead, space.moved(covariances[i], i + 1)).swapaxes(1, 2)
+        means[i] += (back @ (means[i + 1][..., None] - space.moved(means[i][..., None], i + 1)))[..., 0]
         covariances[i] += back @ (covariances[i + 1] - ahead) @ back.swapaxes(1, 2)
     return means.swapaxes(0, 1), covariances.swapaxes(0, 1)
-
-
-def _ahead(covariance: FloatArray, stationary: FloatArray, decay: FloatArray) -> FloatArray:
-    """Return the states' covariance one sample later."""
-    return np.asarray(stationary + (covariance - stationary) * (decay[:, :, None] * decay[:, None, :]))
 
 
 def state_space(
@@ -164,20 +204,54 @@ def state_space(
     """
     at = places_of(samples.run, samples.runs)
     listed = processes(linear.channels)
-    loadings = np.stack([loading(linear, samples, p.loading) for p in listed], axis=-1)
+    sloped = [i for i, p in enumerate(listed) if p.has_slope]
+    own = [loading(linear, samples, p.loading) for p in listed]
+    by_slope = slope_loading(linear, samples)
+    loadings = np.stack([*own, *(own[i] for i in sloped), *(-by_slope for _ in sloped)], axis=-1)
+    loadings[..., sloped] = by_slope[..., None]
     loadings = np.where(present[..., None], loadings, 0.0)
     step_s, step_m = (steps_of(x, samples.run) for x in (samples.time_s, samples.distance_m))
-    decay = np.zeros((len(samples), len(listed)))
+    decay = np.zeros((len(samples), loadings.shape[-1]))
     for i, p in enumerate(listed):
         if p.time is not None:
             decay[:, i] = np.exp(-(step_m if p.over_distance else step_s) / values[p.time])
+    near = np.arange(len(sloped)) + len(listed)
+    memories = np.array([values[p.time] if (p := listed[i]).time else 0.0 for i in sloped])
+    decay[:, sloped], shares, block_decay = _steps(memories, step_s[:, None], samples.block_s)
+    variance = np.array([values[p.deviation] ** 2 for p in listed])
     white = np.where(present, white_variance(linear, values, speed_variance), 1.0)
     return StateSpace(
         loadings=at.padded(loadings),
         decay=at.padded(decay[None])[:, :, 0],
-        variance=np.array([values[p.deviation] ** 2 for p in listed]),
+        variance=np.r_[variance, variance[sloped], variance[sloped]],
         white=at.padded(white, fill=1.0),
+        neighbours=Neighbours(
+            np.array(sloped, np.intp), near, near + len(sloped), at.padded(shares[None])[:, :, 0], block_decay
+        ),
     )
+
+
+def _steps(
+    memories_s: FloatArray, step_s: FloatArray, block_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the decay of "later", shape (n, L), `Neighbours.shares`, (n, 3, L), and the decay of one block, (L,).
+
+    Parameters
+    ----------
+    memories_s : array, shape (L,)
+        0: white.
+    step_s : array, shape (n, 1)
+        To each sample from the one before: one block, or a gap, behind which "before" follows from "later".
+    """
+
+    def decay(seconds: FloatArray) -> FloatArray:
+        return np.where(memories_s > 0.0, np.exp(-seconds / np.maximum(memories_s, 1e-9)), 0.0)
+
+    next_door = step_s < 1.5 * block_s
+    gap, block = decay(np.maximum(step_s - 2.0 * block_s, 0.0)), decay(np.full(1, block_s))
+    later = np.where(next_door, block, gap * block**2)
+    shares = (np.where(next_door, 1.0, gap * block), np.where(next_door, 0.0, gap), np.where(next_door, 1.0, 0.0 * gap))
+    return later, np.stack(np.broadcast_arrays(*shares), axis=1), block
 
 
 @dataclass(frozen=True)
@@ -267,8 +341,8 @@ def smoothed_speed(
     values: Mapping[str, float],
     speed_variance: FloatArray,
     coefficients: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the error of the measured ground speed that the data ask for, and its variance; shape (n,) each.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the error of the measured ground speed that the data ask for, its slope, and its variance; (n,) each.
 
     Parameters
     ----------
@@ -279,8 +353,11 @@ def smoothed_speed(
     space = state_space(samples, linear, columns.present, values, speed_variance)
     left = np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])
     means, covariances = smoothed(space, at.padded(left))
-    own = np.array([float(p.loading == "speed") for p in processes(linear.channels)])
-    return at.flat(means @ own), at.flat(covariances @ own @ own)
+    now, slope = np.zeros(len(space.variance)), np.zeros(len(space.variance))
+    if near := space.neighbours:
+        now[near.now] = 1.0
+        slope[near.later], slope[near.before] = 0.5 / samples.block_s, -0.5 / samples.block_s
+    return at.flat(means @ now), at.flat(means @ slope), at.flat(covariances @ now @ now)
 
 
 def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> Grams:
