@@ -108,9 +108,10 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
     left = left_over(grams, keys)
     if not left.score.size:
         return Adequacy(0.0, SLACK, ok=True)
-    kinds = [_kind(left.information, shapes) for shapes in _kinds(grams.all_shapes()[0])]
+    spread = _spread(grams, left.information)
+    kinds = [_kind(left.information, spread, shapes) for shapes in _kinds(grams.all_shapes()[0])]
     ratios = _ratios(grams, keys, left, kinds)
-    values, vectors = np.linalg.eigh(left.information)
+    values, vectors = np.linalg.eigh(spread)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T  # whatever signs a processor gives the vectors
     drawn = rng.normal(size=(_DRAWS, values.size)) @ root
     largest = np.max([k.statistic(drawn) / k.far for k in kinds], axis=0)
@@ -121,11 +122,12 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
 def _ratios(grams: Grams, keys: tuple[str, ...], left: LeftOver, kinds: Sequence[_Kind]) -> list[float]:
     """Return T of each kind over its far quantile and what the causes' formulas may miss."""
     before = left_over(grams)
+    spread = _spread(grams, before.information)
     form = FORM / max(len(keys), 1)
     ratios = []
     for kind in kinds:
         found = float(kind.statistic(left.score))
-        explained = float(_kind(before.information, kind.shapes).statistic(before.score)) - found
+        explained = float(_kind(before.information, spread, kind.shapes).statistic(before.score)) - found
         ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
     return ratios
 
@@ -145,7 +147,8 @@ def lack_of_fit(
     shapes, left = grams.all_shapes()[0], left_over(grams, keys)
     if not shapes:
         return ()
-    kinds = [_kind(left.information, group) for group in _kinds(shapes)]
+    spread = _spread(grams, left.information)
+    kinds = [_kind(left.information, spread, group) for group in _kinds(shapes)]
     worst = kinds[int(np.argmax(_ratios(grams, keys, left, kinds)))].shapes
     heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
     own = LeftOver(left.misfit, left.score[worst], left.information[np.ix_(worst, worst)])
@@ -167,7 +170,11 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     both, left = np.r_[causes, shared], grams.total - taken
     inverse = np.linalg.inv(np.eye(both.size) + left[np.ix_(both, both)])
     kept = np.arange(causes.size, both.size)
-    expected = kept.size - float(np.trace(inverse[np.ix_(kept, kept)]))
+    known = float(np.trace(inverse[np.ix_(kept, kept)]))
+    expected = kept.size - known
+    across, inner = grams.total[np.ix_(causes, shared)], grams.total[np.ix_(causes, causes)] + np.eye(causes.size)
+    information = np.trace(grams.total[np.ix_(shared, shared)] - across.T @ np.linalg.solve(inner, across))
+    expected += grams.form**2 * (float(information) - kept.size + known)
     expected += sum(one.freedom for one in own) - float(np.sum(inverse * spread[np.ix_(both, both)]))
     without = grams.total[causes, 0] @ np.linalg.solve(
         np.eye(causes.size) + grams.total[np.ix_(causes, causes)], grams.total[causes, 0]
@@ -185,10 +192,16 @@ def _kinds(basis: tuple[Shape, ...]) -> list[IndexArray]:
     return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(basis)))]]
 
 
-def _kind(information: FloatArray, shapes: IndexArray) -> _Kind:
+def _spread(grams: Grams, information: FloatArray) -> FloatArray:
+    """Return the covariance of the scores of a right model: noise, and the error of form of the shared shapes."""
+    shared = np.sort(grams.shared_places)
+    return information + grams.form**2 * information[:, shared] @ information[shared]
+
+
+def _kind(information: FloatArray, spread: FloatArray, shapes: IndexArray) -> _Kind:
     own = information[np.ix_(shapes, shapes)]
     inverse = np.asarray(np.linalg.inv(np.eye(shapes.size) + own))
-    weights = inverse @ own
+    weights = inverse @ spread[np.ix_(shapes, shapes)]
     mean, variance = float(np.trace(weights)), 2.0 * float(np.sum(weights * weights.T))
     shape = mean**2 / max(variance, 1e-12)
     far = variance / max(mean, 1e-12) * float(gammaincinv(shape, _FAR)) if mean > 0 else np.inf

@@ -85,8 +85,7 @@ def bagged(
         return posterior(grams, excluded, most)
     weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=replicates).astype(float)
     weights = np.concatenate([np.ones((1, runs)), weights])
-    width = grams.cause_columns.stop
-    totals = np.tensordot(weights, grams.matrices[:, :width, :width], 1)
+    totals = np.tensordot(weights, grams.matrices, 1)
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
     mean = each[1:].mean(axis=0)

@@ -88,7 +88,7 @@ def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Pr
     matrix : array, shape (m, m), optional
         Another sum over runs than that of all.
     """
-    total = grams.total if matrix is None else matrix
+    total = grams.without_form(grams.total if matrix is None else matrix)
     causes = grams.cause_columns
     kept = [0, *range(causes.start, causes.stop)]
     soil = grams.soil_columns

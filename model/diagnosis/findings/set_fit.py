@@ -7,7 +7,8 @@ than it knows, and other sets of causes are possible. So each variance is put to
   has only as many degrees of freedom as there are runs. Each stands for as many observations as it has degrees: the
   model's for `TRUST`. The ratio of both to the model's never narrows an interval;
 - what the estimate moves when each hyper-parameter moves by its own one-sigma;
-- what it moves between the sets of causes that hold it, weighted by their probabilities.
+- what it moves between the sets of causes that hold it, weighted by their probabilities;
+- what the error of form moves it: that is the same in every run, and no number of runs averages it out.
 
 The interval is Student's with the degrees of freedom of the first.
 
@@ -69,8 +70,8 @@ class Spread:
         Of the sandwich over runs.
     degrees : array, shape (p,)
         Of freedom.
-    by_noise, by_choice : array, shape (p,)
-        Variances for the hyper-parameters and for the choice of the set.
+    by_noise, by_choice, by_form : array, shape (p,)
+        Variances for the hyper-parameters, for the choice of the set, and for the error of form.
     """
 
     covariance: FloatArray
@@ -79,6 +80,7 @@ class Spread:
     degrees: FloatArray
     by_noise: FloatArray
     by_choice: FloatArray
+    by_form: FloatArray
 
     @property
     def sigmas(self) -> FloatArray:
@@ -111,7 +113,7 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
     count = len(x)
     if not count:
         nothing = np.zeros((0, 0))
-        return Spread(nothing, nothing, nothing, np.zeros(0), np.zeros(0), np.zeros(0))
+        return Spread(nothing, nothing, nothing, *(np.zeros(0),) * 4)
     rows = problem.runs(x)
     everything = np.concatenate(rows)
     run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
@@ -122,9 +124,9 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
     both = (1.0 - share) * found.naive + share * found.covariance
     widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
     by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
-    by_choice = _by_choice(linearised, keys, count)
+    by_choice, by_form = _by_choice(linearised, keys, count), _by_form(linearised.grams, keys)
     combined = found.naive * np.outer(widening, widening)
-    extra = np.sqrt(1.0 + (by_noise + by_choice) / np.diag(combined))
+    extra = np.sqrt(1.0 + (by_noise + by_choice + by_form) / np.diag(combined))
     return Spread(
         covariance=combined * np.outer(extra, extra),
         naive=found.naive,
@@ -132,6 +134,7 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
         degrees=np.full(count, degrees + TRUST),
         by_noise=by_noise,
         by_choice=by_choice,
+        by_form=by_form,
     )
 
 
@@ -139,6 +142,14 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
     """Return Student's 95 % interval."""
     reach = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * sigma
     return value - reach, value + reach
+
+
+def _by_form(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
+    """Return the variance of soil and coefficients by an error of form that is the same in every run, shape (p,)."""
+    at = np.r_[grams.soil_columns, [i for key in keys for i in grams.columns_of(key)]].astype(np.intp)
+    shapes = grams.total[at, grams.basis_columns]
+    moved = np.linalg.solve(np.eye(at.size) + grams.total[np.ix_(at, at)], shapes)
+    return np.asarray(grams.form**2 * (moved**2).sum(axis=1))
 
 
 def _by_choice(linearised: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:

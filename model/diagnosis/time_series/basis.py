@@ -117,6 +117,13 @@ def input_shapes(linear: Linear) -> Iterator[InputShape]:
 
 AMPLITUDE = 0.02
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
+FORM = 0.0015
+"""One-sigma of the error of form of a model that is right: rms over the samples, as a share of the same.
+
+No formula is nature's, no filter the sensor's, no mean over a block the mean of the model. These errors are the same in
+every run: more runs do not average them out. What our own simulator's instruments and numerics leave after 200 runs is
+about as large (docs/decisions/diagnosis-adequacy.md).
+"""
 
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
 _BRAKE_KNOTS = (0.05, 0.15, 0.3, 0.6)
@@ -146,6 +153,8 @@ class CatchAll:
         Their ranks among all shapes, those of single runs included: channel after channel.
     input_heights : array, shape (b,)
         Largest error of an input, m/s or N; NaN for a shape of a channel.
+    form : float
+        One-sigma of each shape's coefficient where they are the error of form: of all together it is `FORM`.
     of_run : tuple of RunShapes
         Of every run.
     """
@@ -154,6 +163,7 @@ class CatchAll:
     order: IndexArray
     input_heights: FloatArray
     of_run: tuple[RunShapes, ...]
+    form: float = 0.0
 
     @property
     def by_rank(self) -> tuple[Shape, ...]:
@@ -222,7 +232,10 @@ def basis(samples: Samples, linear: Linear) -> Basis:
         columns[..., column] = error.columns
         heights[column] = error.height
     shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
-    return Basis(CatchAll(shared.shapes, shared.order, heights, runs), columns, own, rests)
+    unit = np.array([amplitude_of(samples, channel) for channel in channels])[:, None]
+    together = float(np.mean(np.sum((columns[..., np.isnan(heights)] / unit[..., None]) ** 2, axis=-1)))
+    form = FORM / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0
+    return Basis(CatchAll(shared.shapes, shared.order, heights, runs, float(form)), columns, own, rests)
 
 
 def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:

@@ -120,6 +120,8 @@ class Grams:
         Ranks of these shapes among all, those of single runs included; in their order by default.
     own : tuple of OwnGram
         Shapes of single runs.
+    form : float
+        One-sigma of the coefficient of each of the b columns where they are the error of form.
     """
 
     matrices: FloatArray
@@ -131,6 +133,7 @@ class Grams:
     basis: tuple[Shape, ...]
     order: IndexArray | None = None
     own: tuple[OwnGram, ...] = ()
+    form: float = 0.0
 
     @property
     def soil_columns(self) -> slice:
@@ -158,6 +161,26 @@ class Grams:
     def total(self) -> FloatArray:
         """Sum over runs, shape (m, m)."""
         return np.asarray(self.matrices.sum(axis=0))
+
+    @cached_property
+    def net(self) -> FloatArray:
+        """Sum over runs with the error of form integrated out, shape (1 + q + k, same)."""
+        return self.without_form(self.total)
+
+    def without_form(self, total: FloatArray) -> FloatArray:
+        """Integrate the error of form out of sums over runs: shape (..., m, m) to (..., 1 + q + k, same)."""
+        kept, shapes = slice(0, self.cause_columns.stop), self.basis_columns
+        inner, across = self._form_precision(total), self.form * total[..., shapes, kept]
+        return np.asarray(total[..., kept, kept] - np.swapaxes(across, -1, -2) @ np.linalg.solve(inner, across))
+
+    @property
+    def form_log_determinant(self) -> float:
+        """ln det of what the error of form adds to the covariance of all data."""
+        return float(np.linalg.slogdet(self._form_precision(self.total))[1])
+
+    def _form_precision(self, total: FloatArray) -> FloatArray:
+        shapes = self.basis_columns
+        return np.asarray(np.eye(len(self.basis)) + self.form**2 * total[..., shapes, shapes])
 
     def chosen(self, runs: BoolArray) -> Grams:
         """Return the Grams of some runs only."""
@@ -209,6 +232,12 @@ class Grams:
             total[np.ix_(rows, rows)] = one.inner
             at += len(one.inner)
         return tuple(shapes[i] for i in np.argsort(ranks)), total
+
+    @property
+    def shared_places(self) -> IndexArray:
+        """Places of the b shapes that every run may show among all, by rank; shape (b,)."""
+        ranks = np.concatenate([self._order, *(one.shapes.order for one in self.own)])
+        return np.argsort(np.argsort(ranks))[: len(self.basis)]
 
     @property
     def _order(self) -> IndexArray:

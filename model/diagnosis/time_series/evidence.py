@@ -122,7 +122,7 @@ def box(causes: tuple[CauseColumn, ...]) -> tuple[FloatArray, FloatArray]:
 
 
 def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
-    """Return cross products of residual, causes and basis with the soil integrated out.
+    """Return cross products of residual and causes with soil and error of form integrated out.
 
     Parameters
     ----------
@@ -131,8 +131,9 @@ def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
 
     Returns
     -------
-    array, shape (..., 1 + k + b, 1 + k + b)
+    array, shape (..., 1 + k, 1 + k)
     """
+    total = grams.without_form(total)
     soil = grams.soil_columns
     others = np.r_[0, soil.stop : total.shape[-1]]
     inner = total[..., soil, soil] + np.eye(len(grams.soil))
@@ -170,7 +171,7 @@ def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> Floa
     ----------
     grams : Grams
         For what the columns are.
-    reduced : array, shape (..., 1 + k [+ b], same)
+    reduced : array, shape (..., 1 + k, same)
         From `without_soil`.
 
     Returns
@@ -234,7 +235,7 @@ def weighed(
     ----------
     grams : Grams
         For what the columns are.
-    reduced : array, shape (..., 1 + k [+ b], same)
+    reduced : array, shape (..., 1 + k, same)
         From `without_soil`; with leading axes the beam keeps the pairs that are best in any of them.
     excluded, most
         See `hypotheses`.
@@ -283,7 +284,7 @@ def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     start, soils = grams.cause_columns.start, len(grams.soil)
     own = tuple(position - start for key in keys for position in grams.columns_of(key))
     at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
-    total = grams.total
+    total = grams.net
     precision = total[np.ix_(at, at)] + np.eye(at.size)
     lower, upper = (x[list(own)] for x in box(grams.causes))
     free = np.full(soils, np.inf)
@@ -328,11 +329,11 @@ def best_set(
 
 def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
     """Return the log density of all whitened data under a set of causes, constants included; nats."""
-    total = grams.total
     soil = grams.soil_columns
-    inner = total[soil, soil] + np.eye(len(grams.soil))
-    reduced = without_soil(grams, total)
+    inner = grams.net[soil, soil] + np.eye(len(grams.soil))
+    reduced = without_soil(grams, grams.total)
     constant = float(grams.samples.sum()) * np.log(2 * np.pi) + float(grams.log_determinants.sum())
+    constant += grams.form_log_determinant
     base = float(-0.5 * (reduced[0, 0] + np.linalg.slogdet(inner)[1] + constant))
     if not keys:
         return base

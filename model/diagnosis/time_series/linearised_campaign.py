@@ -362,8 +362,7 @@ class LinearisedCampaign:
         """
         if len(self.campaigns) > 1:
             return None
-        grams = self.grams
-        kept = slice(0, grams.cause_columns.stop)
+        grams = self.grams.scaled(1.0 / excess)
         return Information(
             soil=grams.soil,
             effects=tuple(c.key for c in grams.causes),
@@ -372,7 +371,7 @@ class LinearisedCampaign:
             scales=tuple(c.scale for c in grams.causes),
             neutrals=tuple(c.neutral for c in grams.causes),
             one_sided=tuple(c.one_sided for c in grams.causes),
-            matrix=grams.total[kept, kept] / excess,
+            matrix=grams.net,
             samples=int(grams.samples.sum()),
             about=self.best.keys,
         )

@@ -407,6 +407,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         basis=tuple(basis),
         order=np.concatenate(order),
         own=tuple(own),
+        form=max(columns.catch_all.form for _, _, columns, _ in parts),
     )
 
 
