@@ -1,0 +1,41 @@
+"""Which engine gave an answer: the trees of `model/` and `processing/` in git."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+ENGINE = ("model", "processing")
+
+
+def engine_of(folder: Path | None = None) -> dict[str, str | bool]:
+    """Return the tree hashes of the engine at HEAD, and whether its files differ from them.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Inside the checkout; this file's by default.
+
+    Returns
+    -------
+    mapping
+        ``model`` and ``processing`` (tree hashes) and ``dirty``; outside a git checkout the hashes are "unknown".
+    """
+    place = folder or Path(__file__).parent
+    try:
+        top = Path(_git(place, "rev-parse", "--show-toplevel"))
+        trees: dict[str, str | bool] = {name: _git(top, "rev-parse", f"HEAD:{name}") for name in ENGINE}
+        return trees | {"dirty": bool(_git(top, "status", "--porcelain", "--", *ENGINE))}
+    except (OSError, subprocess.CalledProcessError):
+        return dict.fromkeys(ENGINE, "unknown") | {"dirty": True}
+
+
+def engine_words(engine: dict[str, str | bool]) -> str:
+    """Return an engine as the pages name it."""
+    trees = ", ".join(f"{name} {str(engine[name])[:12]}" for name in ENGINE)
+    return trees + (" with changes that are not committed" if engine["dirty"] else "")
+
+
+def _git(folder: Path, *words: str) -> str:
+    found = subprocess.run(["git", *words], cwd=folder, check=True, capture_output=True, text=True)
+    return found.stdout.strip()
