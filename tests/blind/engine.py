@@ -36,12 +36,12 @@ _GIVEN_EVERY = 3
 
 def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
     """Process the channels without frames between."""
-    vehicle = vehicle_config(day.suite, day.vendor, day.stance)
+    vehicle = vehicle_config(day)
     runs = tuple(
         process(channels, vehicle, run_info(plan), OPTIONS)
         for plan, channels in zip(day.plans, driven(day, hidden), strict=True)
     )
-    return _campaign(runs, terrain_config(day.soil), vehicle.wheel)
+    return _campaign(runs, terrain_config(day.laboratory), vehicle.wheel)
 
 
 def campaign_from_frames(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:

@@ -234,9 +234,9 @@ def page(lines: Sequence[Line]) -> str:
     text = [
         "# Growing campaigns: does a true name stay?",
         "",
-        "Written by `python -m blind.growth --report`. 24 campaigns of `wheelsoil simulate --duration 15`, each diagnosed",
-        "with its first 6, 24, 100 and 200 runs. `nothing_detectable` may turn into the right name; a name may not be lost.",
-        "A cause that is not named by its form has no interval, and counts as missed.",
+        "Written by `python -m blind.growth --report`. 24 campaigns of `wheelsoil simulate --duration 15`, each",
+        "diagnosed with its first 6, 24, 100 and 200 runs. `nothing_detectable` may turn into the right name; a name may",
+        "not be lost. A cause that is not named by its form has no interval, and counts as missed.",
         "",
         f"Engine: {'; '.join(engines) or 'none'}.",
         "",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from blind.ground import Ground
 from blind.rim import Column
-from blind.wheel import RADIUS_M, Moments, Physics, Reading
+from blind.wheel import Moments, Physics, Reading
 
 from daq import FloatArray
 
@@ -99,7 +99,7 @@ def sinks(law: Callable[[FloatArray, FloatArray, float], FloatArray]) -> Callabl
         before = physics.sinkage
 
         def sinkage(z: FloatArray, slip: FloatArray) -> FloatArray:
-            return np.minimum(law(z if before is None else before(z, slip), slip, size), 0.97 * RADIUS_M)
+            return law(z if before is None else before(z, slip), slip, size)
 
         return also(physics, sinkage=sinkage)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from blind.causes import ALL, FAMILIES, OUTSIDE
 from blind.field import FieldDay, field_day
-from blind.world import BEYOND, OWN
+from blind.world import World
 
 SOILS = ("clay", "sandy")
 FRAMES_EVERY = 20
@@ -55,7 +55,7 @@ class Case:
     @property
     def day(self) -> FieldDay:
         """The campaign, with nothing hidden yet."""
-        return field_day(self.soil, self.entropy, world=BEYOND if self.beyond else OWN)
+        return field_day(self.soil, self.entropy, world=World())
 
 
 @dataclass(frozen=True)

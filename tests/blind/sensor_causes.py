@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from blind.hooks import Hidden, also, reads
-from blind.wheel import RADIUS_M, Physics, slip_of
+from blind.wheel import Physics, slip_of
 
 
 def _rolling_radius(physics: Physics, e: float) -> Physics:
-    return also(physics, slip=lambda m: slip_of(RADIUS_M * (1 + e) * m.omega, m.speed))
+    return also(physics, slip=lambda m: slip_of(m.vehicle.radius_m * (1 + e) * m.omega, m.speed))
 
 
 MEASUREMENT = (

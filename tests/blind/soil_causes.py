@@ -10,7 +10,7 @@ from blind.driving import GRAVITY_MPS2
 from blind.ground import UNIT_WEIGHT_N_M3, Ground
 from blind.hooks import Hidden, also, at_hub, braking_part, driving_part, sinks, softer
 from blind.rim import Column, janosi
-from blind.wheel import OUTBOARD_KG, RADIUS_M, WIDTH_M, Moments, Physics
+from blind.wheel import Moments, Physics
 
 from daq import FloatArray
 
@@ -47,7 +47,7 @@ def passive_earth(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
     sin = tan / np.sqrt(1 + tan**2)
     kp = (1 + sin) / (1 - sin)
     push = UNIT_WEIGHT_N_M3 * z**2 * kp / 2 + 2 * np.asarray(soil.cohesion) * np.sqrt(kp) * z
-    return WIDTH_M * push * m.rolls
+    return m.vehicle.width_m * push * m.rolls
 
 
 def _hegedus(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
@@ -55,10 +55,10 @@ def _hegedus(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
     tan = np.asarray(soil.friction)
     phi = np.arctan(tan)
     z = np.maximum(z, 1e-6)
-    approach = np.arccos(1 - np.minimum(z, 0.97 * RADIUS_M) / RADIUS_M)
+    approach = np.arccos(1 - np.minimum(z / m.vehicle.radius_m, 0.97))
     lift = z / np.tan(np.pi / 4 - phi / 2)
     push = np.sin(approach + phi) / (2 * np.sin(approach) * np.cos(phi))
-    return WIDTH_M * push * (2 * z * soil.cohesion + UNIT_WEIGHT_N_M3 * z * lift) * m.rolls
+    return m.vehicle.width_m * push * (2 * z * soil.cohesion + UNIT_WEIGHT_N_M3 * z * lift) * m.rolls
 
 
 PHYSICAL = (
@@ -289,7 +289,9 @@ PHYSICAL = (
         0.1,
         (0, 0.6),
         "contact radius r (1 + a W/10 kN 340 kPa/p)",
-        lambda physics, a: also(physics, radius=lambda m: RADIUS_M * (1 + a * m.load / 1e4 * 340 / m.inflation)),
+        lambda physics, a: also(
+            physics, radius=lambda m: m.vehicle.radius_m * (1 + a * m.load / 1e4 * 340 / m.inflation)
+        ),
     ),
     Hidden(
         "tyre_root",
@@ -299,7 +301,7 @@ PHYSICAL = (
         (0, 0.6),
         "contact radius r (1 + a sqrt(W/10 kN 340 kPa/p))",
         lambda physics, a: also(
-            physics, radius=lambda m: RADIUS_M * (1 + a * np.sqrt(m.load / 1e4 * 340 / m.inflation))
+            physics, radius=lambda m: m.vehicle.radius_m * (1 + a * np.sqrt(m.load / 1e4 * 340 / m.inflation))
         ),
         variant=True,
     ),
@@ -310,7 +312,7 @@ PHYSICAL = (
         0.1,
         (-0.3, 0.3),
         "Dp -= direction m_o g sin a",
-        at_hub(lambda m, z, soil, a: (-m.direction * OUTBOARD_KG * GRAVITY_MPS2 * np.sin(a), 0.0)),
+        at_hub(lambda m, z, soil, a: (-m.direction * m.vehicle.outboard_kg * GRAVITY_MPS2 * np.sin(a), 0.0)),
         both=True,
     ),
     Hidden(

@@ -15,7 +15,7 @@ from blind.folders import run_info, vehicle_config, write_campaign
 from blind.measures import Yardstick, oracle, told
 from blind.sensors import START_NS
 from blind.vendors import VENDORS
-from blind.wheel import RADIUS_M, Reading, simulated, slip_of
+from blind.wheel import YANG, Reading, simulated, slip_of
 from scipy.linalg import cholesky, solve_triangular
 
 from daq.runs.open import open_runs
@@ -43,7 +43,7 @@ def test_frames_and_channels_say_the_same(vendor: str, tmp_path: Path) -> None:
     day = field_day("clay", (5, 0), vendor)
     hidden = [("vasilev", 0.03)]
     write_campaign(tmp_path, day, hidden, runs=2)
-    config = vehicle_config(day.suite, day.vendor, day.stance)
+    config = vehicle_config(day)
     [*framed] = (run for _, run in process_runs(open_runs([tmp_path]), ProcessOptions(purpose="fit")))
     direct = [process(c, config, run_info(p)) for p, c in zip(day.plans[:2], driven(day, hidden), strict=False)]
     for one, other in zip(framed, direct, strict=True):
@@ -112,7 +112,7 @@ def test_the_covariance_of_the_oracle_is_that_of_the_recordings(soil: str, seed:
     """Nothing hidden: measured less simulated on the true soil, whitened, has unit variance (stones add some)."""
     day = field_day(soil, (9, seed))
     yardstick = Yardstick(day)
-    config = vehicle_config(day.suite, day.vendor, day.stance)
+    config = vehicle_config(day)
     runs = [process(c, config, run_info(p)) for p, c in zip(day.plans, driven(day, []), strict=True)]
     whitened = []
     for run, (root, rows) in zip(runs, yardstick._roots, strict=True):
@@ -131,7 +131,7 @@ def test_the_covariance_of_the_oracle_is_that_of_the_recordings(soil: str, seed:
         speed, omega = np.where(rests, 0, np.maximum(speed, 1e-3)), np.where(rests, 0, omega)
         said = simulated(day.ground, replace(m, omega=omega), Reading(pull, torque, speed, omega, load))
         left = np.concatenate([pull - said[0], torque - said[1]])
-        far = np.tile((np.abs(slip_of(RADIUS_M * m.omega, m.speed)) > 0.05) | rests, 2)
+        far = np.tile((np.abs(slip_of(YANG.radius_m * m.omega, m.speed)) > 0.05) | rests, 2)
         covariance = (root @ root.T)[np.ix_(far, far)]
         whitened.append(solve_triangular(cholesky(covariance, lower=True), left[far], lower=True))
     variance = np.mean(np.concatenate(whitened) ** 2)
