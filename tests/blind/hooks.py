@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from blind.ground import Ground
 from blind.rim import Column
-from blind.wheel import Moments, Physics, Reading
+from blind.wheel import YANG, Moments, Physics, Reading
 
 from daq import FloatArray
 
@@ -34,6 +34,8 @@ class Hidden:
     variant : bool
     outside : bool
         Of no family that the library knows.
+    length : bool
+        The size is a length; scale and limits are those at Yang's wheel.
     """
 
     key: str
@@ -46,6 +48,12 @@ class Hidden:
     both: bool = False
     variant: bool = False
     outside: bool = False
+    length: bool = False
+
+    def plausible(self, radius_m: float) -> tuple[float, tuple[float, float]]:
+        """Return scale and limits at a wheel; lengths go with its radius."""
+        share = radius_m / YANG.radius_m if self.length else 1.0
+        return share * self.scale, (share * self.limits[0], share * self.limits[1])
 
 
 def also(physics: Physics, **hooks: object) -> Physics:

@@ -6,9 +6,10 @@ import subprocess
 from pathlib import Path
 
 ENGINE = ("model", "processing")
+Engine = dict[str, str | bool]
 
 
-def engine_of(folder: Path | None = None) -> dict[str, str | bool]:
+def engine_of(folder: Path | None = None) -> Engine:
     """Return the tree hashes of the engine at HEAD, and whether its files differ from them.
 
     Parameters
@@ -24,13 +25,13 @@ def engine_of(folder: Path | None = None) -> dict[str, str | bool]:
     place = folder or Path(__file__).parent
     try:
         top = Path(_git(place, "rev-parse", "--show-toplevel"))
-        trees: dict[str, str | bool] = {name: _git(top, "rev-parse", f"HEAD:{name}") for name in ENGINE}
+        trees: Engine = {name: _git(top, "rev-parse", f"HEAD:{name}") for name in ENGINE}
         return trees | {"dirty": bool(_git(top, "status", "--porcelain", "--", *ENGINE))}
     except (OSError, subprocess.CalledProcessError):
         return dict.fromkeys(ENGINE, "unknown") | {"dirty": True}
 
 
-def engine_words(engine: dict[str, str | bool]) -> str:
+def engine_words(engine: Engine) -> str:
     """Return an engine as the pages name it."""
     trees = ", ".join(f"{name} {str(engine[name])[:12]}" for name in ENGINE)
     return trees + (" with changes that are not committed" if engine["dirty"] else "")

@@ -29,9 +29,9 @@ def _mirror_of_shear(q: float) -> Callable[[FloatArray, Column], FloatArray]:
     return lambda j, modulus: janosi(j, modulus) * (1 - q * -np.expm1(-np.abs(j) / 0.15))
 
 
-def _hump(q: float) -> Callable[[FloatArray, Column], FloatArray]:
-    """Between Janosi and the hump of Wong and Oida (residual share .5, peak at K_w = 2 K)."""
-    rest, e = 0.5, np.exp(1.0)
+def hump_shear(q: float, rest: float = 0.5) -> Callable[[FloatArray, Column], FloatArray]:
+    """Between Janosi and the hump of Wong and Oida (its residual share, peak at K_w = 2 K)."""
+    e = np.exp(1.0)
 
     def shear(j: FloatArray, modulus: Column) -> FloatArray:
         x = np.abs(j) / (2 * np.asarray(modulus))
@@ -70,6 +70,7 @@ PHYSICAL = (
         (0, 0.3),
         "Z = Z0 + H s, load-consistent",
         sinks(lambda z, s, H: z + H * driving_part(s)),
+        length=True,
     ),
     Hidden(
         "lyasko",
@@ -89,6 +90,7 @@ PHYSICAL = (
         (0, 0.3),
         "Z = Z0 + H (1 - exp(-s/.35))/(1 - exp(-1/.35))",
         sinks(lambda z, s, H: z + H * np.expm1(-driving_part(s) / 0.35) / np.expm1(-1 / 0.35)),
+        length=True,
         variant=True,
     ),
     Hidden(
@@ -99,6 +101,7 @@ PHYSICAL = (
         (0, 1.5),
         "Z = Z0 + H2 s_b^2",
         sinks(lambda z, s, H: z + H * braking_part(s) ** 2),
+        length=True,
     ),
     Hidden(
         "skid_hyperbola",
@@ -260,7 +263,7 @@ PHYSICAL = (
         0.2,
         (0, 1),
         "between Janosi and Wong-Oida's hump, residual .5",
-        lambda physics, q: also(physics, shear=_hump(q)),
+        lambda physics, q: also(physics, shear=hump_shear(q)),
         variant=True,
     ),
     Hidden(
@@ -271,6 +274,7 @@ PHYSICAL = (
         (0, 0.12),
         "shear radius and arm r + h",
         lambda physics, h: also(physics, lug=h, lug_arm=h),
+        length=True,
     ),
     Hidden(
         "half_grouser",
@@ -280,6 +284,7 @@ PHYSICAL = (
         (0, 0.16),
         "shear radius and arm r + h/2",
         lambda physics, h: also(physics, lug=0.5 * h, lug_arm=0.5 * h),
+        length=True,
         variant=True,
     ),
     Hidden(

@@ -167,13 +167,16 @@ def soil_forces(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return drawbar pull, torque and sinkage (n,) of the wheel; 0 at rest. Eq. 7 returns the load exactly.
 
+    A wheel by its resultants on soil that is stiffer by a factor carries a load that is larger by it.
+
     Where the balance is not solved at every moment, the normal stress makes up for the interpolation.
     """
     slip = physics.slip(moments)
     turning = np.flatnonzero((moments.speed > 0) | (moments.omega > 0))
     if physics.resultants is not None:
-        found = _from_resultants(physics, ground, moments.at(turning), slip[turning])
-        return _spread(found, turning, len(slip))
+        factor = np.broadcast_to(physics.ground(ground, moments).factor, slip.shape)[turning]
+        pull, torque, depth = physics.resultants(slip[turning], moments.load[turning] / factor)
+        return _spread((factor * pull, factor * torque, depth), turning, len(slip))
     rim, slip = _rim(physics, ground, moments, slip).rows(turning), slip[turning, None]
     load = moments.load[turning, None]
     coarse = np.arange(0, len(turning), care.every)
@@ -187,14 +190,6 @@ def soil_forces(
     scale = (load - found.load_cohesion) / found.load
     columns = (found.pull * scale + found.pull_cohesion, found.torque * scale + found.torque_cohesion, total)
     return _spread([values[:, 0] for values in columns], turning, len(moments.speed))
-
-
-def _from_resultants(physics: Physics, ground: Ground, moments: Moments, slip: FloatArray) -> tuple[FloatArray, ...]:
-    """Return what a foreign wheel says: soil that is stiffer by a factor carries a load that is larger by it."""
-    assert physics.resultants is not None
-    factor = np.broadcast_to(physics.ground(ground, moments).factor, slip.shape)
-    pull, torque, sinkage = physics.resultants(slip, moments.load / factor)
-    return factor * pull, factor * torque, sinkage
 
 
 def _spread(
