@@ -267,11 +267,11 @@ def _row(own: Sequence[Line], counts: Sequence[int]) -> str:
 
 
 def _cell(line: Line) -> str:
-    names = ", ".join(cause["name"] for cause in line["causes"])
+    said = " ".join([line["verdict"], *(cause["name"] for cause in line["causes"])])
     fit = line["adequacy"]
     judged = f"{fit['statistic']:.2f} of {fit['threshold']:.2f}" if fit else "-"
     soils = ", two soils" if line["two_soils"] else ""
-    return f"{line['verdict']} {names}{soils}, {judged}, {line['samples']}, {line['cpu_s']:.0f} s".replace("  ", " ")
+    return f"{said}{soils}, {judged}, {line['samples']}, {line['cpu_s']:.0f} s"
 
 
 def main() -> int:
