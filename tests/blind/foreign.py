@@ -1,7 +1,8 @@
 """Foreign wheels: physics that Wong's model does not have, at full size.
 
 A new one needs a function (slip, vertical load) -> (drawbar pull, driving torque, sinkage) and a row in `FOREIGN`.
-`tests/blind/granular.py` (class GranularWheel, RADIUS_M, WIDTH_M, LOADS_N, SOIL) is taken where it is there.
+`tests/blind/granular.py` (GranularWheel, RADIUS_M, WIDTH_M, LOADS_N, SOIL with the fields of `Ground`, and SLIPS where
+they are not 0 to .8) is taken where it is there.
 """
 
 from __future__ import annotations
