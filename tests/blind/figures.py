@@ -144,7 +144,7 @@ def named_causes(lines: Sequence[Line]) -> tuple[int, int]:
     return sum(stated), len(stated)
 
 
-def right_abroad(line: Line) -> bool:
+def right_foreign_verdict(line: Line) -> bool:
     """Return whether the verdict on a foreign wheel is right: `unexplained`, or a set that holds what is akin to it."""
     from blind.foreign import FOREIGN
 

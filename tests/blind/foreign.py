@@ -28,7 +28,7 @@ _SEGMENTS = 120
 
 
 @dataclass(frozen=True)
-class Abroad:
+class ForeignCampaign:
     """A foreign campaign before it is driven.
 
     Attributes
@@ -61,40 +61,40 @@ class Foreign:
 
     key: str
     formula: str
-    drawn: Callable[[np.random.Generator], Abroad]
+    drawn: Callable[[np.random.Generator], ForeignCampaign]
     families: tuple[str, ...] = ()
     may_be_named: bool = False
 
 
-def _reece(rng: np.random.Generator) -> Abroad:
+def _reece(rng: np.random.Generator) -> ForeignCampaign:
     """Wong & Reece (1967): peak ahead of the bottom; p = k' (z/b)^n, measured with plates of another width."""
-    abroad = _at_home(rng)
+    campaign = _drawn_campaign(rng)
     c1, c2 = float(rng.uniform(0.18, 0.43)), float(rng.uniform(0.25, 0.4))
     physics = Physics(peak=lambda slip: np.clip(c1 + c2 * np.maximum(slip, 0.0), 0.0, 0.9))
-    return replace(abroad, physics=physics)
+    return replace(campaign, physics=physics)
 
 
-def _hump(rng: np.random.Generator) -> Abroad:
+def _hump(rng: np.random.Generator) -> ForeignCampaign:
     """Wong and Oida: the shear stress passes a peak and falls to a residual share."""
     share = float(rng.uniform(0.4, 0.7))
-    return replace(_at_home(rng), physics=Physics(shear=hump_shear(1.0, share)))
+    return replace(_drawn_campaign(rng), physics=Physics(shear=hump_shear(1.0, share)))
 
 
-def _elastic_tyre(rng: np.random.Generator) -> Abroad:
+def _elastic_tyre(rng: np.random.Generator) -> ForeignCampaign:
     """A tyre whose pressure on the soil has a limit below what the rigid wheel would exert."""
-    abroad = _at_home(rng)
-    vehicle, soil = abroad.world.vehicle, abroad.laboratory
+    campaign = _drawn_campaign(rng)
+    vehicle, soil = campaign.world.vehicle, campaign.laboratory
     sinkage = _sinkage(soil, vehicle, vehicle.loads_n[1])
     rigid = float(np.asarray(soil.stiffness(vehicle.width_m))) * sinkage ** float(np.asarray(soil.exponent))
-    return replace(abroad, physics=Physics(most_pa=rigid * float(rng.uniform(0.5, 0.75))))
+    return replace(campaign, physics=Physics(most_pa=rigid * float(rng.uniform(0.5, 0.75))))
 
 
-def _at_home(rng: np.random.Generator) -> Abroad:
+def _drawn_campaign(rng: np.random.Generator) -> ForeignCampaign:
     """Return a drawn world whose laboratory measured the soil's own parameters."""
     from blind.ground import LABORATORY
 
     world = drawn_world(rng)
-    return Abroad(world, LABORATORY[world.soil], Physics())
+    return ForeignCampaign(world, LABORATORY[world.soil], Physics())
 
 
 def _sinkage(soil: Ground, vehicle: Vehicle, load_n: float) -> float:
@@ -103,7 +103,7 @@ def _sinkage(soil: Ground, vehicle: Vehicle, load_n: float) -> float:
     return float(np.interp(load_n, loads, depths))
 
 
-def _resistive(rng: np.random.Generator) -> Abroad:
+def _resistive(rng: np.random.Generator) -> ForeignCampaign:
     """Granular resistive force theory; a plate that goes straight down feels k z."""
     stiffness = float(np.exp(rng.uniform(np.log(3e5), np.log(2e6))))
     soil = Ground("granular", 200.0, float(np.tan(np.radians(30.0))), 0.015, 1.0, 1e3, stiffness)
@@ -111,7 +111,7 @@ def _resistive(rng: np.random.Generator) -> Abroad:
         continue
     wheel = ResistiveWheel(vehicle.radius_m, vehicle.width_m, stiffness)
     loads = _LOAD_SHARES * vehicle.loads_n[1]
-    return Abroad(replace(drawn_noise_world(rng), vehicle=vehicle), soil, by_table(wheel.resultants, loads))
+    return ForeignCampaign(replace(drawn_noise_world(rng), vehicle=vehicle), soil, by_table(wheel.resultants, loads))
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def by_table(
     return Physics(resultants=found)
 
 
-def _granular(rng: np.random.Generator) -> Abroad:
+def _granular(rng: np.random.Generator) -> ForeignCampaign:
     """A granular simulation by its table; the wheel and the loads are the table's own."""
     module = import_module("blind.granular")
     loads = np.sort(np.asarray(module.LOADS_N, float))
@@ -202,7 +202,7 @@ def _granular(rng: np.random.Generator) -> Abroad:
     vehicle = Vehicle(module.RADIUS_M, module.WIDTH_M, 0.0, 0.0, mass, (float(low), middle, float(high)), 0.7)
     soil = Ground(**{"name": "granular", **module.SOIL})
     world = replace(drawn_noise_world(rng), vehicle=vehicle)
-    return Abroad(world, soil, wheel, (float(max(slips[0], -0.45)), float(min(slips[-1], 0.92))))
+    return ForeignCampaign(world, soil, wheel, (float(max(slips[0], -0.45)), float(min(slips[-1], 0.92))))
 
 
 FOREIGN = {

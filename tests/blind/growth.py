@@ -39,7 +39,7 @@ Line = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Grown:
+class GrowingCampaign:
     """One campaign: `effect` as ``--effect`` takes it, the family and the parameter whose interval is judged."""
 
     seed: int
@@ -89,10 +89,10 @@ _HIDDEN = (
 )
 """8 slip sinkage, 4 other soil, 8 measurement, 4 without a cause; sizes that 24 runs of 15 s show."""
 
-CAMPAIGNS = tuple(Grown(seed, *hidden) for seed, hidden in enumerate(_HIDDEN))
+CAMPAIGNS = tuple(GrowingCampaign(seed, *hidden) for seed, hidden in enumerate(_HIDDEN))
 
 
-def whole_campaign(grown: Grown, runs: int) -> Campaign:
+def whole_campaign(growing: GrowingCampaign, runs: int) -> Campaign:
     """Simulate a campaign's first runs, write them as frames and read them as `wheelsoil diagnose` does."""
     from daq.runs import open_runs
     from processing import ProcessOptions
@@ -102,12 +102,12 @@ def whole_campaign(grown: Grown, runs: int) -> Campaign:
     from wheelsoil.workflows.runs import process_runs
 
     options = SimulationOptions(
-        soil=grown.soil,
-        seed=grown.seed,
+        soil=growing.soil,
+        seed=growing.seed,
         runs=runs,
         duration_s=DURATION_S,
-        draw_soil=grown.draw_soil,
-        effects=dict([parse_effect(grown.effect)] if grown.effect else []),
+        draw_soil=growing.draw_soil,
+        effects=dict([parse_effect(growing.effect)] if growing.effect else []),
     )
     with TemporaryDirectory(prefix="growth-") as name:
         folder = Path(name) / "campaign"
@@ -117,17 +117,17 @@ def whole_campaign(grown: Grown, runs: int) -> Campaign:
     return replace(campaign, runs=tuple(sorted(campaign.runs, key=lambda run: run.start_ns)))
 
 
-def answer_of(grown: Grown, campaign: Campaign, count: int) -> Line:
+def answer_of(growing: GrowingCampaign, campaign: Campaign, count: int) -> Line:
     """Diagnose the first runs of a campaign."""
     from wheelsoil.workflows.diagnosis import diagnose_campaigns, diagnosis_options
 
     begin, cpu = time.perf_counter(), time.process_time()
     found = diagnose_campaigns([replace(campaign, runs=campaign.runs[:count])], diagnosis_options())
     return {
-        "seed": grown.seed,
-        "soil": grown.soil,
-        "effect": grown.effect,
-        "family": grown.family,
+        "seed": growing.seed,
+        "soil": growing.soil,
+        "effect": growing.effect,
+        "family": growing.family,
         "runs": count,
         **_kept(found),
         "cpu_s": time.process_time() - cpu,
@@ -186,17 +186,17 @@ def every_stage(line: Line) -> bool:
     return all(stage in line["stages_s"] for stage in wanted)
 
 
-def _grow(grown: Grown, counts: Sequence[int], path: Path, engine: Line) -> str:
+def _grow(growing: GrowingCampaign, counts: Sequence[int], path: Path, engine: Line) -> str:
     begin = time.process_time()
-    campaign = whole_campaign(grown, max(counts))
+    campaign = whole_campaign(growing, max(counts))
     made = time.process_time() - begin
     said = []
     for count in sorted(counts):
-        line = answer_of(grown, campaign, count) | {"made_cpu_s": made, "engine": engine}
+        line = answer_of(growing, campaign, count) | {"made_cpu_s": made, "engine": engine}
         append_line(path, line)
         names = ", ".join(cause["name"] for cause in line["causes"])
         said.append(f"{count} runs: {line['verdict']} {names} ({line['cpu_s']:.0f} s)")
-    return f"seed {grown.seed} {grown.effect or 'nothing'}: " + "; ".join(said)
+    return f"seed {growing.seed} {growing.effect or 'nothing'}: " + "; ".join(said)
 
 
 def run(seeds: Iterable[int], counts: Sequence[int], out: Path, jobs: int) -> int:
@@ -205,11 +205,11 @@ def run(seeds: Iterable[int], counts: Sequence[int], out: Path, jobs: int) -> in
     path, engine = out / "growth.jsonl", engine_of()
     done = {(line["seed"], line["runs"]) for line in read_lines(path) if line["engine"] == engine}
     left = [(CAMPAIGNS[seed], [n for n in counts if (seed, n) not in done]) for seed in seeds]
-    left = [(grown, missing) for grown, missing in left if missing]
+    left = [(growing, missing) for growing, missing in left if missing]
     os.environ.update(_ONE_THREAD)
     failed = 0
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        pending = {pool.submit(_grow, grown, missing, path, engine): grown for grown, missing in left}
+        pending = {pool.submit(_grow, growing, missing, path, engine): growing for growing, missing in left}
         for future in as_completed(pending):
             error = future.exception()
             failed += error is not None

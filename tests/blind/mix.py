@@ -63,9 +63,9 @@ class Case:
     def day(self) -> FieldDay:
         """The campaign, with nothing hidden yet."""
         if self.kind == "foreign":
-            abroad = FOREIGN[self.hidden[0][0]].drawn(self._rng(1))
+            campaign = FOREIGN[self.hidden[0][0]].drawn(self._rng(1))
             return field_day(
-                abroad.laboratory, self.entropy, world=abroad.world, foreign=abroad.physics, slips=abroad.slips
+                campaign.laboratory, self.entropy, world=campaign.world, foreign=campaign.physics, slips=campaign.slips
             )
         return field_day(self.world.soil, self.entropy, world=self.world)
 

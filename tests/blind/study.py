@@ -185,7 +185,10 @@ def main() -> int:
         mix = replace(mix, levels=tuple(options.levels))
     wanted = [case for case in cases(mix, options.share) if not options.only or re.search(options.only, case.name)]
     out = options.out / f"block-{options.block}" if options.block >= 0 else options.out
-    failed = run(wanted, out, options.jobs, only_truth=options.truth, block=options.block)
+    try:
+        failed = run(wanted, out, options.jobs, only_truth=options.truth, block=options.block)
+    except ValueError as error:
+        parser.error(str(error))
     if options.report:
         from blind.tables import write_report
 

@@ -31,7 +31,7 @@ from blind.figures import (
     of,
     pull_r0,
     reliability,
-    right_abroad,
+    right_foreign_verdict,
     right_verdict,
     said,
     share,
@@ -112,12 +112,12 @@ def _foreign(lines: Sequence[Line]) -> list[Figure]:
     keys = sorted({x["members"][0]["key"] for x in lines})
     kinds = [[x for x in lines if x["members"][0]["key"] == key] for key in keys]
     return [
-        share("foreign wheels: right (unexplained, or akin)", None, lines, right_abroad),
+        share("foreign wheels: right (unexplained, or akin)", None, lines, right_foreign_verdict),
         share(
             "foreign wheels: nothing detectable", Aim(most=0.0), lines, lambda x: x["verdict"] == "nothing_detectable"
         ),
         *(
-            share(f"foreign wheels: right, {key}", None, own, right_abroad)
+            share(f"foreign wheels: right, {key}", None, own, right_foreign_verdict)
             for key, own in zip(keys, kinds, strict=True)
         ),
     ]
@@ -250,10 +250,11 @@ def _times(lines: Sequence[Line]) -> list[Figure]:
 def write_report(out: Path, wanted: set[str] | None, path: Path) -> None:
     """Write the page of a study and its JSON, and keep its gates in the list of blocks beside it."""
     lines = joined(out, wanted)
+    missing = len(wanted) - len(lines) if wanted is not None else 0
     rows = figures(lines)
     engines = list(dict.fromkeys(engine_words(x["engine"]) for x in lines))
-    blocks = _kept_blocks(path.parent / BLOCKS, lines, rows, engines)
-    path.write_text(_markdown(lines, rows, engines, blocks), encoding="utf-8")
+    blocks = _kept_blocks(path.parent / BLOCKS, lines, rows, engines, missing)
+    path.write_text(_markdown(lines, rows, engines, blocks, missing), encoding="utf-8")
     content = {
         "cases": dict(Counter(x["kind"] for x in lines)),
         "engines": engines,
@@ -267,12 +268,17 @@ def write_report(out: Path, wanted: set[str] | None, path: Path) -> None:
     path.with_suffix(".json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _kept_blocks(path: Path, lines: Sequence[Line], rows: Sequence[Figure], engines: list[str]) -> list[Line]:
-    """Return every block that was ever run, this one among them; a block that failed stays."""
+def _kept_blocks(
+    path: Path, lines: Sequence[Line], rows: Sequence[Figure], engines: list[str], missing: int
+) -> list[Line]:
+    """Return every block that was ever run, this one among them; a block that failed stays.
+
+    One with cases that raised an error or are not done yet has not passed.
+    """
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for block in sorted({x["block"] for x in lines} - {-1}):
         gates = {row.what: f"{row.hits} of {row.n}" for row in rows if row.aim and row.aim.gate}
-        passed = all(row.passes for row in rows if row.aim and row.aim.gate)
+        passed = not missing and all(row.passes for row in rows if row.aim and row.aim.gate)
         mine = {"block": block, "engine": "; ".join(engines), "campaigns": len(lines), "gates": gates, "passed": passed}
         known = [one for one in known if (one["block"], one["engine"]) != (block, mine["engine"])] + [mine]
     if known:
@@ -280,7 +286,9 @@ def _kept_blocks(path: Path, lines: Sequence[Line], rows: Sequence[Figure], engi
     return known
 
 
-def _markdown(lines: Sequence[Line], rows: Sequence[Figure], engines: list[str], blocks: Sequence[Line]) -> str:
+def _markdown(
+    lines: Sequence[Line], rows: Sequence[Figure], engines: list[str], blocks: Sequence[Line], missing: int
+) -> str:
     kinds = Counter(x["kind"] for x in lines)
     frames = sum(x["frames"] for x in lines)
     seeds = [x["seed"] for x in lines]
@@ -291,7 +299,7 @@ def _markdown(lines: Sequence[Line], rows: Sequence[Figure], engines: list[str],
         "",
         f"Cases: {', '.join(f'{n} {kind}' for kind, n in kinds.items()) or 'none'}; {frames} of {len(lines)} through",
         f"frames, the others from channels; seeds {min(seeds, default=0)} to {max(seeds, default=0)}.",
-        f"Engine: {'; '.join(engines) or 'none'}.",
+        f"Engine: {'; '.join(engines) or 'none'}. Cases without a result, in no figure: {missing}.",
         "Bounds are Clopper-Pearson, 95 %. A bound that is to be reached is the unfavourable one.",
         "",
         "| figure | to reach | reached | n | 95 % bounds | passes | beside |",
@@ -406,9 +414,9 @@ def _what(x: Line) -> str:
 
 def _hidden() -> list[str]:
     head = ["## What is hidden, and how", "", "| key | family | formula | the engine has it |", "|---|---|---|---|"]
-    abroad = (f"| {f.key} | {', '.join(f.families) or '-'} (akin) | {f.formula} | no |" for f in FOREIGN.values())
+    foreign = (f"| {f.key} | {', '.join(f.families) or '-'} (akin) | {f.formula} | no |" for f in FOREIGN.values())
     rows = (
         f"| {h.key} | {h.family or '-'} | {h.formula} | {'yes' if not h.variant and not h.outside else 'no'} |"
         for h in ALL.values()
     )
-    return [*head, *rows, *abroad]
+    return [*head, *rows, *foreign]

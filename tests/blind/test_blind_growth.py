@@ -14,15 +14,15 @@ from wheelsoil.simulation.options import parse_effect
 
 def line(runs: int, verdict: str, *names: str, seed: int = 0, **other: Any) -> dict[str, Any]:
     """Return a line of a campaign with slip sinkage, or of another seed's."""
-    grown = CAMPAIGNS[seed]
+    growing = CAMPAIGNS[seed]
     parameter = {"name": "H_m", "value": 0.031, "interval95": [0.028, 0.034]}
     causes = [{"name": name, "form": "vasilev", "parameters": [parameter]} for name in names]
     stages = ("samples", "noise", "linearise", "columns", "whitening", "evidence", "adequacy", "bagging", "final")
     return {
         "seed": seed,
-        "soil": grown.soil,
-        "effect": grown.effect,
-        "family": grown.family,
+        "soil": growing.soil,
+        "effect": growing.effect,
+        "family": growing.family,
         "runs": runs,
         "verdict": verdict,
         "causes": causes,
@@ -37,15 +37,15 @@ def line(runs: int, verdict: str, *names: str, seed: int = 0, **other: Any) -> d
 
 
 def test_the_campaigns_are_those_that_were_asked_for() -> None:
-    families = [grown.family for grown in CAMPAIGNS]
+    families = [growing.family for growing in CAMPAIGNS]
     assert len(CAMPAIGNS) == 24
     assert families.count("slip_sinkage") == 8
     assert families.count("") == 4
-    assert [grown.soil for grown in CAMPAIGNS[:3]] == ["clay", "sandy", "clay"]
-    for grown in CAMPAIGNS[:20]:
-        key, values = parse_effect(grown.effect)
-        assert key == grown.key
-        assert grown.value == pytest.approx(values.get(grown.parameter, sum(values.values())))
+    assert [growing.soil for growing in CAMPAIGNS[:3]] == ["clay", "sandy", "clay"]
+    for growing in CAMPAIGNS[:20]:
+        key, values = parse_effect(growing.effect)
+        assert key == growing.key
+        assert growing.value == pytest.approx(values.get(growing.parameter, sum(values.values())))
 
 
 @pytest.mark.parametrize(

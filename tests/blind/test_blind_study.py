@@ -23,7 +23,7 @@ from blind.figures import (
     intervals,
     named_causes,
     reliability,
-    right_abroad,
+    right_foreign_verdict,
     right_verdict,
     said,
 )
@@ -168,7 +168,7 @@ def test_a_report_is_written_of_what_is_there(tmp_path: Path) -> None:
     write_report(tmp_path, None, tmp_path / "results.md")
     text = (tmp_path / "results.md").read_text()
     assert "| torque_zero | single | slope | 1 |" in text
-    assert "model aaaaaaaaaaaa, processing bbbbbbbbbbbb." in text
+    assert "model aaaaaaaaaaaa, processing bbbbbbbbbbbb. Cases without a result, in no figure: 0." in text
     first, *_ = json.loads((tmp_path / "results.json").read_text())["figures"]
     assert first["what"].startswith("names right over all campaigns")
     assert (first["hits"], first["n"], first["reached"], first["passes"]) == (0, 1, 0.0, False)
@@ -187,6 +187,18 @@ def test_a_block_that_failed_stays_in_the_list(tmp_path: Path) -> None:
     assert [(one["block"], one["passed"]) for one in blocks] == [(0, False), (1, False)]  # one name proves nothing
     assert [next(iter(one["gates"].values())) for one in blocks] == ["0 of 1", "1 of 1"]
     assert "| 0 | model aaaaaaaaaaaa, processing bbbbbbbbbbbb | 1 | 0 of 1 |" in (tmp_path / "results.md").read_text()
+
+
+def test_a_case_without_a_result_is_counted_and_no_block_passes_with_it(tmp_path: Path) -> None:
+    entry = line("nothing_detectable", "slope", 0.1) | {"name": "null/x", "kind": "null", "members": [], "block": 0}
+    names = [f"null/{i}" for i in range(300)]
+    for name in names:
+        append_line(tmp_path / "truth.jsonl", entry | {"name": name})
+        append_line(tmp_path / "answers.jsonl", entry | {"name": name})
+    write_report(tmp_path, {*names, "null/lost"}, tmp_path / "results.md")
+    assert "in no figure: 1." in (tmp_path / "results.md").read_text()
+    [block] = json.loads((tmp_path / BLOCKS).read_text())
+    assert block["passed"] is False
 
 
 def test_figures_of_nothing_are_no_figures_and_pass_no_gate() -> None:
@@ -259,7 +271,7 @@ def test_no_name_is_right_where_its_family_is_not_hidden_or_not_in_the_library()
 def test_a_foreign_wheel_is_unexplained_or_akin(key: str, verdict: str, name: str, right: bool) -> None:
     one = line(verdict, name, 0.95) | {"kind": "foreign", "members": [{"key": key}]}
     one["causes"] = one["causes"] if name else []
-    assert right_abroad(one) is right
+    assert right_foreign_verdict(one) is right
 
 
 def test_the_granular_wheel_is_driven_where_its_program_is_there() -> None:
