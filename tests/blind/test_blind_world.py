@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from csv import DictReader
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +19,7 @@ from blind.test_blind_rim import moments
 from blind.wheel import YANG, Physics, Vehicle, soil_forces
 from blind.world import World, carried, drawn_world
 from scipy.signal import welch
+from support import data_dir
 
 WORLDS = [drawn_world(np.random.default_rng(seed)) for seed in range(300)]
 THREE = Colour(((0.5, 0.1), (0.3, 1.0), (0.15, 5.0), (0.05, 0.0)))
@@ -198,3 +201,24 @@ def test_foreign_wheels_are_driven_and_are_not_wongs(key: str) -> None:
     assert np.abs(foreign[0] - own[0]).max() > 0.02 * vehicle.loads_n[1]
     day = Case("foreign", 1, ((key, 0.0, 1.0),)).day
     assert day.foreign is not None
+
+
+def test_the_spectrum_of_real_forces_is_that_of_the_recordings() -> None:
+    folder = data_dir("cmu-terramech-testbed", "pressure_sinkage")
+    with (folder / "index.csv").open() as file:
+        windows = {row["run"]: (float(row["window_start_s"]), float(row["window_end_s"])) for row in DictReader(file)}
+    edges = np.geomspace(0.176, 50.0, 13)
+    found = []
+    for path in sorted(folder.glob("*_ft.csv")):
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        first, last = windows[path.stem.removesuffix("_ft")]
+        rows = (table["t_s"] >= first) & (table["t_s"] <= last)
+        for name in [one for one in table.dtype.names if one[:2] in ("Fx", "Fy")]:
+            at = np.linspace(-1, 1, int(rows.sum()))
+            force = table[name][rows] - np.polynomial.Legendre.fit(at, table[name][rows], 4)(at)
+            frequency, power = welch(force, 100.0, nperseg=512, detrend="linear")
+            bands = [power[(frequency >= a) & (frequency < b)].mean() for a, b in itertools.pairwise(edges)]
+            found.append(np.array(bands) / np.sum(bands * np.diff(edges)))
+    assert len(found) == 30
+    expected = np.array(REAL_FORCES.spectrum)[:, 1]
+    assert np.allclose(np.median(found, axis=0), expected, rtol=0.25)
