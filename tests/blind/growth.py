@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 COUNTS = (6, 24, 100, 200)
 DURATION_S = 15.0
 SOILS = ("clay", "sandy")
-STAGES = ("samples", "noise", "linearise", "columns", "whitening", "evidence", "adequacy", "bagging", "final")
+STAGES = ("samples", "noise", "evidence", "adequacy", "bagging", "final")
 """Of every diagnosis; "held_out" also, unless it is `unexplained`."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "WHEELSOIL_CACHE": "off"}
 

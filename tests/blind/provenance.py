@@ -31,6 +31,16 @@ def engine_of(folder: Path | None = None) -> Engine:
         return dict.fromkeys(ENGINE, "unknown") | {"dirty": True}
 
 
+def generator_of(folder: Path | None = None) -> str:
+    """Return the tree hash of `tests/blind` at HEAD, with "+" where its files differ; "unknown" outside a checkout."""
+    place = folder or Path(__file__).parent
+    try:
+        changed = _git(place, "status", "--porcelain", "--", ".")
+        return _git(place, "rev-parse", "HEAD:./") + "+" * bool(changed)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
 def engine_words(engine: Engine) -> str:
     """Return an engine as the pages name it."""
     trees = ", ".join(f"{name} {str(engine[name])[:12]}" for name in ENGINE)

@@ -21,7 +21,7 @@ from typing import Any
 
 from blind.jsonl import append_line, read_lines
 from blind.mix import WHOLE, Case, Mix, cases
-from blind.provenance import Engine, engine_of
+from blind.provenance import Engine, engine_of, generator_of
 
 COUNTS = ("nulls", "singles", "pairs", "outside", "left_out", "literal", "foreign", "calibration")
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -135,6 +135,7 @@ def run(wanted: list[Case], out: Path, jobs: int, *, only_truth: bool = False, b
     """
     out.mkdir(parents=True, exist_ok=True)
     engine = engine_of()
+    stamp = {"block": block, "engine": engine, "generator": generator_of()}
     truths, answers = by_name(out / "truth.jsonl"), by_name(out / "answers.jsonl")
     if block >= 0 and not only_truth:
         check_engine(engine, answers.values())
@@ -157,9 +158,9 @@ def run(wanted: list[Case], out: Path, jobs: int, *, only_truth: bool = False, b
                 continue
             truth, answer = future.result()
             if case.name not in truths:
-                append_line(out / "truth.jsonl", truth)
+                append_line(out / "truth.jsonl", truth | stamp)
             if answer is not None:
-                append_line(out / "answers.jsonl", answer | {"block": block, "engine": engine})
+                append_line(out / "answers.jsonl", answer | stamp)
                 top = ", ".join(f"{c['name']} {c['probability']:.2f}" for c in answer["candidates"][:2])
                 print(f"{count}/{len(left)} {case.name}: {answer['verdict']} ({top})", flush=True)
     return failed

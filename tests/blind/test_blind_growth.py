@@ -17,7 +17,7 @@ def line(runs: int, verdict: str, *names: str, seed: int = 0, **other: Any) -> d
     growing = CAMPAIGNS[seed]
     parameter = {"name": "H_m", "value": 0.031, "interval95": [0.028, 0.034]}
     causes = [{"name": name, "form": "vasilev", "parameters": [parameter]} for name in names]
-    stages = ("samples", "noise", "linearise", "columns", "whitening", "evidence", "adequacy", "bagging", "final")
+    stages = ("samples", "noise", "evidence", "adequacy", "bagging", "final")
     return {
         "seed": seed,
         "soil": growing.soil,

@@ -31,7 +31,7 @@ from blind.foreign import present
 from blind.jsonl import append_line, read_lines
 from blind.mix import WHOLE, Mix, cases, unlisted_share
 from blind.prior import SCALES, drawn_causes
-from blind.provenance import engine_of
+from blind.provenance import engine_of, generator_of
 from blind.study import check_engine
 from blind.tables import BLOCKS, figures, write_report
 
@@ -298,6 +298,7 @@ def test_a_block_is_of_one_engine_that_git_has() -> None:
 
 
 def test_an_engine_outside_git_counts_as_not_committed(tmp_path: Path) -> None:
+    assert generator_of(tmp_path) == "unknown"
     assert engine_of(tmp_path) == {"model": "unknown", "processing": "unknown", "dirty": True}
 
 

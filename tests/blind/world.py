@@ -17,7 +17,7 @@ from daq.channels import Channel
 GRAVITY_MPS2 = 9.80665
 _LOAD_STEPS = (1.0, 1.375, 1.625)
 _MOST_PRESSURE_PA = 250e3
-_LEAST_LOAD_N = 60.0
+_LEAST_LOAD_N = 150.0
 
 
 @dataclass(frozen=True)
