@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blind.causes import FAMILIES
+from blind.causes import FAMILIES, KNOWN
 from blind.figures import (
     ALL_NAMES_RIGHT,
     FALSE_UNEXPLAINED,
@@ -81,6 +81,20 @@ def test_the_prior_is_the_engines() -> None:
         own = [p for p in EFFECTS[effect].parameters if not names or p.name in names]
         assert {p.prior_scale for p in own} == {scale}, key
     assert {EFFECTS[key].name for key in SCALES} == set(FAMILIES)
+
+
+def test_no_cause_is_hidden_beyond_the_sizes_that_the_engine_considers() -> None:
+    for key, hidden in KNOWN.items():
+        if hidden.variant or not hidden.parameter:
+            continue
+        effect = next(e for name, e in EFFECTS.items() if name == key or (e.name == hidden.family and e.form == ""))
+        known = {one.name: one for one in effect.parameters}
+        if hidden.parameter not in known:
+            continue  # Lyasko's sum
+        bounds = known[hidden.parameter]
+        low, high = (0.6 / 0.47 * edge if hidden.length else edge for edge in hidden.limits)
+        assert bounds.lower < low or low == bounds.neutral, key
+        assert high < bounds.upper or high == bounds.neutral, key
 
 
 def test_causes_are_drawn_from_the_prior() -> None:
