@@ -39,7 +39,7 @@ MEASUREMENT = (
         "speed_bias",
         "offset_mps",
         0.08,
-        (-0.35, 0.5),
+        (-0.35, 0.45),
         "ground speed + b, not at rest",
         reads(lambda r, m, b: replace(r, speed=np.maximum(r.speed + b * m.rolls, 0.0))),
         both=True,
