@@ -43,6 +43,8 @@ def generator_of(folder: Path | None = None) -> str:
 
 def engine_words(engine: Engine) -> str:
     """Return an engine as the pages name it."""
+    if "unknown" in engine.values():
+        return "not known: no git checkout"
     trees = ", ".join(f"{name} {str(engine[name])[:12]}" for name in ENGINE)
     return trees + (" with changes that are not committed" if engine["dirty"] else "")
 

@@ -295,7 +295,7 @@ def _markdown(
     text = [
         "# Blind study: hidden causes, and what the diagnosis said",
         "",
-        *wrap(_INTRODUCTION, 118),
+        *wrap(_INTRODUCTION.strip(), 118),
         "",
         f"Cases: {', '.join(f'{n} {kind}' for kind, n in kinds.items()) or 'none'}; {frames} of {len(lines)} through",
         f"frames, the others from channels; seeds {min(seeds, default=0)} to {max(seeds, default=0)}.",

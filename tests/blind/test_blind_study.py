@@ -31,7 +31,7 @@ from blind.foreign import present
 from blind.jsonl import append_line, read_lines
 from blind.mix import WHOLE, Mix, cases, unlisted_share
 from blind.prior import SCALES, drawn_causes
-from blind.provenance import engine_of, generator_of
+from blind.provenance import engine_of, engine_words, generator_of
 from blind.study import check_engine
 from blind.tables import BLOCKS, figures, write_report
 
@@ -313,6 +313,8 @@ def test_a_block_is_of_one_engine_that_git_has() -> None:
 
 def test_an_engine_outside_git_counts_as_not_committed(tmp_path: Path) -> None:
     assert generator_of(tmp_path) == "unknown"
+    assert engine_words(engine_of(tmp_path)) == "not known: no git checkout"
+    assert engine_words({"model": "a" * 40, "processing": "b" * 40, "dirty": True}).endswith("are not committed")
     assert engine_of(tmp_path) == {"model": "unknown", "processing": "unknown", "dirty": True}
 
 
