@@ -20,7 +20,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from blind.jsonl import append_line, read_lines
 from blind.provenance import engine_of, engine_words
@@ -57,6 +57,11 @@ class GrowingCampaign:
     def draw_soil(self) -> bool:
         """The field differs from the laboratory in half of the campaigns."""
         return self.seed % 4 >= 2
+
+    @property
+    def brakes(self) -> Literal["released"] | None:
+        """Released where a standstill has to show the cause, for it to be named; else drawn."""
+        return "released" if self.key in ("torque_zero", "crosstalk") else None
 
     @property
     def key(self) -> str:
@@ -107,6 +112,7 @@ def whole_campaign(growing: GrowingCampaign, runs: int) -> Campaign:
         runs=runs,
         duration_s=DURATION_S,
         draw_soil=growing.draw_soil,
+        brakes=growing.brakes,
         effects=dict([parse_effect(growing.effect)] if growing.effect else []),
     )
     with TemporaryDirectory(prefix="growth-") as name:
