@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind fuzz golden golden-keep notebooks mutants clean
+.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -46,10 +46,14 @@ golden: $(STAMP)
 golden-keep: $(STAMP)
 	$(GOLDEN) --keep "$$WHY"
 
-# Hides causes and lets the diagnosis find them; resumable. BLIND="--full" takes hours and is what docs/blind_results.md is from.
+# Hides causes and lets the diagnosis find them; resumable. BLIND="--block 0 --report docs/blind_results.md" takes hours.
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1
 blind: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m blind.study --out out/blind --report out/blind/results.md $(BLIND)
+
+# Diagnoses 24 simulated campaigns with 6, 24, 100 and 200 runs; resumable, an hour.
+growth: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m blind.growth --out out/growth --report out/growth/results.md $(GROWTH)
 
 # Damages files of every format and reads them; prints what is a defect.
 COUNT ?= 20000

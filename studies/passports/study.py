@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from blind.engine import campaign_from_channels
 from blind.field import field_day
+from blind.world import World
 from scipy.stats import beta
 
 from model.diagnosis.findings.adequacy import excess
@@ -46,7 +47,7 @@ def observed(seed: int, transducer: int, number: int, drift: float = 0.0, shared
     when = months(seed, transducer)[number]
     if not kept.exists():
         soil = "clay" if (transducer + number) % 2 else "sandy"
-        day = field_day(soil, (seed, transducer, number), runs=RUNS)
+        day = field_day(soil, (seed, transducer, number), world=World(soil, runs=RUNS))
         hidden = [(shared, SHARED[shared])] if shared else [(OF, drift / 100.0 * when)] if drift else []
         campaign = campaign_from_channels(day, hidden)
         found = linearise_campaigns([campaign])

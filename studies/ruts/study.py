@@ -40,7 +40,7 @@ def campaigns(hidden: tuple[str, float], seed: int) -> tuple[Campaign, Campaign]
     day = field_day("clay", (seed, _STREAM))
     rng = np.random.default_rng((seed, _STREAM, 1))
     rebound = max(rng.normal(REBOUND_M, REBOUND_SIGMA_M), 0.0)
-    vehicle, terrain = vehicle_config(day.suite, day.vendor, day.stance), terrain_config(day.soil)
+    vehicle, terrain = vehicle_config(day), terrain_config(day.laboratory)
     without, with_ruts = [], []
     for index, plan in enumerate(day.plans):
         channels, sinkage = _driven(day, index, hidden)
@@ -66,7 +66,8 @@ def _driven(day: FieldDay, index: int, hidden: tuple[str, float]) -> tuple[dict[
     )
     moments, plan = day.moments[index], day.plans[index]
     standing = np.random.default_rng((*day.seed, index, 2))
-    physics = on_tilted_ground(physics_of([hidden]), day.stance, plan, day.rut_n[plan.load_n], standing)
+    own, rut_n = day.world.vehicle, day.rut_n[plan.load_n]
+    physics = on_tilted_ground(physics_of([hidden]), day.stance, plan, own, rut_n, standing)
     patchy = day.patchiness.along(moments.distance_m, patches)
     soil = day.ground.changed(day.scatter[index]).changed(patchy)
     reading, sinkage = readings(physics, soil, moments, Care(every=4))

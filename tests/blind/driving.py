@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from blind.wheel import RADIUS_M, Moments
+from blind.wheel import YANG, Moments, Vehicle
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
@@ -15,9 +15,7 @@ from daq import FloatArray
 RATE_HZ = 200.0
 DURATION_S = 40.0
 BETWEEN_RUNS_S = 400.0
-MASS_KG = 3600.0
 GRAVITY_MPS2 = 9.80665
-LOADS_N = (8000.0, 11000.0, 13000.0)
 ADDED_SHARE = 0.4
 RIM_SPEED_MPS = 5.5
 TRANSFER_M = 0.9 / (2 * 2.7)
@@ -40,19 +38,22 @@ class Plan:
     direction: int
     passes: int
     start_s: float
-
-    @property
-    def added_load_kg(self) -> float:
-        """What was put on the vehicle for it."""
-        return (self.load_n - LOADS_N[0]) / ADDED_SHARE / GRAVITY_MPS2
+    added_load_kg: float
+    duration_s: float = DURATION_S
 
 
-def plans(rng: np.random.Generator, runs: int = 6) -> list[Plan]:
+def plans(
+    rng: np.random.Generator, runs: int = 6, vehicle: Vehicle = YANG, duration_s: float = DURATION_S
+) -> list[Plan]:
     """Return a campaign's runs; after six loads and passes begin anew."""
     loads, passes = _PLANS[rng.integers(len(_PLANS))]
     gaps = BETWEEN_RUNS_S * rng.uniform(0.7, 1.4, runs)
-    starts = np.concatenate([[0.0], np.cumsum(gaps[:-1] + DURATION_S)])
-    return [Plan(i, LOADS_N[loads[i % 6]], 1 - 2 * (i % 2), passes[i % 6], float(starts[i])) for i in range(runs)]
+    starts = np.concatenate([[0.0], np.cumsum(gaps[:-1] + duration_s)])
+    chosen = [vehicle.loads_n[loads[i % 6]] for i in range(runs)]
+    added = [(load - vehicle.loads_n[0]) / ADDED_SHARE / GRAVITY_MPS2 for load in chosen]
+    return [
+        Plan(i, chosen[i], 1 - 2 * (i % 2), passes[i % 6], float(starts[i]), added[i], duration_s) for i in range(runs)
+    ]
 
 
 def _curve(at: FloatArray, knots: list[tuple[float, float]], blur_s: float) -> FloatArray:
@@ -73,15 +74,23 @@ class Motion:
     distance_m: FloatArray
 
 
-def motion(rng: np.random.Generator, coast: float) -> Motion:
-    """Draw one run; `coast` is the slip at which the wheel is towed."""
-    time = np.arange(round(DURATION_S * RATE_HZ)) / RATE_HZ
-    begin, end = 3.0 + rng.uniform(0, 1), DURATION_S - 3.5 - rng.uniform(0, 1)
-    cycles = int(rng.integers(3, 5))
+def motion(
+    rng: np.random.Generator,
+    coast: float,
+    vehicle: Vehicle = YANG,
+    duration_s: float = DURATION_S,
+    slips: tuple[float, float] = (-0.45, 0.92),
+) -> Motion:
+    """Draw one run; `coast` is the slip at which the wheel is towed, `slips` are the least and the largest."""
+    time = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
+    share = min(duration_s / DURATION_S, 1.0)
+    rest = 0.4 + 0.6 * share
+    begin, end = 3.0 * rest + share * rng.uniform(0, 1), duration_s - 3.5 * rest - share * rng.uniform(0, 1)
+    cycles = max(int(rng.integers(3, 5) * duration_s / DURATION_S), 1)
     peaks = rng.uniform(0.35, 0.75, cycles)
     peaks[rng.integers(cycles)] = rng.uniform(0.84, 0.9)
-    share = 0.7 + peaks
-    edges = begin + 2.0 + (end - 2.5 - begin - 2.0) * np.concatenate([[0], np.cumsum(share)]) / share.sum()
+    weight = 0.7 + peaks
+    edges = begin + 2.0 + (end - 2.5 - begin - 2.0) * np.concatenate([[0], np.cumsum(weight)]) / weight.sum()
     speed: list[tuple[float, float]] = [(0, 0), (begin, 0)]
     slip: list[tuple[float, float]] = [(0, 0.06), (begin, 0.06)]
     for first, last, peak in zip(edges[:-1], edges[1:], peaks, strict=True):
@@ -91,12 +100,12 @@ def motion(rng: np.random.Generator, coast: float) -> Motion:
         speed += [(at[0], 0.5 * (slow + 1.0)), (at[1], slow), (at[2], fast), (at[3], fast), (at[5], 0.5 * fast + 0.3)]
         brake = -rng.uniform(0.18, 0.34)
         slip += [(at[0], 0.08), (at[1], peak), (at[2], coast), (at[3], coast), (at[4], brake), (at[5], coast)]
-    speed += [(edges[-1], 0.75), (end, 0.0), (DURATION_S, 0.0)]
-    slip += [(edges[-1], coast), (end - 0.5, coast - 0.03), (DURATION_S, 0.0)]
-    v = np.maximum(_curve(time, speed, 0.3), 0.0)
+    speed += [(edges[-1], 0.75), (end, 0.0), (duration_s, 0.0)]
+    slip += [(edges[-1], coast), (end - 0.5, coast - 0.03), (duration_s, 0.0)]
+    v = vehicle.pace * np.maximum(_curve(time, speed, 0.3), 0.0)
     v[v < 5e-3] = 0.0
-    s = np.clip(_curve(time, slip, 0.3) + _wander(rng, len(time)) * (v > 0), -0.45, 0.92)
-    omega = v / np.where(s < 0, 1 / (1 + s), 1 - s) / RADIUS_M
+    s = np.clip(_curve(time, slip, 0.3) + _wander(rng, len(time)) * (v > 0), *slips)
+    omega = v / np.where(s < 0, 1 / (1 + s), 1 - s) / vehicle.radius_m
     distance = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 / RATE_HZ)])
     return Motion(time, v, omega, np.gradient(v, 1 / RATE_HZ), np.gradient(omega, 1 / RATE_HZ), distance)
 
@@ -107,17 +116,19 @@ def _wander(rng: np.random.Generator, count: int) -> FloatArray:
     return 0.008 * white / white.std()
 
 
-def load_history(plan: Plan, m: Motion, rng: np.random.Generator) -> FloatArray:
+def load_history(plan: Plan, m: Motion, rng: np.random.Generator, vehicle: Vehicle = YANG) -> FloatArray:
     """Return the wheel's load, N: transfer under acceleration, and the road through a body of 1.5 Hz."""
-    mass = MASS_KG + plan.added_load_kg
+    mass = vehicle.mass_kg + plan.added_load_kg
     w, zeta = 2 * np.pi * 1.5 / RATE_HZ, 0.35
     a = np.exp(-zeta * w)
     road = lfilter([1.0], [1.0, -2 * a * np.cos(w * np.sqrt(1 - zeta**2)), a**2], rng.standard_normal(len(m.speed)))
-    road *= 0.035 * plan.load_n / road.std() * np.sqrt(np.minimum(m.speed, 3.0) / 1.5)
+    road *= 0.035 * plan.load_n / road.std() * np.sqrt(np.minimum(m.speed / vehicle.pace, 3.0) / 1.5)
     return np.asarray(plan.load_n + mass * TRANSFER_M * m.acceleration + road, np.float64)
 
 
-def moments_of(plan: Plan, m: Motion, load: FloatArray, line: tuple[float, float], span_s: float) -> Moments:
+def moments_of(
+    plan: Plan, m: Motion, load: FloatArray, line: tuple[float, float], span_s: float, vehicle: Vehicle = YANG
+) -> Moments:
     """Put a run's kinematics and circumstances together.
 
     `line` holds the ends of the campaign's line in metres along the track, `span_s` the campaign's whole time.
@@ -142,4 +153,5 @@ def moments_of(plan: Plan, m: Motion, load: FloatArray, line: tuple[float, float
         passes=plan.passes * ones,
         inflation=INFLATION_KPA * ones,
         later=later,
+        vehicle=vehicle,
     )

@@ -31,17 +31,17 @@ from wheelsoil.workflows.runs import process_runs
 
 OPTIONS = ProcessOptions(purpose="diagnose")
 _GIVEN_EVERY = 3
-"""One single in so many is fitted given its true cause, too."""
+"""One single in so many is diagnosed with nothing but its true cause, too, for the gain."""
 
 
 def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
     """Process the channels without frames between."""
-    vehicle = vehicle_config(day.suite, day.vendor, day.stance)
+    vehicle = vehicle_config(day)
     runs = tuple(
         process(channels, vehicle, run_info(plan), OPTIONS)
         for plan, channels in zip(day.plans, driven(day, hidden), strict=True)
     )
-    return _campaign(runs, terrain_config(day.soil), vehicle.wheel)
+    return _campaign(runs, terrain_config(day.laboratory), vehicle.wheel)
 
 
 def campaign_from_frames(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
@@ -73,18 +73,45 @@ def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, An
             if effect.name != case.without and effect.reading in ("any", "literal" if case.kind == "literal" else "any")
         ),
     )
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     said = diagnose([campaign], options)
-    seconds = time.perf_counter() - begin
-    out = {**_told(said), "engine_s": seconds}
+    out = {**_told(said), "engine_s": time.perf_counter() - begin, "engine_cpu_s": time.process_time() - cpu}
     member = truth["members"][0] if case.kind == "single" else {}
+    if member and not member["variant"]:
+        out["given_fit"] = {"causes": fitted(campaign, member["family"], member["key"], options)}
     if member and not member["variant"] and member["L"] > 1.5 and crc32(case.name.encode()) % _GIVEN_EVERY == 0:
         own = tuple(key for key, effect in EFFECTS.items() if effect.name == member["family"])
         out["given_truth"] = _told(diagnose([campaign], replace(options, effects=own, most_causes=1)))
     return out
 
 
+def fitted(campaign: Campaign, family: str, key: str, options: DiagnosisOptions) -> list[dict[str, Any]]:
+    """Return the fit given the true cause, whatever the verdict: as a cause of the JSON; none where it has no fit."""
+    from model.diagnosis.findings.explained import Fits
+    from model.diagnosis.findings.set_fit import parameters_of
+    from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
+
+    own = tuple(name for name, effect in EFFECTS.items() if effect.name == family and effect.form in ("", key))
+    linearised = linearise_campaigns([campaign], replace(options, effects=own, most_causes=1))
+    if not linearised.grams.causes:  # the data lack what the effect needs
+        return []
+    found = parameters_of(Fits(linearised)[own], linearised)[own[0]]
+    parameters = [{"name": p.name, "value": p.value, "interval95": list(p.interval95)} for p in found]
+    return [{"name": family, "form": EFFECTS[own[0]].form, "parameters": parameters}]
+
+
 def _told(said: Diagnosis) -> dict[str, Any]:
     full = diagnosis_json(said)
-    kept = ("verdict", "sentence", "causes", "candidates", "what_is_wrong", "gain", "adequacy", "noise", "stages_s")
+    kept = (
+        "verdict",
+        "sentence",
+        "causes",
+        "candidates",
+        "sets",
+        "what_is_wrong",
+        "gain",
+        "adequacy",
+        "noise",
+        "stages_s",
+    )
     return json.loads(json.dumps({key: full[key] for key in kept}, default=float))

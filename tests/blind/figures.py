@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,25 +26,55 @@ def clopper_pearson(hits: int, n: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
+class Aim:
+    """What a figure is to reach.
+
+    Attributes
+    ----------
+    least, most : float
+    gate : bool
+        The unfavourable Clopper-Pearson bound has to reach it; else the figure itself.
+    of_oracle : bool
+        `least` is a share of what the oracle reaches.
+    """
+
+    least: float = 0.0
+    most: float = np.inf
+    gate: bool = False
+    of_oracle: bool = False
+
+    def __str__(self) -> str:
+        if self.of_oracle:
+            return f">= {self.least:g} of the oracle's"
+        if self.least and np.isfinite(self.most):
+            return f"{self.least:g} to {self.most:g}"
+        side, limit = ("lower", f">= {self.least:g}") if self.least else ("upper", f"<= {self.most:g}")
+        return f"{side} bound {limit}" if self.gate else limit
+
+
+@dataclass(frozen=True)
 class Figure:
     """One row of the table.
 
     Attributes
     ----------
-    what, to_reach : str
+    what : str
+    aim : Aim, optional
     hits, n : int
         Of a share; `value` instead where it is none.
     value : float or None
     beside : str
-        What is printed beside it (the oracle's).
+        What is printed beside it.
+    oracle : float or None
     """
 
     what: str
-    to_reach: str
+    aim: Aim | None = None
     hits: int = 0
     n: int = 0
     value: float | None = None
     beside: str = ""
+    oracle: float | None = None
 
     @property
     def reached(self) -> float | None:
@@ -54,19 +84,34 @@ class Figure:
         return self.hits / self.n if self.n else None
 
     @property
-    def may_reach(self) -> bool:
-        """Whether the bounds do not contradict what is to be reached."""
+    def passes(self) -> bool | None:
+        """Whether what is to be reached is reached; a gate by its unfavourable bound, so that few cases do not pass.
+
+        None where nothing is to be reached, or there is no case of a figure that is no gate.
+        """
+        if self.aim is None:
+            return None
+        if self.aim.gate:
+            low, high = self.bounds
+            return (
+                low >= self.aim.least and high <= self.aim.most if np.isfinite(self.aim.most) else low >= self.aim.least
+            )
+        return None if self.reached is None else self._least <= self.reached <= self.aim.most
+
+    @property
+    def refuted(self) -> bool:
+        """Whether even the favourable bound does not reach it: for a few cases, of which nothing else can be said."""
+        if self.aim is None or self.value is not None or not self.n:
+            return False
         low, high = self.bounds
-        wanted = [float(x) for x in re.findall(r"\d*\.\d+", self.to_reach.partition(",")[0])]
-        if self.to_reach.startswith("0 of"):
-            return self.hits <= 2
-        if "oracle" in self.to_reach:
-            return high >= wanted[0] * float(self.beside.split()[-1])
-        if " to " in self.to_reach:
-            return high >= wanted[0] and low <= wanted[1]
-        if not wanted:
-            return True
-        return high >= wanted[0] if self.to_reach.startswith(">=") else low <= wanted[0]
+        return high < self._least or low > self.aim.most
+
+    @property
+    def _least(self) -> float:
+        assert self.aim is not None
+        if not self.aim.of_oracle:
+            return self.aim.least
+        return 0.0 if self.oracle is None else self.aim.least * self.oracle
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -74,15 +119,80 @@ class Figure:
         return clopper_pearson(self.hits, self.n)
 
 
-def share(what: str, to_reach: str, lines: Iterable[Line], hit: Callable[[Line], bool], beside: str = "") -> Figure:
+def share(what: str, aim: Aim | None, lines: Iterable[Line], hit: Callable[[Line], bool], beside: str = "") -> Figure:
     """Count the lines that hit."""
     hits = [bool(hit(line)) for line in lines]
-    return Figure(what, to_reach, sum(hits), len(hits), beside=beside)
+    return Figure(what, aim, sum(hits), len(hits), beside=beside)
+
+
+NULLS_NAMED = Aim(most=0.0185, gate=True)
+"""At most 1 of 300."""
+FALSE_UNEXPLAINED = Aim(most=0.0194, gate=True)
+"""At most 5 of 600."""
+NAMES_RIGHT = Aim(least=0.95, gate=True)
+"""At least 148 of 150."""
+ALL_NAMES_RIGHT = Aim(least=0.90, gate=True)
+"""Over all campaigns, listed causes or not; .96 is aimed at."""
+LISTED_OR_NOT = ("null", "single", "pair", "outside", "left_out")
+"""Kinds of campaigns in the mix of which the share of unlisted causes is fixed."""
+
+
+def named_causes(lines: Sequence[Line]) -> tuple[int, int]:
+    """Return how many of the named causes are hidden ones, and how many are named."""
+    stated = [name in families(line) for line in lines for name in said(line) if line["kind"] != "left_out"]
+    stated += [False for line in of(lines, "left_out") for _ in said(line)]
+    return sum(stated), len(stated)
+
+
+def right_foreign_verdict(line: Line) -> bool:
+    """Return whether the verdict on a foreign wheel is right: `unexplained`, or a set that holds what is akin to it."""
+    from blind.foreign import FOREIGN
+
+    wheel = FOREIGN[line["members"][0]["key"]]
+    names = [cause["name"] for cause in line["causes"]]
+    if line["verdict"] == "named":
+        return wheel.may_be_named and len(names) == 1 and names[0] in wheel.families
+    akin = line["verdict"] == "one_of" and bool(set(names) & set(wheel.families))
+    return line["verdict"] == "unexplained" or akin
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Stated probabilities of one bin, and how often they were right."""
+
+    low: float
+    high: float
+    n: int
+    stated: float
+    hits: int
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Clopper-Pearson, 95 %, of the share that is right."""
+        return clopper_pearson(self.hits, self.n)
+
+
+EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
+
+
+def reliability(lines: Iterable[Line], edges: Sequence[float] = EDGES) -> list[Bin]:
+    """Return the reliability of every stated probability: of each family, and of no cause at all."""
+    stated = [
+        (c["probability"], c["name"] in families(line) if c["name"] != "none" else not line["members"])
+        for line in lines
+        for c in line["candidates"]
+    ]
+    out = []
+    for low, high in itertools.pairwise(edges):
+        own = [(p, hit) for p, hit in stated if low <= p < high or (high == edges[-1] and p == high)]
+        mean = float(np.mean([p for p, _ in own])) if own else float("nan")
+        out.append(Bin(low, high, len(own), mean, sum(hit for _, hit in own)))
+    return out
 
 
 def families(line: Line) -> list[str]:
     """Return the families that are hidden."""
-    return [member["family"] for member in line["members"]]
+    return [member.get("family", "") for member in line["members"]]
 
 
 def said(line: Line, least: float = 0.0) -> list[str]:

@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from blind.driving import INFLATION_KPA, MASS_KG, Plan
+from blind.driving import INFLATION_KPA, Plan
 from blind.field import FieldDay, driven
-from blind.ground import LABORATORY, SPREAD, UNIT_WEIGHT_N_M3
-from blind.sensors import Suite
-from blind.standing import Stance
+from blind.ground import LABORATORY, SPREAD, UNIT_WEIGHT_N_M3, Ground
 from blind.vendors import Vendor
-from blind.wheel import OUTBOARD_KG, OUTBOARD_KGM2, RADIUS_M, WIDTH_M
 
 from daq import FloatArray
 from daq.can.bits import Message
@@ -29,10 +26,9 @@ from daq.recording import RecordingWriter
 BUS = "can1"
 
 
-def vehicle_config(
-    suite: Suite, vendor: Vendor, stance: Stance, *, wheel_axes: bool = False, bus: str = BUS
-) -> VehicleConfig:
+def vehicle_config(day: FieldDay, *, wheel_axes: bool = False, bus: str = BUS) -> VehicleConfig:
     """Return vehicle.toml: what the owner knows, and of the brakes only whether they were released."""
+    suite, vendor, own = day.suite, day.vendor, day.world.vehicle
     latencies = {
         **dict.fromkeys(("drawbar_pull", "vertical_load", "driving_torque", "wheel_angle"), suite.force_latency_s),
         "wheel_speed": suite.wheel_latency_s,
@@ -40,9 +36,9 @@ def vehicle_config(
         "ground_speed": suite.gnss_latency_s,
     }
     sigmas = {
-        "drawbar_pull": hypot(suite.pull_n, 0.1 * suite.pull_n),
-        "driving_torque": hypot(suite.torque_nm, 0.1 * suite.torque_nm),
-        "vertical_load": hypot(suite.load_n, 0.1 * suite.load_n),
+        "drawbar_pull": suite.pull_n,
+        "driving_torque": suite.torque_nm,
+        "vertical_load": suite.load_n,
         "ground_speed": hypot(suite.speed_mps, suite.speed_white_mps),
     }
     sensors = {
@@ -51,17 +47,17 @@ def vehicle_config(
         for role, latency in latencies.items()
         if role in vendor.signals
     }
-    brakes = {} if stance.held else {"standstill_brakes": "released"}
+    brakes = {} if day.stance.held else {"standstill_brakes": "released"}
     rotated = {"frame": "wheel", "angle_offset_deg": 25.0, "angle_direction": -1} if wheel_axes else {}
     return VehicleConfig.model_validate(
         {
-            "vehicle": {"name": f"{vendor.name} test vehicle", "mass_kg": MASS_KG, **brakes},
+            "vehicle": {"name": f"{vendor.name} test vehicle", "mass_kg": round(own.mass_kg, 1), **brakes},
             "wheel": {
-                "radius_m": RADIUS_M,
-                "width_m": WIDTH_M,
+                "radius_m": own.radius_m,
+                "width_m": own.width_m,
                 "position": "rear left",
-                "outboard_mass_kg": OUTBOARD_KG,
-                "outboard_inertia_kgm2": OUTBOARD_KGM2,
+                "outboard_mass_kg": own.outboard_kg,
+                "outboard_inertia_kgm2": own.outboard_kgm2,
             },
             "bus": [{"channel": bus, "dbc": [f"{vendor.name}.dbc"], "bitrate": 1_000_000, "fd": vendor.fd}],
             "signals": {role: name for role, (name, _) in vendor.signals.items()},
@@ -71,13 +67,13 @@ def vehicle_config(
     )
 
 
-def terrain_config(soil: str) -> TerrainConfig:
+def terrain_config(soil: str | Ground) -> TerrainConfig:
     """Return terrain.toml: the laboratory's values and how sure it is of them."""
-    ground = LABORATORY[soil]
+    ground = LABORATORY[soil] if isinstance(soil, str) else soil
     return TerrainConfig.model_validate(
         {
             "soil": {
-                "name": soil,
+                "name": ground.name,
                 "cohesion_kpa": ground.cohesion / 1e3,
                 "friction_angle_deg": degrees(np.arctan(ground.friction)),
                 "shear_modulus_m": ground.shear_modulus,
@@ -111,15 +107,15 @@ def run_info(plan: Plan, file: str = "") -> RunInfo:
 
 
 def write_campaign(
-    folder: Path, day: FieldDay, hidden: Sequence[tuple[str, float]], *, runs: int = 6, bus: str = BUS
+    folder: Path, day: FieldDay, hidden: Sequence[tuple[str, float]], *, runs: int | None = None, bus: str = BUS
 ) -> None:
     """Write a campaign folder that any command takes."""
     vendor = day.vendor
-    vehicle = vehicle_config(day.suite, vendor, day.stance, wheel_axes=vendor.wheel_axes, bus=bus)
+    vehicle = vehicle_config(day, wheel_axes=vendor.wheel_axes, bus=bus)
     carried = {
         f"{vendor.name}.dbc": vendor.dbc.encode(),
         "vehicle.toml": _toml(vehicle),
-        "terrain.toml": _toml(terrain_config(day.soil)),
+        "terrain.toml": _toml(terrain_config(day.laboratory)),
     }
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in carried.items():
@@ -127,7 +123,7 @@ def write_campaign(
     entries = []
     for plan, channels in list(zip(day.plans, driven(day, hidden), strict=True))[:runs]:
         info = run_info(plan, f"{plan.index + 1:02d}.{'mcap' if vendor.log == 'mcap' else 'log'}")
-        frames = frames_of(vendor, channels, bus)
+        frames = frames_of(vendor, channels, day.world.vehicle.radius_m, bus)
         if vendor.log == "mcap":
             with RecordingWriter(
                 folder / info.file, run=info, attachments=carried, flush_every_s=None, sync_every_s=None
@@ -139,7 +135,7 @@ def write_campaign(
     (folder / "runs.toml").write_text(tomli_w.dumps({"run": entries}), encoding="utf-8")
 
 
-def frames_of(vendor: Vendor, channels: Mapping[str, Channel], bus: str = BUS) -> FrameBatch:
+def frames_of(vendor: Vendor, channels: Mapping[str, Channel], radius_m: float, bus: str = BUS) -> FrameBatch:
     """Encode a run."""
     channels = _in_wheel_axes(channels) if vendor.wheel_axes else channels
     messages = {m.name: m for m in load_database(vendor.dbc.encode(), f"{vendor.name}.dbc").messages}
@@ -147,6 +143,7 @@ def frames_of(vendor: Vendor, channels: Mapping[str, Channel], bus: str = BUS) -
     stamps = {}
     for role, (name, factor) in vendor.signals.items():
         message, signal = name.lstrip("-").split(".")
+        factor *= radius_m if role == "wheel_speed" and vendor.rim_speed else 1.0
         content.setdefault(message, {})[signal] = channels[role].values * factor
         stamps[message] = channels[role].time_ns
     return merge([_encoded(messages[name], values, stamps[name], bus) for name, values in content.items()])

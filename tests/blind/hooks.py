@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from blind.ground import Ground
 from blind.rim import Column
-from blind.wheel import RADIUS_M, Moments, Physics, Reading
+from blind.wheel import YANG, Moments, Physics, Reading
 
 from daq import FloatArray
 
@@ -34,6 +34,8 @@ class Hidden:
     variant : bool
     outside : bool
         Of no family that the library knows.
+    length : bool
+        The size is a length; scale and limits are those at Yang's wheel.
     """
 
     key: str
@@ -46,6 +48,12 @@ class Hidden:
     both: bool = False
     variant: bool = False
     outside: bool = False
+    length: bool = False
+
+    def plausible(self, radius_m: float) -> tuple[float, tuple[float, float]]:
+        """Return scale and limits at a wheel; lengths go with its radius."""
+        share = radius_m / YANG.radius_m if self.length else 1.0
+        return share * self.scale, (share * self.limits[0], share * self.limits[1])
 
 
 def also(physics: Physics, **hooks: object) -> Physics:
@@ -99,7 +107,7 @@ def sinks(law: Callable[[FloatArray, FloatArray, float], FloatArray]) -> Callabl
         before = physics.sinkage
 
         def sinkage(z: FloatArray, slip: FloatArray) -> FloatArray:
-            return np.minimum(law(z if before is None else before(z, slip), slip, size), 0.97 * RADIUS_M)
+            return law(z if before is None else before(z, slip), slip, size)
 
         return also(physics, sinkage=sinkage)
 

@@ -60,12 +60,15 @@ class Yardstick:
 
     def size_for(self, key: str, loudness: float, sign: float = 1.0) -> tuple[float, float]:
         """Return the size of a cause with this L, and the L that was reached within the cause's limits."""
-        hidden = ALL[key]
-        limit = abs(hidden.limits[1] if sign * np.sign(hidden.scale) > 0 else hidden.limits[0])
-        size, power = min(abs(hidden.scale), 0.5 * limit), 1.0
+        scale, limits = ALL[key].plausible(self.day.world.vehicle.radius_m)
+        limit = abs(limits[1] if sign * np.sign(scale) > 0 else limits[0])
+        size, power = min(abs(scale), 0.5 * limit), 1.0
         before = None
         for _ in range(12):
-            reached = self.loudness(self.sight.change([(key, sign * np.sign(hidden.scale) * size)]))
+            reached = self.loudness(self.sight.change([(key, sign * np.sign(scale) * size)]))
+            if not np.isfinite(reached):  # the soil no longer carries the wheel
+                limit, size = size, 0.5 * size
+                continue
             if abs(reached / loudness - 1) < 0.01 or (size >= limit and reached < loudness):
                 break
             if before is not None and size != before[0]:
@@ -73,14 +76,16 @@ class Yardstick:
                 power = float(np.clip(seen, 0.3, 2.0)) if np.isfinite(seen) else 1.0
             before = size, reached
             size = min(size * np.clip((loudness / max(reached, 1e-9)) ** (1 / power), 0.05, 20.0), limit)
-        return float(sign * np.sign(hidden.scale) * size), reached
+        return float(sign * np.sign(scale) * size), reached
 
     @cached_property
     def signatures(self) -> Mapping[str, FloatArray]:
         """Whitened signature of every known cause, scaled to L = 1."""
         out = {}
         for key in KNOWN:
-            change = self.sight.change([(key, ALL[key].scale)])
+            scale, _ = ALL[key].plausible(self.day.world.vehicle.radius_m)
+            while not np.isfinite(change := self.sight.change([(key, scale)])).all():
+                scale *= 0.5
             out[key] = self.whitened(change / max(self.loudness(change), 1e-12))
         return out
 

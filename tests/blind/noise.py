@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import log, pi, sqrt
 
 import numpy as np
+from blind.colour import Colour
 from blind.driving import RATE_HZ
 from blind.field import FieldDay
 from blind.ground import RUN_SCATTER
@@ -35,9 +37,10 @@ class Filtered:
         self.overlap = np.correlate(self.window, self.window, mode="full")
         self.lag_s = (np.arange(len(self.overlap)) - len(self.overlap) // 2) * _FINE_S
 
-    def coloured(self, apart_s: FloatArray, memory_s: float) -> FloatArray:
-        """Return the correlation of unit Ornstein-Uhlenbeck noise at these distances in time."""
-        return self._at(apart_s, lambda tau: np.exp(-np.abs(tau) / memory_s))
+    def coloured(self, apart_s: FloatArray, colour: Colour, rate_hz: float) -> FloatArray:
+        """Return the correlation of noise of unit variance at these distances in time, sampled at a rate."""
+        found = self._at(apart_s, colour.correlation)
+        return found + colour.white * self.white(apart_s, rate_hz) if colour.white else found
 
     def white(self, apart_s: FloatArray, rate_hz: float) -> FloatArray:
         """Return the same of unit white noise sampled at a rate."""
@@ -49,9 +52,9 @@ class Filtered:
         at = (np.arange(len(self.window)) - len(self.window) // 2) * _FINE_S
         return np.cos(np.outer(omega, at)) @ self.window
 
-    def _at(self, apart_s: FloatArray, correlation: object) -> FloatArray:
-        grid = np.arange(0.0, 45.0, 0.05)
-        values = np.array([np.sum(self.overlap * correlation(t + self.lag_s)) for t in grid])  # type: ignore[operator]
+    def _at(self, apart_s: FloatArray, correlation: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        grid = np.arange(0.0, float(np.max(np.abs(apart_s), initial=0.0)) + 0.05, 0.05)
+        values = correlation(grid[:, None] + self.lag_s) @ self.overlap
         return np.interp(np.abs(apart_s), grid, values)
 
 
@@ -63,8 +66,8 @@ def filtered(day: FieldDay) -> Filtered:
 def instrument_covariance(day: FieldDay, sight: Sight) -> FloatArray:
     """Return C_i, shape (n, 2, 2): instruments' noise, speed and load error carried through."""
     suite, f, zero = day.suite, filtered(day), np.zeros(1)
-    force = f.coloured(zero, suite.force_memory_s)[0]
-    slow = f.coloured(zero, suite.speed_memory_s)[0] * suite.speed_mps**2
+    force = f.coloured(zero, suite.force, suite.force_hz)[0]
+    slow = f.coloured(zero, suite.speed, suite.gnss_hz)[0] * suite.speed_mps**2
     speed = slow + f.white(zero, suite.gnss_hz)[0] * suite.speed_white_mps**2
     by_speed, by_load = sight.slopes["speed"], sight.slopes["load"]
     c = np.einsum("in,jn->nij", by_speed, by_speed) * speed
@@ -85,7 +88,7 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     rows = np.flatnonzero((sight.run == index) & sight.rows)
     suite, f, m = day.suite, filtered(day), sight.moments.at(rows)
     apart = m.time_s[:, None] - m.time_s
-    force = f.coloured(apart, suite.force_memory_s)
+    force = f.coloured(apart, suite.force, suite.force_hz)
     moving = m.rolls
     share = suite.at_rest**2 + (1 - suite.at_rest**2) * np.outer(moving, moving)
     second = m.time_s > 0.5 * (m.time_s[0] + m.time_s[-1])
@@ -93,16 +96,17 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     blocks = np.zeros((2, len(rows), 2, len(rows)))
     ripple = f.ripple(m.omega) * np.exp(1j * _angle(day, index, m.time_s))
     turning = np.real(np.outer(ripple, np.conj(ripple)))
-    white = 1e-2 * np.eye(len(rows))
+    white = 1e-3 * np.eye(len(rows))
     load_n = day.plans[index].load_n
-    standing = rest_covariance(day.stance, load_n, day.rut_n[load_n], same_rest, np.outer(1 - moving, 1 - moving))
+    rests = np.outer(1 - moving, 1 - moving)
+    standing = rest_covariance(day.stance, m.vehicle, load_n, day.rut_n[load_n], same_rest, rests)
     blocks[0, :, 0] = suite.pull_n**2 * (force * share + white) + suite.rest_pull_n**2 * same_rest
     blocks[0, :, 0] += 0.5 * float(np.sum(np.square(suite.ripple_n))) * turning + suite.zero_pull_n**2
     blocks[1, :, 1] = suite.torque_nm**2 * (force * share + white) + suite.rest_torque_nm**2 * same_rest
     blocks[1, :, 1] += 0.5 * suite.ripple_nm**2 * turning * np.outer(moving, moving) + suite.zero_torque_nm**2
     blocks[0, :, 0] += standing[0]
     blocks[1, :, 1] += standing[1]
-    speed = suite.speed_mps**2 * f.coloured(apart, suite.speed_memory_s)
+    speed = suite.speed_mps**2 * f.coloured(apart, suite.speed, suite.gnss_hz)
     speed += suite.speed_white_mps**2 * f.white(apart, suite.gnss_hz)
     metres = np.abs(m.distance_m[:, None] - m.distance_m)
     patch = np.exp(-metres / day.patchiness.length_m)

@@ -41,7 +41,7 @@ class Rim:
 
     `ratio` is V/(r omega); `peak` and `exit_share` place theta_m = peak * theta_1 and
     theta_2 = -arccos(1 - exit_share * z/R), or `exit_angle` if that is not 0. `lug` lengthens the shear radius and the
-    arm, `arm` the arm alone; `front_share` of sigma is left for the shear stress to feel (interface).
+    arm, `lug_arm` the arm alone; the normal stress does not exceed `most_pa`.
     """
 
     ratio: Column
@@ -58,6 +58,7 @@ class Rim:
     lug: float = 0.0
     lug_arm: float = 0.0
     shear: Shear = janosi
+    most_pa: float = np.inf
 
     def rows(self, chosen: slice | NDArray[np.intp]) -> Rim:
         """Return some of the samples."""
@@ -138,7 +139,7 @@ def _panel(
         width = np.where(middle - exit_ > 1e-12, middle - exit_, 1.0)
         felt = np.where(theta < middle, entry - (theta - exit_) / width * (entry - middle), theta)
     depth = rim.radius * 2 * np.sin((entry + felt) / 2) * np.sin((entry - felt) / 2)
-    sigma = rim.stiffness * np.maximum(depth, 1e-300) ** rim.exponent
+    sigma = np.minimum(rim.stiffness * np.maximum(depth, 1e-300) ** rim.exponent, rim.most_pa)
     share = rim.shear(_displacement(rim, entry, theta), rim.shear_modulus)
     sin, cos, by = np.sin(theta), np.cos(theta), weight * (upper - lower)
     tau = rim.friction * sigma * share

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from blind.hooks import Hidden, also, reads
-from blind.wheel import RADIUS_M, Physics, slip_of
+from blind.wheel import Physics, slip_of
 
 
 def _rolling_radius(physics: Physics, e: float) -> Physics:
-    return also(physics, slip=lambda m: slip_of(RADIUS_M * (1 + e) * m.omega, m.speed))
+    return also(physics, slip=lambda m: slip_of(m.vehicle.radius_m * (1 + e) * m.omega, m.speed))
 
 
 MEASUREMENT = (
@@ -29,7 +29,7 @@ MEASUREMENT = (
         "speed_latency",
         "extra_delay_s",
         0.15,
-        (-0.6, 0.6),
+        (-0.55, 0.55),
         "ground speed late by tau",
         reads(lambda r, m, tau: replace(r, speed=m.later(-tau))),
         both=True,
@@ -39,7 +39,7 @@ MEASUREMENT = (
         "speed_bias",
         "offset_mps",
         0.08,
-        (-0.35, 0.5),
+        (-0.35, 0.45),
         "ground speed + b, not at rest",
         reads(lambda r, m, b: replace(r, speed=np.maximum(r.speed + b * m.rolls, 0.0))),
         both=True,
@@ -69,7 +69,7 @@ MEASUREMENT = (
         "load_zero",
         "offset_n",
         400.0,
-        (-4000, 4000),
+        (-2800, 2800),
         "W + zero",
         reads(lambda r, m, x: replace(r, load=r.load + x)),
         both=True,
@@ -79,7 +79,7 @@ MEASUREMENT = (
         "drawbar_pull_gain",
         "relative",
         0.1,
-        (-0.9, 2),
+        (-0.45, 0.45),
         "Dp (1 + g)",
         reads(lambda r, m, g: replace(r, pull=r.pull * (1 + g))),
         both=True,
@@ -89,7 +89,7 @@ MEASUREMENT = (
         "torque_gain",
         "relative",
         0.05,
-        (-0.5, 0.5),
+        (-0.45, 0.45),
         "T (1 + g)",
         reads(lambda r, m, g: replace(r, torque=r.torque * (1 + g))),
         both=True,
@@ -99,7 +99,7 @@ MEASUREMENT = (
         "load_gain",
         "relative",
         0.05,
-        (-0.4, 0.5),
+        (-0.4, 0.45),
         "W (1 + g)",
         reads(lambda r, m, g: replace(r, load=r.load * (1 + g))),
         both=True,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from blind.driving import DURATION_S, RATE_HZ, Motion, Plan
-from blind.wheel import Reading
+from blind.colour import Colour, coloured
+from blind.driving import RATE_HZ, Motion, Plan
+from blind.wheel import YANG, Reading, Vehicle
 from scipy.signal import lfilter
 
 from daq import FloatArray
@@ -17,14 +18,18 @@ _METRES_PER_DEGREE = 111_195.0
 _LATITUDE_DEG, _LONGITUDE_DEG, _BEARING_RAD = 47.21, 8.83, 0.9
 
 
+QUICK, SLOW = Colour(((0.99, 0.1), (0.01, 0.0))), Colour(((1.0, 1.0),))
+"""One memory and white, as the engine assumes."""
+
+
 @dataclass(frozen=True)
 class Suite:
     """What is mounted, and how noisy it is. Sigmas are of the coloured part, of one sample.
 
     Attributes
     ----------
-    pull_n, torque_nm, load_n, force_memory_s
-        Coloured noise; `at_rest` of it is left when the wheel stands (the sensor's share).
+    pull_n, torque_nm, load_n, force
+        Coloured noise and its spectrum; `at_rest` of it is left when the wheel stands (the sensor's share).
     ripple_n, ripple_nm, lugs
         Once a revolution (an offset that turns with the wheel), and of each lug.
     rest_pull_n, rest_torque_nm
@@ -33,8 +38,8 @@ class Suite:
         By how much the bridges' zeros differ from run to run.
     stones : float
         Mean number in a run: bursts of 30 to 100 ms, 3 to 6 sigma in pull and torque.
-    speed_mps, speed_memory_s, speed_white_mps
-        GNSS speed.
+    speed_mps, speed, speed_white_mps
+        GNSS speed: coloured noise and its spectrum, and white noise.
     receiver : "boxcar" or "first order"
         Filter of the receiver with `receiver_s` as its width or time constant; both are declared as a latency.
     tails : float
@@ -53,7 +58,7 @@ class Suite:
     pull_n: float = 46.0
     torque_nm: float = 14.0
     load_n: float = 60.0
-    force_memory_s: float = 0.1
+    force: Colour = QUICK
     at_rest: float = 0.35
     ripple_n: tuple[float, float] = (22.0, -14.0)
     ripple_nm: float = 4.0
@@ -66,7 +71,7 @@ class Suite:
     zero_load_n: float = 12.0
     stones: float = 1.0
     speed_mps: float = 0.035
-    speed_memory_s: float = 1.0
+    speed: Colour = SLOW
     speed_white_mps: float = 0.02
     wheel_pitch_error: float = 0.0015
     tails: float = 0.0
@@ -89,15 +94,23 @@ class Suite:
             self, pull_n=self.pull_n * factor, torque_nm=self.torque_nm * factor, load_n=self.load_n * factor
         )
 
+    def on(self, vehicle: Vehicle) -> Suite:
+        """Return the suite of a vehicle whose forces and torques are smaller or larger than Yang's."""
+        force = vehicle.loads_n[0] / YANG.loads_n[0]
+        torque = force * vehicle.radius_m / YANG.radius_m
+        x, z = self.ripple_n
+        forces = ("pull_n", "load_n", "lug_n", "rest_pull_n", "zero_pull_n", "zero_load_n")
+        torques = ("torque_nm", "ripple_nm", "rest_torque_nm", "zero_torque_nm")
+        scaled = {name: force * getattr(self, name) for name in forces}
+        scaled |= {name: torque * getattr(self, name) for name in torques}
+        return replace(self, ripple_n=(force * x, force * z), **scaled)
 
-def coloured(
-    count: int, rate_hz: float, sigma: float, memory_s: float, rng: np.random.Generator, tails: float = 0.0
+
+def drawn_noise(
+    colour: Colour, count: int, rate_hz: float, sigma: float, rng: np.random.Generator, tails: float = 0.0
 ) -> FloatArray:
-    """Ornstein-Uhlenbeck noise, stationary from the start; with `tails`, Student's at every moment."""
-    keep = np.exp(-1 / (rate_hz * memory_s))
-    white = rng.standard_normal(count) * np.sqrt(1 - keep**2)
-    state = [keep * rng.standard_normal()]
-    noise = np.asarray(sigma * lfilter([1.0], [1.0, -keep], white, zi=state)[0], np.float64)
+    """Draw a channel's noise; with `tails`, Student's at every moment."""
+    noise = sigma * colour.drawn(count, rate_hz, rng)
     return noise * _loudness(count, rate_hz, tails, rng) if tails else noise
 
 
@@ -119,8 +132,8 @@ def _stones(
     return pull * moving, torque * moving
 
 
-def _instants(rate_hz: float, rng: np.random.Generator) -> FloatArray:
-    return np.arange(rng.uniform(0, 1 / rate_hz), DURATION_S - 1 / RATE_HZ, 1 / rate_hz)
+def _instants(plan: Plan, rate_hz: float, rng: np.random.Generator) -> FloatArray:
+    return np.arange(rng.uniform(0, 1 / rate_hz), plan.duration_s - 1 / RATE_HZ, 1 / rate_hz)
 
 
 def _stamps(plan: Plan, at: FloatArray, latency_s: float, rng: np.random.Generator):
@@ -142,18 +155,18 @@ def measured(
 
 
 def _forces(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.random.Generator) -> dict[str, Channel]:
-    at = _instants(suite.force_hz, rng)
+    at = _instants(plan, suite.force_hz, rng)
     count = len(at)
     moving = np.tanh((np.interp(at, m.time_s, m.speed) / 0.1) ** 2)
     angle = np.interp(at, m.time_s, np.cumsum(m.omega) / RATE_HZ) + rng.uniform(0, 2 * np.pi)
     share = np.sqrt(1 - suite.at_rest**2)
 
     def noise(sigma: float) -> FloatArray:
-        sensor = coloured(count, suite.force_hz, suite.at_rest * sigma, suite.force_memory_s, rng, suite.tails)
-        soil = coloured(count, suite.force_hz, share * sigma, suite.force_memory_s, rng, suite.tails)
-        return sensor + moving * soil + 0.1 * sigma * rng.standard_normal(count)
+        sensor = drawn_noise(suite.force, count, suite.force_hz, suite.at_rest * sigma, rng, suite.tails)
+        soil = drawn_noise(suite.force, count, suite.force_hz, share * sigma, rng, suite.tails)
+        return sensor + moving * soil
 
-    second = at > DURATION_S / 2
+    second = at > plan.duration_s / 2
     locked = rng.standard_normal((2, 2))
     x, z = suite.ripple_n
     sin, cos = np.sin(angle), np.cos(angle)
@@ -176,7 +189,7 @@ def _forces(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.rando
 
 
 def _wheel_speed(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.random.Generator) -> dict[str, Channel]:
-    at = _instants(suite.wheel_hz, rng)
+    at = _instants(plan, suite.wheel_hz, rng)
     angle = np.concatenate([[0.0], np.cumsum((reading.omega[1:] + reading.omega[:-1]) / 2 / RATE_HZ)])
     phase = rng.uniform(0, 2 * np.pi)
     uneven = angle + suite.wheel_pitch_error * np.sin(angle + phase)
@@ -189,7 +202,7 @@ def _wheel_speed(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.
 def _fixes(
     suite: Suite, plan: Plan, m: Motion, reading: Reading, along_m: FloatArray, rng: np.random.Generator
 ) -> dict[str, Channel]:
-    at = _instants(suite.gnss_hz, rng)
+    at = _instants(plan, suite.gnss_hz, rng)
     count, width = len(at), suite.receiver_s
     if suite.receiver == "boxcar":
         driven = np.concatenate([[0.0], np.cumsum((reading.speed[1:] + reading.speed[:-1]) / 2 / RATE_HZ)])
@@ -197,10 +210,10 @@ def _fixes(
     else:
         keep = np.exp(-1 / (RATE_HZ * width))
         speed = np.interp(at, m.time_s, lfilter([1 - keep], [1.0, -keep], reading.speed))
-    speed = speed + coloured(count, suite.gnss_hz, suite.speed_mps, suite.speed_memory_s, rng, suite.tails)
+    speed = speed + drawn_noise(suite.speed, count, suite.gnss_hz, suite.speed_mps, rng, suite.tails)
     speed += suite.speed_white_mps * rng.standard_normal(count)
-    along = np.interp(at, m.time_s, along_m) + coloured(count, suite.gnss_hz, 0.3, 30.0, rng)
-    across = coloured(count, suite.gnss_hz, 0.3, 30.0, rng)
+    along = np.interp(at, m.time_s, along_m) + 0.3 * coloured(count, suite.gnss_hz, 30.0, rng)
+    across = 0.3 * coloured(count, suite.gnss_hz, 30.0, rng)
     north = along * np.cos(_BEARING_RAD) - across * np.sin(_BEARING_RAD)
     east = along * np.sin(_BEARING_RAD) + across * np.cos(_BEARING_RAD)
     time_ns = _stamps(plan, at, suite.gnss_transport_s, rng)

@@ -8,17 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from blind.field import FieldDay, physics_of
 from blind.ground import KEYS, SPREAD, Ground
-from blind.wheel import (
-    OUTBOARD_KG,
-    OUTBOARD_KGM2,
-    RADIUS_M,
-    Care,
-    Moments,
-    Physics,
-    Reading,
-    readings,
-    simulated,
-)
+from blind.wheel import COLUMNS, Care, Moments, Physics, Reading, readings, simulated
 
 from daq import FloatArray
 
@@ -69,7 +59,8 @@ class Sight:
         reading = self._reading(physics)
         unmoved = np.array_equal(reading.speed, m.speed) and np.array_equal(reading.load, m.load)
         said = (self.pull, self.torque) if unmoved else simulated(self.ground, m, reading, self.care)
-        pull, torque = reading.pull + OUTBOARD_KG * m.acceleration, reading.torque - OUTBOARD_KGM2 * m.alpha
+        mass, inertia = m.vehicle.outboard_kg, m.vehicle.outboard_kgm2
+        pull, torque = reading.pull + mass * m.acceleration, reading.torque - inertia * m.alpha
         return np.stack([pull - said[0], torque - said[1]])
 
     def _reading(self, physics: Physics) -> Reading:
@@ -82,7 +73,8 @@ class Sight:
         )
         if in_soil:
             return readings(physics, self.ground, m, self.care)[0]
-        pull, torque = self.pull - OUTBOARD_KG * m.acceleration, self.torque + OUTBOARD_KGM2 * m.alpha
+        mass, inertia = m.vehicle.outboard_kg, m.vehicle.outboard_kgm2
+        pull, torque = self.pull - mass * m.acceleration, self.torque + inertia * m.alpha
         return physics.read(Reading(pull, torque, m.speed, m.omega, m.load), m)
 
 
@@ -100,18 +92,19 @@ def sight_of(day: FieldDay) -> Sight:
         delayed.append(lambda dt, rows=rows, later=moments.later: later(dt)[rows])
         run.append(np.full(len(part.speed), index))
         logs.append({key: np.full(len(part.speed), value) for key, value in day.scatter[index].items()})
-    names = [f.name for f in fields(Moments) if f.name != "later"]
     joined = Moments(
-        **{name: np.concatenate([getattr(p, name) for p in parts]) for name in names},
+        **{name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS},
         later=lambda dt: np.concatenate([d(dt) for d in delayed]),
+        vehicle=day.world.vehicle,
     )
     ground = day.ground.changed({key: np.concatenate([x[key] for x in logs]) for key in logs[0]})
     m = joined
-    rolls = np.maximum(m.speed, RADIUS_M * m.omega) >= _LEAST_MPS
+    rolls = np.maximum(m.speed, m.vehicle.radius_m * m.omega) >= _LEAST_MPS
     rests = (m.speed < 1e-3) & (m.omega < 1e-3)
     reading, sinkage = readings(Physics(), ground, m, Care(nodes=_NODES))
-    care = Care(nodes=_NODES, start=np.where(sinkage > 0, sinkage, 0.1))
-    pull, torque = reading.pull + OUTBOARD_KG * m.acceleration, reading.torque - OUTBOARD_KGM2 * m.alpha
+    care = Care(nodes=_NODES, start=np.where(sinkage > 0, sinkage, 0.2 * m.vehicle.radius_m))
+    mass, inertia = m.vehicle.outboard_kg, m.vehicle.outboard_kgm2
+    pull, torque = reading.pull + mass * m.acceleration, reading.torque - inertia * m.alpha
     return Sight(m, ground, np.concatenate(run), rolls, rests, pull, torque, _slopes(ground, m, care), care)
 
 
@@ -127,7 +120,8 @@ def _slopes(ground: Ground, m: Moments, care: Care) -> dict[str, FloatArray]:
     slopes = {key: central(key, 0.02) for key in KEYS}
     slopes["stiffness"] = slopes["cohesive"] + slopes["frictional"]
     slopes["speed"] = (forces(ground, speed=0.01) - forces(ground, speed=-0.01)) / 0.02
-    slopes["load"] = (forces(ground, load=50.0) - forces(ground, load=-50.0)) / 100.0
+    step = 0.006 * m.vehicle.loads_n[0]
+    slopes["load"] = (forces(ground, load=step) - forces(ground, load=-step)) / (2 * step)
     return slopes
 
 

@@ -10,7 +10,7 @@ from blind.driving import GRAVITY_MPS2
 from blind.ground import UNIT_WEIGHT_N_M3, Ground
 from blind.hooks import Hidden, also, at_hub, braking_part, driving_part, sinks, softer
 from blind.rim import Column, janosi
-from blind.wheel import OUTBOARD_KG, RADIUS_M, WIDTH_M, Moments, Physics
+from blind.wheel import Moments, Physics
 
 from daq import FloatArray
 
@@ -29,9 +29,9 @@ def _mirror_of_shear(q: float) -> Callable[[FloatArray, Column], FloatArray]:
     return lambda j, modulus: janosi(j, modulus) * (1 - q * -np.expm1(-np.abs(j) / 0.15))
 
 
-def _hump(q: float) -> Callable[[FloatArray, Column], FloatArray]:
-    """Between Janosi and the hump of Wong and Oida (residual share .5, peak at K_w = 2 K)."""
-    rest, e = 0.5, np.exp(1.0)
+def hump_shear(q: float, rest: float = 0.5) -> Callable[[FloatArray, Column], FloatArray]:
+    """Between Janosi and the hump of Wong and Oida (its residual share, peak at K_w = 2 K)."""
+    e = np.exp(1.0)
 
     def shear(j: FloatArray, modulus: Column) -> FloatArray:
         x = np.abs(j) / (2 * np.asarray(modulus))
@@ -47,7 +47,7 @@ def passive_earth(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
     sin = tan / np.sqrt(1 + tan**2)
     kp = (1 + sin) / (1 - sin)
     push = UNIT_WEIGHT_N_M3 * z**2 * kp / 2 + 2 * np.asarray(soil.cohesion) * np.sqrt(kp) * z
-    return WIDTH_M * push * m.rolls
+    return m.vehicle.width_m * push * m.rolls
 
 
 def _hegedus(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
@@ -55,10 +55,10 @@ def _hegedus(m: Moments, z: FloatArray, soil: Ground) -> FloatArray:
     tan = np.asarray(soil.friction)
     phi = np.arctan(tan)
     z = np.maximum(z, 1e-6)
-    approach = np.arccos(1 - np.minimum(z, 0.97 * RADIUS_M) / RADIUS_M)
+    approach = np.arccos(1 - np.minimum(z / m.vehicle.radius_m, 0.97))
     lift = z / np.tan(np.pi / 4 - phi / 2)
     push = np.sin(approach + phi) / (2 * np.sin(approach) * np.cos(phi))
-    return WIDTH_M * push * (2 * z * soil.cohesion + UNIT_WEIGHT_N_M3 * z * lift) * m.rolls
+    return m.vehicle.width_m * push * (2 * z * soil.cohesion + UNIT_WEIGHT_N_M3 * z * lift) * m.rolls
 
 
 PHYSICAL = (
@@ -70,6 +70,7 @@ PHYSICAL = (
         (0, 0.3),
         "Z = Z0 + H s, load-consistent",
         sinks(lambda z, s, H: z + H * driving_part(s)),
+        length=True,
     ),
     Hidden(
         "lyasko",
@@ -89,6 +90,7 @@ PHYSICAL = (
         (0, 0.3),
         "Z = Z0 + H (1 - exp(-s/.35))/(1 - exp(-1/.35))",
         sinks(lambda z, s, H: z + H * np.expm1(-driving_part(s) / 0.35) / np.expm1(-1 / 0.35)),
+        length=True,
         variant=True,
     ),
     Hidden(
@@ -96,9 +98,10 @@ PHYSICAL = (
         "skid_sinkage",
         "H2_m",
         0.2,
-        (0, 1.5),
+        (0, 0.75),
         "Z = Z0 + H2 s_b^2",
         sinks(lambda z, s, H: z + H * braking_part(s) ** 2),
+        length=True,
     ),
     Hidden(
         "skid_hyperbola",
@@ -115,7 +118,7 @@ PHYSICAL = (
         "stress_peak_shift",
         "",
         0.2,
-        (0, 1),
+        (0, 0.85),
         "theta_m = (a + a s) theta_1, s > 0",
         lambda physics, a: also(physics, peak=lambda s: np.minimum(a + a * driving_part(s), 0.9)),
     ),
@@ -124,7 +127,7 @@ PHYSICAL = (
         "stress_peak_shift",
         "c1",
         0.2,
-        (0, 0.9),
+        (0, 0.85),
         "theta_m = c1 theta_1",
         lambda physics, a: also(physics, peak=lambda s: a),
     ),
@@ -133,7 +136,7 @@ PHYSICAL = (
         "stress_peak_shift",
         "c2",
         0.3,
-        (0, 0.9),
+        (0, 0.85),
         "theta_m = c2 s theta_1, s > 0",
         lambda physics, a: also(physics, peak=lambda s: a * driving_part(s)),
     ),
@@ -208,7 +211,7 @@ PHYSICAL = (
         "multi_pass",
         "per_pass",
         0.15,
-        (-0.3, 2),
+        (-0.28, 2),
         "k (1 + a (pass - 1))",
         softer(lambda m, a: 1 + a * (m.passes - 1)),
         both=True,
@@ -260,7 +263,7 @@ PHYSICAL = (
         0.2,
         (0, 1),
         "between Janosi and Wong-Oida's hump, residual .5",
-        lambda physics, q: also(physics, shear=_hump(q)),
+        lambda physics, q: also(physics, shear=hump_shear(q)),
         variant=True,
     ),
     Hidden(
@@ -271,6 +274,7 @@ PHYSICAL = (
         (0, 0.12),
         "shear radius and arm r + h",
         lambda physics, h: also(physics, lug=h, lug_arm=h),
+        length=True,
     ),
     Hidden(
         "half_grouser",
@@ -280,6 +284,7 @@ PHYSICAL = (
         (0, 0.16),
         "shear radius and arm r + h/2",
         lambda physics, h: also(physics, lug=0.5 * h, lug_arm=0.5 * h),
+        length=True,
         variant=True,
     ),
     Hidden(
@@ -289,7 +294,9 @@ PHYSICAL = (
         0.1,
         (0, 0.6),
         "contact radius r (1 + a W/10 kN 340 kPa/p)",
-        lambda physics, a: also(physics, radius=lambda m: RADIUS_M * (1 + a * m.load / 1e4 * 340 / m.inflation)),
+        lambda physics, a: also(
+            physics, radius=lambda m: m.vehicle.radius_m * (1 + a * m.load / 1e4 * 340 / m.inflation)
+        ),
     ),
     Hidden(
         "tyre_root",
@@ -299,7 +306,7 @@ PHYSICAL = (
         (0, 0.6),
         "contact radius r (1 + a sqrt(W/10 kN 340 kPa/p))",
         lambda physics, a: also(
-            physics, radius=lambda m: RADIUS_M * (1 + a * np.sqrt(m.load / 1e4 * 340 / m.inflation))
+            physics, radius=lambda m: m.vehicle.radius_m * (1 + a * np.sqrt(m.load / 1e4 * 340 / m.inflation))
         ),
         variant=True,
     ),
@@ -308,9 +315,9 @@ PHYSICAL = (
         "slope",
         "angle_rad",
         0.1,
-        (-0.3, 0.3),
+        (-0.28, 0.28),
         "Dp -= direction m_o g sin a",
-        at_hub(lambda m, z, soil, a: (-m.direction * OUTBOARD_KG * GRAVITY_MPS2 * np.sin(a), 0.0)),
+        at_hub(lambda m, z, soil, a: (-m.direction * m.vehicle.outboard_kg * GRAVITY_MPS2 * np.sin(a), 0.0)),
         both=True,
     ),
     Hidden(
@@ -318,7 +325,7 @@ PHYSICAL = (
         "wheel_inertia",
         "scale",
         1.0,
-        (0, 12),
+        (0, 8),
         "Dp -= q 75 kg dV/dt, T += q 8 kg m2 domega/dt",
         at_hub(lambda m, z, soil, q: (-q * 75 * m.acceleration, q * 8 * m.alpha)),
     ),

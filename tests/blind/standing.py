@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from blind.driving import GRAVITY_MPS2, MASS_KG, Plan
+from blind.driving import GRAVITY_MPS2, Plan
 from blind.ground import Ground
 from blind.hooks import at_hub
-from blind.wheel import OUTBOARD_KG, RADIUS_M, Moments, Physics, soil_forces
+from blind.wheel import COLUMNS, YANG, Moments, Physics, Vehicle, soil_forces
 
 from daq import FloatArray
 
@@ -39,19 +39,21 @@ class Stance:
         return Stance(float(rng.uniform(-TILT_RAD, TILT_RAD)), bool(rng.random() < HELD_IN))
 
 
-def towed(ground: Ground, load_n: float) -> tuple[float, float]:
+def towed(
+    ground: Ground, load_n: float, vehicle: Vehicle = YANG, physics: Physics | None = None
+) -> tuple[float, float]:
     """Return the slip at which the wheel passes no torque, and its resistance there, N."""
     slip = np.linspace(-0.35, 0.0, 36)
     ones = np.ones(len(slip))
-    rows = dict.fromkeys((f for f in Moments.__dataclass_fields__ if f != "later"), ones)
-    pull, torque, _ = soil_forces(
-        Physics(), ground, Moments(**{**rows, "omega": (1 + slip) / RADIUS_M, "load": load_n * ones})
-    )
+    rows = {**dict.fromkeys(COLUMNS, ones), "omega": (1 + slip) / vehicle.radius_m, "load": load_n * ones}
+    pull, torque, _ = soil_forces(physics or Physics(), ground, Moments(**rows, vehicle=vehicle))
     free = float(np.interp(0.0, torque, slip))
     return free, -float(np.interp(free, slip, pull))
 
 
-def on_tilted_ground(physics: Physics, stance: Stance, plan: Plan, rut_n: float, rng: np.random.Generator) -> Physics:
+def on_tilted_ground(
+    physics: Physics, stance: Stance, plan: Plan, vehicle: Vehicle, rut_n: float, rng: np.random.Generator
+) -> Physics:
     """Return the physics with the ground's tilt, and with what the hub carries at rest, before and after the run.
 
     Held brakes: any share of the vehicle's weight along the ground, less half of what the rut keeps; the brake holds
@@ -66,20 +68,22 @@ def on_tilted_ground(physics: Physics, stance: Stance, plan: Plan, rut_n: float,
     free = _KEPT_FREE * rut_n * rng.standard_normal(2)
     uphill = plan.direction * float(np.sin(stance.tilt_rad))
     if stance.held:
-        pull = uphill * share * (MASS_KG + plan.added_load_kg) * GRAVITY_MPS2 - 0.5 * kept
-        torque = RADIUS_M * (pull + kept)
+        pull = uphill * share * (vehicle.mass_kg + plan.added_load_kg) * GRAVITY_MPS2 - 0.5 * kept
+        torque = vehicle.radius_m * (pull + kept)
     else:
         pull, torque = uphill * plan.load_n + free, np.zeros(2)
 
     def more(m: Moments) -> tuple[FloatArray, FloatArray]:
         second, rests = m.distance_m > 0.5 * m.distance_m[-1], 1 - m.rolls
-        outboard = -OUTBOARD_KG * GRAVITY_MPS2 * uphill
+        outboard = -vehicle.outboard_kg * GRAVITY_MPS2 * uphill
         return outboard + rests * np.where(second, *pull[::-1]), rests * np.where(second, *torque[::-1])
 
     return at_hub(lambda m, z, soil, size: more(m))(physics, 1.0)
 
 
-def rest_covariance(stance: Stance, load_n: float, rut_n: float, same_rest: FloatArray, rests: FloatArray):
+def rest_covariance(
+    stance: Stance, vehicle: Vehicle, load_n: float, rut_n: float, same_rest: FloatArray, rests: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return what a standstill hides of pull and torque, two arrays (k, k).
 
     Parameters
@@ -88,6 +92,6 @@ def rest_covariance(stance: Stance, load_n: float, rut_n: float, same_rest: Floa
         1 for two rows at the same standstill; at any two.
     """
     if stance.held:
-        return 1e6 * same_rest, 1e6 * RADIUS_M**2 * same_rest
+        return 1e6 * same_rest, 1e6 * vehicle.radius_m**2 * same_rest
     free = (load_n * TILT_RAD) ** 2 * rests + (_KEPT_FREE * rut_n) ** 2 * same_rest
     return free, 0.0 * rests

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blind.causes import ALL
+from blind.colour import REAL_FORCES, REAL_SPEED, Colour
 from blind.driving import DURATION_S
 from blind.field import driven, field_day
 from blind.folders import run_info, vehicle_config, write_campaign
 from blind.measures import Yardstick, oracle, told
 from blind.sensors import START_NS
 from blind.vendors import VENDORS
-from blind.wheel import RADIUS_M, Reading, simulated, slip_of
+from blind.wheel import Reading, Vehicle, simulated, slip_of
+from blind.world import World
 from scipy.linalg import cholesky, solve_triangular
 
 from daq.runs.open import open_runs
@@ -25,7 +27,7 @@ from processing.processed_run import ProcessedRun
 from wheelsoil.workflows.runs import process_runs
 
 HERE = Path(__file__).parent
-_MEETS_THE_ENGINE = ("engine", "study", "tables")
+_MEETS_THE_ENGINE = ("engine", "growth", "study", "tables")
 
 
 def test_the_generator_knows_nothing_of_the_model() -> None:
@@ -43,7 +45,7 @@ def test_frames_and_channels_say_the_same(vendor: str, tmp_path: Path) -> None:
     day = field_day("clay", (5, 0), vendor)
     hidden = [("vasilev", 0.03)]
     write_campaign(tmp_path, day, hidden, runs=2)
-    config = vehicle_config(day.suite, day.vendor, day.stance)
+    config = vehicle_config(day)
     [*framed] = (run for _, run in process_runs(open_runs([tmp_path]), ProcessOptions(purpose="fit")))
     direct = [process(c, config, run_info(p)) for p, c in zip(day.plans[:2], driven(day, hidden), strict=False)]
     for one, other in zip(framed, direct, strict=True):
@@ -107,12 +109,31 @@ def at_five_hertz(run: ProcessedRun, time_s: np.ndarray, name: str) -> np.ndarra
     return np.interp(time_s - start, run.time_s, np.convolve(whole, np.ones(20) / 20, mode="same"))
 
 
-@pytest.mark.parametrize(("soil", "seed"), [pytest.param("clay", 2), pytest.param("sandy", 1, marks=pytest.mark.slow)])
-def test_the_covariance_of_the_oracle_is_that_of_the_recordings(soil: str, seed: int) -> None:
+DRAWN = World(
+    soil="dry sand",
+    vehicle=Vehicle(0.3, 0.2, 20.0, 0.9, 1100.0, (2500.0, 3400.0, 4100.0), 0.9),
+    runs=3,
+    duration_s=30.0,
+    force=REAL_FORCES,
+    speed=Colour(((1.0, 3.0),)),
+)
+MEMORIES = replace(DRAWN, force=Colour(((0.5, 0.1), (0.3, 1.0), (0.15, 5.0), (0.05, 0.0))), speed=REAL_SPEED)
+
+
+@pytest.mark.parametrize(
+    ("world", "seed"),
+    [
+        (World(), 2),
+        pytest.param(World("sandy"), 1, marks=pytest.mark.slow),
+        (DRAWN, 1),
+        (MEMORIES, 3),
+    ],
+)
+def test_the_covariance_of_the_oracle_is_that_of_the_recordings(world: World, seed: int) -> None:
     """Nothing hidden: measured less simulated on the true soil, whitened, has unit variance (stones add some)."""
-    day = field_day(soil, (9, seed))
+    day = field_day(world.soil, (9, seed), world=world)
     yardstick = Yardstick(day)
-    config = vehicle_config(day.suite, day.vendor, day.stance)
+    config = vehicle_config(day)
     runs = [process(c, config, run_info(p)) for p, c in zip(day.plans, driven(day, []), strict=True)]
     whitened = []
     for run, (root, rows) in zip(runs, yardstick._roots, strict=True):
@@ -131,7 +152,7 @@ def test_the_covariance_of_the_oracle_is_that_of_the_recordings(soil: str, seed:
         speed, omega = np.where(rests, 0, np.maximum(speed, 1e-3)), np.where(rests, 0, omega)
         said = simulated(day.ground, replace(m, omega=omega), Reading(pull, torque, speed, omega, load))
         left = np.concatenate([pull - said[0], torque - said[1]])
-        far = np.tile((np.abs(slip_of(RADIUS_M * m.omega, m.speed)) > 0.05) | rests, 2)
+        far = np.tile((np.abs(slip_of(world.vehicle.radius_m * m.omega, m.speed)) > 0.05) | rests, 2)
         covariance = (root @ root.T)[np.ix_(far, far)]
         whitened.append(solve_triangular(cholesky(covariance, lower=True), left[far], lower=True))
     variance = np.mean(np.concatenate(whitened) ** 2)

@@ -11,21 +11,22 @@ from blind.causes import KNOWN
 from blind.field import physics_of
 from blind.ground import LABORATORY
 from blind.rim import Rim, settled, sums
-from blind.wheel import RADIUS_M, WIDTH_M, Moments, Physics, readings, soil_forces
+from blind.wheel import COLUMNS, YANG, Moments, Physics, readings, soil_forces
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from support import shared_file
+
+RADIUS_M, WIDTH_M = YANG.radius_m, YANG.width_m
 
 
 def moments(slip: np.ndarray, load_n: float = 9000.0, speed: float = 1.5) -> Moments:
     """Return moments at a speed, with all else ordinary."""
     ones = np.ones(len(slip))
     omega = speed / np.where(slip < 0, 1 / (1 + slip), 1 - slip) / RADIUS_M
-    named = dict.fromkeys(Moments.__dataclass_fields__, 0.0 * ones)
+    named = dict.fromkeys(COLUMNS, 0.0 * ones)
     named |= {"speed": speed * ones, "omega": omega, "load": load_n * ones, "passes": ones, "inflation": 340 * ones}
     named |= {"direction": ones, "time_s": np.arange(len(slip)) * 0.2}
-    named.pop("later")
     return Moments(**named, later=lambda dt: speed * ones)
 
 

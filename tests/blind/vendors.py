@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
+from blind.colour import Colour
 from blind.sensors import Suite
 
 
@@ -19,6 +20,8 @@ class Vendor:
         Text of its DBC.
     signals : mapping role -> (``"Message.Signal"``, factor from SI to the DBC's unit)
         A leading minus is the sensor's axis.
+    rim_speed : bool
+        The wheel speed is sent as the speed of the rim.
     suite : Suite
     log : "mcap" or "candump"
         How its logger writes.
@@ -36,6 +39,7 @@ class Vendor:
     fd: bool = False
     wheel_axes: bool = False
     declares_sigma: bool = False
+    rim_speed: bool = False
 
 
 _ALPINE = """VERSION ""
@@ -127,13 +131,14 @@ VENDORS = {
                 "vertical_load": ("WFS_A.FZ_kN", 1e-3),
                 "drawbar_pull": ("-WFS_A.FX_kN", -1e-3),
                 "driving_torque": ("WFS_A.MY_hi", 1e-3),
-                "wheel_speed": ("EBC_WheelEnd.RimSpeedRear", 3.6 * 0.47),
+                "wheel_speed": ("EBC_WheelEnd.RimSpeedRear", 3.6),  # of the rim: times the radius
                 "ground_speed": ("NAV_Vel.Speed2D", 1.0),
                 "latitude": ("NAV_Vel.NorthPos", 1.0),
                 "longitude": ("NAV_Vel.EastPos", 1.0),
             },
             Suite(force_hz=500.0, gnss_hz=50.0, receiver="first order", receiver_s=0.06, wheel_window_s=0.03),
             "candump",
+            rim_speed=True,
         ),
         Vendor(
             "pampa",
@@ -148,7 +153,13 @@ VENDORS = {
                 "latitude": ("Gps.La", 1.0),
                 "longitude": ("Gps.Lo", 1.0),
             },
-            Suite(force_hz=200.0, gnss_hz=100.0, wheel_hz=50.0, force_memory_s=0.06, gnss_transport_s=0.015),
+            Suite(
+                force_hz=200.0,
+                gnss_hz=100.0,
+                wheel_hz=50.0,
+                force=Colour(((0.99, 0.06), (0.01, 0.0))),
+                gnss_transport_s=0.015,
+            ),
             "mcap",
             fd=True,
             wheel_axes=True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,10 +12,30 @@ from numpy.typing import NDArray
 
 from daq import FloatArray
 
-RADIUS_M, WIDTH_M = 0.47, 0.318
-OUTBOARD_KG, OUTBOARD_KGM2 = 75.0, 8.0
-"""On the soil's side of the transducer; vehicle.toml declares them."""
 REST_MPS = 0.1
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The instrumented wheel and the vehicle around it; the defaults are Yang's (2016).
+
+    Attributes
+    ----------
+    outboard_kg, outboard_kgm2 : on the soil's side of the transducer; vehicle.toml declares them
+    loads_n : the three vertical loads of the runs
+    pace : factor on every speed that is driven
+    """
+
+    radius_m: float = 0.47
+    width_m: float = 0.318
+    outboard_kg: float = 75.0
+    outboard_kgm2: float = 8.0
+    mass_kg: float = 3600.0
+    loads_n: tuple[float, float, float] = (8000.0, 11000.0, 13000.0)
+    pace: float = 1.0
+
+
+YANG = Vehicle()
 
 
 @dataclass(frozen=True)
@@ -38,11 +58,12 @@ class Moments:
     passes: FloatArray
     inflation: FloatArray
     later: Callable[[float], FloatArray] = field(repr=False, default=lambda dt: np.zeros(0))
+    vehicle: Vehicle = YANG
 
     @property
     def slip(self) -> FloatArray:
         """Both branches: (r omega - V) over the larger; 0 at rest."""
-        return slip_of(RADIUS_M * self.omega, self.speed)
+        return slip_of(self.vehicle.radius_m * self.omega, self.speed)
 
     @property
     def rolls(self) -> FloatArray:
@@ -51,8 +72,11 @@ class Moments:
 
     def at(self, rows: slice | NDArray[np.intp]) -> Moments:
         """Return some of the moments (without `later`)."""
-        names = [name for name in self.__dataclass_fields__ if name != "later"]
-        return Moments(**{name: getattr(self, name)[rows] for name in names})
+        return Moments(**{name: getattr(self, name)[rows] for name in COLUMNS}, vehicle=self.vehicle)
+
+
+COLUMNS = tuple(name for name in Moments.__dataclass_fields__ if name not in ("later", "vehicle"))
+"""Fields of `Moments` that are arrays."""
 
 
 def slip_of(rim_speed: FloatArray, speed: FloatArray) -> FloatArray:
@@ -72,13 +96,20 @@ class Reading:
     load: FloatArray
 
 
+Resultants = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""Drawbar pull, driving torque and sinkage (n,) at a slip (n,) and a vertical load (n,)."""
+
+
 @dataclass(frozen=True)
 class Physics:
-    """Wong's wheel, and what a hidden cause makes of it. Hooks get `Moments` and give columns (n,)."""
+    """Wong's wheel, and what a hidden cause makes of it. Hooks get `Moments` and give columns (n,).
+
+    `most_pa` is the pressure that a tyre does not exceed; `resultants` stands in for all that Wong's wheel is.
+    """
 
     ground: Callable[[Ground, Moments], Ground] = lambda ground, moments: ground
     slip: Callable[[Moments], FloatArray] = lambda moments: moments.slip
-    radius: Callable[[Moments], Column] = lambda moments: RADIUS_M
+    radius: Callable[[Moments], Column] = lambda moments: moments.vehicle.radius_m
     sinkage: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     peak: Callable[[FloatArray], Column] = lambda slip: 0.0
     exit_share: float = 0.0
@@ -87,6 +118,8 @@ class Physics:
     lug: float = 0.0
     lug_arm: float = 0.0
     shear: Shear = janosi
+    most_pa: float = np.inf
+    resultants: Resultants | None = None
     hub: Callable[[Moments, FloatArray, Ground], tuple[Column, Column]] | None = None
     read: Callable[[Reading, Moments], Reading] = lambda reading, moments: reading
 
@@ -101,11 +134,11 @@ def _rim(physics: Physics, ground: Ground, moments: Moments, slip: FloatArray) -
     return Rim(
         ratio=_column(np.where(slow < 0, 1 / (1 + slow), 1 - slow)),
         radius=_column(physics.radius(moments)),
-        width=WIDTH_M,
+        width=moments.vehicle.width_m,
         cohesion=_column(soil.cohesion),
         friction=_column(soil.friction * physics.interface),
         shear_modulus=_column(soil.shear_modulus),
-        stiffness=_column(soil.stiffness(WIDTH_M)),
+        stiffness=_column(soil.stiffness(moments.vehicle.width_m)),
         exponent=_column(soil.exponent),
         peak=_column(physics.peak(slip)),
         exit_share=physics.exit_share,
@@ -113,6 +146,7 @@ def _rim(physics: Physics, ground: Ground, moments: Moments, slip: FloatArray) -
         lug=physics.lug,
         lug_arm=physics.lug_arm,
         shear=physics.shear,
+        most_pa=physics.most_pa,
     )
 
 
@@ -133,10 +167,16 @@ def soil_forces(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return drawbar pull, torque and sinkage (n,) of the wheel; 0 at rest. Eq. 7 returns the load exactly.
 
+    A wheel by its resultants on soil that is stiffer by a factor carries a load that is larger by it.
+
     Where the balance is not solved at every moment, the normal stress makes up for the interpolation.
     """
     slip = physics.slip(moments)
     turning = np.flatnonzero((moments.speed > 0) | (moments.omega > 0))
+    if physics.resultants is not None:
+        factor = np.broadcast_to(physics.ground(ground, moments).factor, slip.shape)[turning]
+        pull, torque, depth = physics.resultants(slip[turning], moments.load[turning] / factor)
+        return _spread((factor * pull, factor * torque, depth), turning, len(slip))
     rim, slip = _rim(physics, ground, moments, slip).rows(turning), slip[turning, None]
     load = moments.load[turning, None]
     coarse = np.arange(0, len(turning), care.every)
@@ -144,32 +184,39 @@ def soil_forces(
     static = settled(rim.rows(coarse), load[coarse], start, care.nodes)
     if care.every > 1:
         static = np.exp(np.interp(np.arange(len(turning)), coarse, np.log(static[:, 0])))[:, None]
-    total = static if physics.sinkage is None else physics.sinkage(static, slip)
+    deepest = 0.97 * moments.vehicle.radius_m
+    total = static if physics.sinkage is None else np.minimum(physics.sinkage(static, slip), deepest)
     found = sums(rim, total, care.nodes)
     scale = (load - found.load_cohesion) / found.load
-    out = []
-    for values in (found.pull * scale + found.pull_cohesion, found.torque * scale + found.torque_cohesion, total):
-        whole = np.zeros(len(moments.speed))
-        whole[turning] = values[:, 0]
-        out.append(whole)
+    columns = (found.pull * scale + found.pull_cohesion, found.torque * scale + found.torque_cohesion, total)
+    return _spread([values[:, 0] for values in columns], turning, len(moments.speed))
+
+
+def _spread(
+    columns: Sequence[FloatArray], rows: NDArray[np.intp], count: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return columns of some rows among all, 0 elsewhere."""
+    out = np.zeros((3, count))
+    out[:, rows] = columns
     return out[0], out[1], out[2]
 
 
 def readings(physics: Physics, ground: Ground, moments: Moments, care: Care = FULL) -> tuple[Reading, FloatArray]:
     """Return what perfect sensors say at the hub, and the sinkage."""
+    vehicle = moments.vehicle
     pull, torque, sinkage = soil_forces(physics, ground, moments, care)
     pull, torque = pull * moments.rolls, torque * moments.rolls
     if physics.hub is not None:
         more_pull, more_torque = physics.hub(moments, sinkage, physics.ground(ground, moments))
         pull, torque = pull + more_pull, torque + more_torque
-    pull, torque = pull - OUTBOARD_KG * moments.acceleration, torque + OUTBOARD_KGM2 * moments.alpha
+    pull, torque = pull - vehicle.outboard_kg * moments.acceleration, torque + vehicle.outboard_kgm2 * moments.alpha
     plain = Reading(pull, torque, moments.speed, moments.omega, moments.load)
     return physics.read(plain, moments), sinkage
 
 
 def simulated(ground: Ground, moments: Moments, reading: Reading, care: Care = FULL) -> tuple[FloatArray, FloatArray]:
     """Return drawbar pull and torque that Wong's wheel would have at what the sensors say of speed and load."""
-    load = np.maximum(reading.load, 200.0)
+    load = np.maximum(reading.load, 0.025 * moments.vehicle.loads_n[0])
     priors = replace(moments, speed=reading.speed, omega=reading.omega, load=load)
     pull, torque, _ = soil_forces(Physics(), ground, priors, care)
     return pull * moments.rolls, torque * moments.rolls

@@ -104,6 +104,8 @@ def test_the_readme_quotes_the_worst_figures_of_the_blind_study() -> None:
     kinds = {hidden for hidden, one, _ in wrong if one == "outside"}
     of = {kind: re.search(rf"(\d+) {kind}", page)[1] for kind in times}  # type: ignore[index]
     readme = " ".join((ROOT / "README.md").read_text().split())
+    right = int(re.search(r"stated names right, p > 0\.9 .*?\((\d+)\)", page)[1])  # type: ignore[index]
+    assert f"{right} of {right + sum(times.values())} names were right" in readme
     assert f"{times['left_out']} of {of['left_out']} campaigns" in readme
     assert f"{times['outside']} of {of['outside']} with a cause from outside" in readme
     assert len(kinds) == 2 and "of two of the six kinds" in readme
