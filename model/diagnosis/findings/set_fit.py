@@ -145,11 +145,10 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
 
 
 def _by_form(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
-    """Return the variance of soil and coefficients by an error of form that is the same in every run, shape (p,)."""
+    """Return what the error of form adds to the variance of soil and coefficients, shape (p,)."""
     at = np.r_[grams.soil_columns, [i for key in keys for i in grams.columns_of(key)]].astype(np.intp)
-    shapes = grams.total[at, grams.basis_columns]
-    moved = np.linalg.solve(np.eye(at.size) + grams.total[np.ix_(at, at)], shapes)
-    return np.asarray(grams.form**2 * (moved**2).sum(axis=1))
+    known, exact = (np.linalg.inv(np.eye(at.size) + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
+    return np.maximum(np.diag(known) - np.diag(exact), 0.0)
 
 
 def _by_choice(linearised: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:
@@ -257,10 +256,18 @@ def fit_set(
     return SetFit(
         keys=keys,
         problem=problem,
-        estimate=last.estimate,
+        estimate=np.clip(last.estimate + _form_shift(linearised.grams, keys), lower, upper),
         at_bound=last.at_bound,
         cost=last.cost,
     )
+
+
+def _form_shift(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
+    """Return by how much an estimate that knows of the error of form differs from one that does not, shape (p,)."""
+    own = list(estimate(grams, keys).columns)
+    found = [estimate(one, keys) for one in (grams, replace(grams, form=0.0))]
+    known, exact = (np.r_[one.soil, one.coefficients[own]] for one in found)
+    return np.asarray(known - exact)
 
 
 def fit_sets(
