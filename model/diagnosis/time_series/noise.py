@@ -3,7 +3,7 @@
 =================  ========================================================  =============================
 process            is                                                        is seen in
 =================  ========================================================  =============================
-channel noise      coloured, one for each channel                            its channel
+channel noise      coloured, of a short and of a long memory                 its channel
 speed error        coloured, and white: slip is measured                     all channels, by d/dV
 load error         coloured: the load is measured                            all channels, by d/dW
 soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
@@ -81,7 +81,9 @@ class Noise:
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     """Return the processes that go on within a run."""
     own = [
-        Process(named(c, "noise"), f"{OUTPUTS[c].role}_noise_time_s", over_distance=False, loading=c) for c in channels
+        Process(named(c, what), f"{OUTPUTS[c].role}_{what}_time_s", over_distance=False, loading=c)
+        for c in channels
+        for what in ("noise", *(("slow_noise",) if c != "z" else ()))
     ]
     return (
         *own,
@@ -124,6 +126,8 @@ def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
             else HyperPrior(0.15 * sigma, 0.8),
         }
         if c != "z":
+            found[named(c, "slow_noise")] = HyperPrior(0.2 * sigma, 0.8)
+            found[f"{OUTPUTS[c].role}_slow_noise_time_s"] = HyperPrior(1.0, 0.6)
             found[named(c, "wheel_order")] = HyperPrior(0.3 * sigma, 0.8)
             found[named(c, "at_rest")] = HyperPrior(0.2 * sigma, 0.8)
             found[named(c, "standing")] = (
