@@ -36,7 +36,7 @@ def press_plate(soil: Soil, width_m: float, depth_m: float, cell_m: float, seed:
 
 
 def shear_box(soil: Soil, normal_stress_pa: float, displacement_m: float, seed: int) -> FloatArray:
-    """Shear a box of 60 mm by 40 mm under a lid with a dead load; return displacement, shear and normal stress."""
+    """Shear a box of 60 mm by 40 mm under a lid with a dead load; return displacement, shear and applied stress."""
     bed = Bed(soil, _BOX_CELL_M, _BOX_LENGTH_M + 2 * _BOX_ROOM_M, _BOX_HEIGHT_M, _BOX_ROOM_M, seed)
     left, base = bed.left_m + _BOX_ROOM_M, bed.bottom_m
     right, lid = left + _BOX_LENGTH_M, base + _BOX_HEIGHT_M
@@ -55,4 +55,5 @@ def shear_box(soil: Soil, normal_stress_pa: float, displacement_m: float, seed: 
     bed.run(box, 0.05, gravity=0.0)
     box.state[2] = SHEAR_MPS
     rows = bed.run(box, displacement_m / SHEAR_MPS, every_s=0.2e-3 / SHEAR_MPS, gravity=0.0).rows
-    return np.column_stack([rows[:, 4] - 0.1e-3, -rows[:, 1] / _BOX_LENGTH_M, rows[:, 2] / _BOX_LENGTH_M])
+    applied = np.full(len(rows), normal_stress_pa)
+    return np.column_stack([rows[:, 4] - 0.1e-3, -rows[:, 1] / _BOX_LENGTH_M, applied])

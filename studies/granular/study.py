@@ -7,7 +7,7 @@
 terrain.toml.
 ``python -m studies.granular.study table`` writes table.csv from cases.csv.
 
-All three together take about 35 minutes of one core.
+A wheel case takes 8 s (coarser cells) to 76 s (finer cells, slip 0.8) of one core, the bevameter tests 4 minutes.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from studies.granular.wheel import SMALL_BED_SLIP, Case, Steady, drive
 
 HERE = Path(__file__).parent
 SOIL = Soil()
-SLIPS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, -0.1)
+SLIPS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 0.05, 0.7, -0.1)
+"""In the order in which they are run."""
 LOADS_N = (60.0, 90.0, 130.0)
-SMALL_BED_CELLS_M, LARGE_BED_CELLS_M = (0.003, 0.0045), (0.004, 0.006)
+SMALL_BED_CELLS_M, LARGE_BED_CELLS_M = (0.003, 0.0045), (0.0035, 0.00525)
 """Finer and coarser cell up to a slip of `SMALL_BED_SLIP`, and above it; the table's values are those of the finer."""
 PLATES_M, PLATE_DEPTH_M = (0.06, 0.12), 0.05
 PLATE_CELLS_M = (0.0045, 0.00675)
@@ -44,7 +45,7 @@ def run_wheel() -> None:
     path = HERE / "cases.csv"
     names = [*(f.name for f in fields(Case)), *(f.name for f in fields(Steady)), "cpu_s"]
     done = {case for case, _ in finished_cases()} if path.exists() else set()
-    for load, slip, which in product(LOADS_N, SLIPS, (1, 0)):
+    for slip, load, which in product(SLIPS, LOADS_N, (1, 0)):
         case = Case(slip, load, cells_m(slip)[which])
         if case in done:
             continue

@@ -13,9 +13,9 @@ from studies.granular.mpm import BINS, WHEEL, Bed, Body, Record, Soil
 RADIUS_M, WIDTH_M = 0.15, 0.1
 FASTER_MPS = 0.3
 """The larger of rim speed and ground speed."""
-SMALL_BED_M, LARGE_BED_M = (0.12, 0.24, 0.11, 0.06), (0.2, 0.3, 0.15, 0.08)
+SMALL_BED_M, LARGE_BED_M = (0.12, 0.24, 0.11, 0.06), (0.16, 0.26, 0.133, 0.084)
 """The bed that moves with the axle: behind and ahead of it, below and above the undisturbed surface."""
-SMALL_BED_SLIP = 0.2
+SMALL_BED_SLIP = 0.5
 """Up to this slip, sinkage is small and so is the bed."""
 BLOCKS = 8
 _EDGE = 0.05
@@ -44,9 +44,9 @@ class Case:
 
     @property
     def durations_s(self) -> tuple[float, float]:
-        """Time before the steady state and in it: 0.22 m and 0.14 m of travel, but 2.6 s and 1 s at most."""
+        """Time before the steady state and in it: 0.22 m and 0.14 m of travel, but 2.4 s and 0.8 s at most."""
         ground = self.speeds[0]
-        return min(0.22 / ground, 2.6), min(0.14 / ground, 1.0)
+        return min(0.22 / ground, 2.4), min(0.14 / ground, 0.8)
 
 
 @dataclass(frozen=True)
