@@ -46,7 +46,7 @@ class DrawbarPullGain(Effect):
 
 
 class TorqueGain(Effect):
-    """Measured T = (1 + e) true T."""
+    """Measured T = (1 + e)(true T + I a) - I a: I a of the outboard inertia is taken off what the transducer reads."""
 
     name = "torque_gain"
     kind = "measurement"
@@ -58,8 +58,11 @@ class TorqueGain(Effect):
     stage = 1
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
-        """Return what the transducer reads."""
-        return replace(reaction, driving_torque=reaction.driving_torque * (1.0 + values["relative"]))
+        """Return what the transducer reads, compensated for the outboard inertia."""
+        inertia = state.conditions.compensated_inertia_kgm2
+        taken_off = where(value_of(inertia) > 0.0, inertia * state.conditions.wheel_acceleration_radps2, 0.0)
+        read = reaction.driving_torque + taken_off
+        return replace(reaction, driving_torque=reaction.driving_torque + values["relative"] * read)
 
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
         """Return the signals with what the transducer makes of them."""

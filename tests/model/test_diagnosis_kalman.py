@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.diagnosis.time_series.whitening import StateSpace, smoothed, whiten
+from model.diagnosis.time_series.whitening import Neighbours, StateSpace, _steps, smoothed, whiten
 
 RUNS, COUNT, CHANNELS, STATES, WIDTH = 3, 25, 2, 5, 4
 
@@ -59,3 +59,51 @@ def test_the_smoother_gives_the_conditional_normal() -> None:
         left = np.tile(space.variance, COUNT) - np.einsum("ij,ji->i", across, np.linalg.solve(full, across.T))
         assert np.allclose(means[run].ravel(), expected, atol=1e-8)
         assert np.allclose(np.diagonal(covariances[run], axis1=1, axis2=2).ravel(), left, atol=1e-8)
+
+
+BLOCK_S, MEMORIES_S = 0.2, np.array([1.3, 0.0])
+
+
+def sloped(seed: int) -> tuple[StateSpace, np.ndarray, np.ndarray]:
+    """Return a space of one run whose two processes are seen now, a block later and a block before, with gaps."""
+    rng = np.random.default_rng(seed)
+    steps = rng.choice([BLOCK_S, BLOCK_S, BLOCK_S, 0.4, 0.5, 3.0], COUNT)
+    later, shares, block = _steps(MEMORIES_S, steps[:, None], BLOCK_S)
+    at = np.arange(2)
+    loadings = rng.standard_normal((1, COUNT, CHANNELS, 6))
+    columns = rng.standard_normal((1, COUNT, CHANNELS, WIDTH))
+    decay = np.zeros((1, COUNT, 6))
+    decay[0, :, :2] = later
+    near = Neighbours(at, at + 2, at + 4, shares[None], block)
+    variance = np.tile([0.7, 1.9], 3)
+    return StateSpace(loadings, decay, variance, rng.uniform(0.1, 1.0, columns.shape[:3]), near), columns, np.cumsum(steps)
+
+
+def dense_with_slopes(space: StateSpace, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance of the run's numbers and of the present values with them, by the times of all values."""
+    when = at[:, None] + BLOCK_S * np.array([1.0, 0.0, -1.0])
+    apart = np.abs(when[..., None, None] - when)
+    full, across = np.zeros((COUNT, CHANNELS, COUNT, CHANNELS)), []
+    for i, memory in enumerate(MEMORIES_S):
+        kernel = np.exp(-apart / memory) if memory else (apart < 1e-9).astype(float)
+        kernel = kernel * space.variance[i]
+        h = space.loadings[0][..., [i, i + 2, i + 4]]
+        full += np.einsum("icp,ipjq,jdq->icjd", h, kernel, h)
+        across.append(np.einsum("ijq,jdq->ijd", kernel[:, 1], h).reshape(COUNT, -1))
+    whole = full.reshape(COUNT * CHANNELS, -1) + np.diag(space.white[0].ravel())
+    return whole, np.stack(across)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=15, deadline=None)
+def test_a_slope_sees_the_values_a_block_later_and_before(seed: int) -> None:
+    space, columns, at = sloped(seed)
+    full, across = dense_with_slopes(space, at)
+    root = np.linalg.cholesky(full)
+    assert np.allclose(whiten(space, columns).columns[0], np.linalg.solve(root, columns[0].reshape(-1, WIDTH)), atol=1e-8)
+    means, covariances = smoothed(space, columns[..., 0])
+    data = columns[0, ..., 0].ravel()
+    for i in range(2):
+        assert np.allclose(means[0, :, 2 + i], across[i] @ np.linalg.solve(full, data), atol=1e-6)
+        left = space.variance[i] - np.einsum("ij,ji->i", across[i], np.linalg.solve(full, across[i].T))
+        assert np.allclose(covariances[0, :, 2 + i, 2 + i], left, atol=1e-6)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
 from model.diagnosis.core.campaign import considered
 from model.diagnosis.time_series.linearise import (
+    LATE_WHEEL,
     SECANT_SHARE,
     Linear,
     Point,
     Simulation,
+    late_wheel,
     linearise,
     simulated,
     soil_space,
@@ -35,7 +39,8 @@ def about() -> tuple[Simulation, Samples, Linear]:
         considered(coverage_of(campaign, samples), tuple(EFFECTS), "balanced"),
         "balanced",
     )
-    point = Point(np.linspace(-0.5, 0.5, 6), dict(CAUSES), np.full(len(samples), 0.01))
+    soil = np.linspace(-0.5, 0.5, len(simulation.space))
+    point = Point(soil, dict(CAUSES), np.full(len(samples), 0.01), np.full(len(samples), 0.05))
     return simulation, samples, linearise(simulation, samples, point)
 
 
@@ -54,7 +59,7 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float = 2e-3) -> bool:
 def test_soil_columns_are_derivatives(about: tuple[Simulation, Samples, Linear]) -> None:
     linear = about[2]
     for i in range(6):
-        step = np.zeros(6)
+        step = np.zeros(len(linear.point.soil))
         step[i] = 1e-4
         up, down = (said(about, linear.point.soil + side * step, linear.point.causes) for side in (1, -1))
         assert close(linear.soil[..., i], (up - down) / 2e-4)
@@ -99,9 +104,10 @@ def test_the_speed_moves_both_channels_through_the_slip(about: tuple[Simulation,
 
 def test_the_value_is_that_of_the_mean_of_three_instants(about: tuple[Simulation, Samples, Linear]) -> None:
     simulation, samples, linear = about
-    assert np.array_equal(linear.value, simulated(simulation, samples, linear.point))
+    late = linear.soil[..., -len(LATE_WHEEL) :] @ linear.point.soil[-len(LATE_WHEEL) :]
+    assert np.array_equal(linear.value, simulated(simulation, samples, linear.point) + late)
     plain = said(about, linear.point.soil, linear.point.causes)
-    assert 1.0 < np.std(linear.value[0] - plain[0]) < 60.0
+    assert 1.0 < np.std(linear.value[0] - late[0] - plain[0]) < 60.0
 
 
 def test_only_causes_show_at_standstill(about: tuple[Simulation, Samples, Linear]) -> None:
@@ -128,8 +134,43 @@ def test_the_soils_coordinates_are_independent_and_of_unit_variance() -> None:
     correlation[4, 5] = correlation[5, 4] = -0.9
     sigma = np.sqrt(wide)
     known = soil_space(SoilPrior(prior.mean, correlation * np.outer(sigma, sigma), "test"))
-    assert len(known) == 5
+    assert len(known) == 5 + len(LATE_WHEEL)
     assert "cohesion_pa" not in known.labels
-    assert np.allclose(
-        known.jacobian(np.zeros(5)) @ known.jacobian(np.zeros(5)).T, correlation * np.outer(sigma, sigma)
-    )
+    jacobian = known.jacobian(np.zeros(len(known)))
+    assert np.allclose(jacobian @ jacobian.T, correlation * np.outer(sigma, sigma))
+
+
+def test_a_late_wheel_speed_acts_by_the_slip_and_by_the_compensated_inertia(
+    about: tuple[Simulation, Samples, Linear],
+) -> None:
+    """Ring and bus late by 10 ms: what is measured less what the model says of the measured wheel speed."""
+    _, _, linear = about
+    late_s, inertia = 0.01, 8.0
+    at = replace(linear.conditions, compensated_inertia_kgm2=inertia)
+    omega, spin, change = at.wheel_speed_radps, at.wheel_acceleration_radps2, at.wheel_jerk_radps3
+    told = late_wheel(at, linear.speed, linear.channels)[..., 0] * late_s / LATE_WHEEL["wheel_delay_s"]
+    true_omega = omega + spin * late_s
+    by_slip = linear.speed * (at.ground_speed_mps * omega / true_omega - at.ground_speed_mps)
+    assert close(told[0], by_slip[0], 5e-2)
+    plain = late_wheel(linear.conditions, linear.speed, linear.channels)[..., 0] * late_s / LATE_WHEEL["wheel_delay_s"]
+    assert np.allclose(told[1] - plain[1], inertia * late_s * np.asarray(change))
+    assert np.array_equal(told[0], plain[0])
+
+
+def test_what_waits_for_an_edge_is_later_the_slower_the_wheel(about: tuple[Simulation, Samples, Linear]) -> None:
+    linear = about[2]
+    omega = np.asarray(linear.conditions.wheel_speed_radps)
+    by_time, by_angle = np.moveaxis(linear.soil[0][:, -2:] / list(LATE_WHEEL.values()), -1, 0)
+    assert np.allclose(by_angle, by_time * (1.0 / omega - 1.0 / np.median(omega)))
+    assert np.ptp(omega) > 0.5
+
+
+def test_an_error_of_the_acceleration_is_in_the_compensated_pull(about: tuple[Simulation, Samples, Linear]) -> None:
+    """The mass that was added to the measurement, and what an undeclared one takes off the model."""
+    simulation, samples, linear = about
+    assert not linear.acceleration.any()
+    heavy = replace(samples, conditions=replace(samples.conditions, compensated_mass_kg=np.full(len(samples), 75.0)))
+    causes = {**linear.point.causes, "wheel_inertia.scale": 0.2}
+    found = linearise(simulation, heavy, replace(linear.point, causes=causes))
+    assert np.allclose(found.acceleration[0], -75.0 - 0.2 * 75.0)
+    assert not found.acceleration[1].any()

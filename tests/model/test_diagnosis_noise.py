@@ -47,7 +47,10 @@ def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Colu
         considered(coverage_of(campaign, samples), tuple(EFFECTS), "balanced"),
         "balanced",
     )
-    linear = linearise(simulation, samples, Point(np.zeros(6), {}, np.zeros(len(samples))))
+    still = Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples)))
+    mass = np.full(len(samples), 75.0)
+    samples = replace(samples, conditions=replace(samples.conditions, compensated_mass_kg=mass))
+    linear = linearise(simulation, samples, still)
     return samples, linear, columns_of(simulation, samples, linear, np.zeros(len(samples)))
 
 
@@ -127,7 +130,7 @@ def test_what_short_runs_cannot_tell_a_long_one_does(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(noise_blocks, "_SHORTEST", 15)
     values = {name: b.centre for name, b in hyper_priors(samples).items()}
     blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), values)
-    assert 90 <= sum(len(block.seconds) for block in blocks) <= 180
+    assert 90 <= sum(len(block.columns) for block in blocks) / len(linear.channels) <= 180
 
 
 @pytest.mark.parametrize(("runs", "length"), [(1, 150), (6, 156), (6, 400), (20, 240), (1, 5000), (60, 200), (3, 0)])

@@ -10,6 +10,7 @@ from diagnosis_support import simulated_campaign, with_sinkage
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
+from model.diagnosis.time_series.linearise import LATE_WHEEL
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
@@ -128,11 +129,12 @@ def test_campaigns_share_their_causes_and_not_their_soils() -> None:
     both = [simulated_campaign(soil, runs=RUNS, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
     seen = linearise_campaigns(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
     assert seen.grams.matrices.shape[0] == 2 * RUNS
-    assert len(seen.grams.soil) == 12
+    own = 6 + len(LATE_WHEEL)
+    assert len(seen.grams.soil) == 2 * own
     assert seen.grams.soil[0] == "clay 0: cohesion_pa"
     assert seen.grams.run_names[-1] == f"sandy 0: run-{RUNS}"
     soils = seen.grams.soil_columns
-    assert not seen.grams.matrices[0][soils, soils][6:, 6:].any()
+    assert not seen.grams.matrices[0][soils, soils][own:, own:].any()
     assert found(seen)["crosstalk.coefficient"][0] == pytest.approx(0.01, abs=0.002)
     assert len(seen.noises) == 2
 

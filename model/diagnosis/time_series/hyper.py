@@ -40,7 +40,7 @@ from model.diagnosis.time_series.noise import (
     rest_variance,
     slope_loading,
 )
-from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.samples import Samples, block_steps
 from model.diagnosis.time_series.standstills import AT_REST
 
 LONGEST = 200
@@ -130,7 +130,7 @@ def _block(
     def of_drive(x: FloatArray) -> FloatArray:
         return np.asarray(x[channel, at])
 
-    ticks = samples.time_s[piece] + samples.block_s * np.array([[0.0], [1.0], [-1.0]])
+    ticks = np.cumsum(block_steps(samples))[piece] + samples.block_s * np.array([[0.0], [1.0], [-1.0]])
     _, first, site = np.unique(np.round(ticks / (_SAME_SITE * samples.block_s)), return_index=True, return_inverse=True)
     site = site.reshape(ticks.shape)
     seconds, metres = ticks.ravel()[first], np.tile(samples.distance_m[piece], 3)[first]

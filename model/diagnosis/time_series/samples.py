@@ -423,3 +423,9 @@ def steps_of(x: FloatArray, run: IndexArray) -> FloatArray:
     step = np.diff(x, prepend=x[:1])
     step[np.diff(run, prepend=-1) != 0] = 0.0
     return np.maximum(np.nan_to_num(step), 0.0)
+
+
+def block_steps(samples: Samples) -> FloatArray:
+    """Return the seconds to each sample from the one before in its run, shape (n,): one block, or two at least."""
+    step, block = steps_of(samples.time_s, samples.run), samples.block_s
+    return np.where(step < 1.5 * block, np.minimum(step, block), np.maximum(step, 2.0 * block))

@@ -27,7 +27,7 @@ from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, slope_loading, white_variance
-from model.diagnosis.time_series.samples import Samples, places_of, steps_of
+from model.diagnosis.time_series.samples import Samples, block_steps, places_of, steps_of
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def state_space(
     loadings = np.stack([*own, *(own[i] for i in sloped), *(-by_slope for _ in sloped)], axis=-1)
     loadings[..., sloped] = by_slope[..., None]
     loadings = np.where(present[..., None], loadings, 0.0)
-    step_s, step_m = (steps_of(x, samples.run) for x in (samples.time_s, samples.distance_m))
+    step_s, step_m = block_steps(samples), steps_of(samples.distance_m, samples.run)
     decay = np.zeros((len(samples), loadings.shape[-1]))
     for i, p in enumerate(listed):
         if p.time is not None:
@@ -245,7 +245,7 @@ def _steps(
     """
 
     def decay(seconds: FloatArray) -> FloatArray:
-        return np.where(memories_s > 0.0, np.exp(-seconds / np.maximum(memories_s, 1e-9)), 0.0)
+        return np.where(memories_s > 0.0, np.exp(-seconds / np.maximum(memories_s, 1e-9)), seconds < _SAME_S)
 
     next_door = step_s < 1.5 * block_s
     gap, block = decay(np.maximum(step_s - 2.0 * block_s, 0.0)), decay(np.full(1, block_s))
@@ -277,6 +277,7 @@ class RunGrams:
     own: tuple[OwnGram, ...]
 
 
+_SAME_S = 1e-6
 RUNS_AT_ONCE = 16
 """Runs whose columns are padded and whitened together: what bounds the memory of a long campaign."""
 
