@@ -195,6 +195,15 @@ def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: 
     return np.asarray(own[:, None] + known_variance(linear, values, speed_variance))
 
 
+def variance(linear: Linear, samples: Samples, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+    """Return the variance of measured - predicted by the noise model, shape (c, n)."""
+    found = white_variance(linear, values, speed_variance)
+    listed = [(p.deviation, p.loading) for p in processes(linear.channels)]
+    for deviation, how in (*listed, *constants(linear.channels)):
+        found = found + (values[deviation] * loading(linear, samples, how)) ** 2
+    return found
+
+
 def known_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
     """Return what errors of the speed add to the white remainder, shape (c, n).
 
