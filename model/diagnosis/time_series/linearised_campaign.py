@@ -46,7 +46,7 @@ from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
-from model.diagnosis.time_series.linearise import Linear, Point, linearise
+from model.diagnosis.time_series.linearise import DELAY, Linear, Point, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
@@ -181,12 +181,23 @@ def linearisation_points(
                 at[i] = size / c.scale
         soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
         speed, variance = _speed(data, soil, at)
+        speed = speed + _bend_of_delay(data, causes)
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
         to, at = Point(soil, causes, speed), data.linear
         found.append(LinearisationPoint(to, data.noise, variance, before=at.point, answered=at.usable))
     return found
+
+
+def _bend_of_delay(data: CampaignData, causes: Mapping[str, float]) -> FloatArray:
+    """Return the line by which the columns move the ground speed to another delay, less the move itself, shape (n,).
+
+    Without it the next point is not at the ground speed that was estimated: the measured one has its error elsewhere.
+    """
+    old, new = (c.get(DELAY, 0.0) for c in (data.linear.point.causes, causes))
+    before, after = (data.samples.with_delay(delay).conditions.ground_speed_mps for delay in (old, new))
+    return np.asarray((new - old) * data.linear.conditions.ground_acceleration_mps2 - (after - before))
 
 
 def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
