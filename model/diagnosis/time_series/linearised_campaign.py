@@ -181,7 +181,8 @@ def linearisation_points(
                 at[i] = size / c.scale
         soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
         speed, variance = _speed(data, soil, at)
-        speed = speed + _bend_of_delay(data, causes)
+        by_line, moved = _moved_speed(data, causes)
+        speed = (1.0 - step) * data.linear.point.speed_mps + step * (speed + by_line) - moved
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
@@ -190,14 +191,15 @@ def linearisation_points(
     return found
 
 
-def _bend_of_delay(data: CampaignData, causes: Mapping[str, float]) -> FloatArray:
-    """Return the line by which the columns move the ground speed to another delay, less the move itself, shape (n,).
+def _moved_speed(data: CampaignData, causes: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return by how much the ground speed moves with its delay, by the line of the columns and truly; shape (n,) each.
 
-    Without it the next point is not at the ground speed that was estimated: the measured one has its error elsewhere.
+    The next point is at the ground speed that was estimated, so that its error is what that leaves of the moved one:
+    of another moment, the measured speed has another error.
     """
     old, new = (c.get(DELAY, 0.0) for c in (data.linear.point.causes, causes))
-    before, after = (data.samples.with_delay(delay).conditions.ground_speed_mps for delay in (old, new))
-    return np.asarray((new - old) * data.linear.conditions.ground_acceleration_mps2 - (after - before))
+    before, after = (np.asarray(data.samples.with_delay(x).conditions.ground_speed_mps) for x in (old, new))
+    return (new - old) * np.asarray(data.linear.conditions.ground_acceleration_mps2), after - before
 
 
 def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
