@@ -110,6 +110,7 @@ def test_effects_without_a_trace_are_left_out(null: LinearisedCampaign) -> None:
 )
 def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float) -> None:
     seen = linearise_campaigns([simulated_campaign(runs=RUNS, effect=effect)], DiagnosisOptions(effects=FEW))
+    assert seen.converged
     value, sigma = found(seen)[parameter]
     assert abs(value - truth) < 5.0 * sigma + 0.1 * abs(truth)
     assert value == pytest.approx(truth, rel=0.25)

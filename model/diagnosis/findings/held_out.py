@@ -6,8 +6,9 @@ by the base model (soil re-calibrated within its prior, no cause) and by the ext
 model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
 measured slip, over the samples at or above the paper's slip threshold: near zero and in braking the measured slip's own
 error, times the steep slope there, is several times what any cause does, so that a cause of the braked wheel shows in
-the density only. What R0 soil and noise alone would give is computed over the same samples: by the noise model with the
-slopes of the base, and the soil as the other runs leave it. Noise hyper-parameters and points of linearisation have seen every run.
+the density only. R0 that soil and noise alone would give is of the same samples: by the noise model with the slopes of
+the base, and by the soil's uncertainty from the other runs. Noise hyper-parameters and points of linearisation have
+seen every run.
 
 **Probabilities**: the mean of posteriors over resampled runs.
 A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs

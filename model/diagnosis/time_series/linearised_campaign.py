@@ -186,8 +186,9 @@ def linearisation_points(
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
-        to, at = Point(soil, causes, speed), data.linear
-        found.append(LinearisationPoint(to, data.noise, variance, before=at.point, answered=at.usable))
+        last = data.linear
+        point = Point(soil, causes, speed)
+        found.append(LinearisationPoint(point, data.noise, variance, before=last.point, answered=last.usable))
     return found
 
 
