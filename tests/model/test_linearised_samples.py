@@ -14,6 +14,7 @@ from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.naming import MOST_ERROR
 from model.diagnosis.findings import set_fit
 from model.diagnosis.findings.held_out import held_out
+from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series import diagnosis
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.diagnosis import diagnose
@@ -114,21 +115,16 @@ def test_a_start_does_not_win_by_having_fewer_samples() -> None:
     few = replace(data.columns, present=data.columns.present & (np.arange(len(data.samples)) < 60))
     assert few.present.any()
     emptier = replace(data, columns=few)
-    lost = joined_grams([replace(data, grams=replace(data.grams, log_determinants=-1e4 + 0 * data.grams.samples))])
+    lost = joined_grams([replace(data, grams=replace(data.grams, log_determinants=np.full(data.samples.runs, -1e4)))])
     wrong = Relinearised(lost, (emptier,), estimate(seen.grams, ()), True, ((),))
     assert log_evidence(wrong.grams) > log_evidence(right.grams, right.best.keys)
     assert most_probable([wrong, right]) is right
     assert most_probable([right, wrong]) is right
 
 
-def test_a_set_is_fitted_from_where_no_sample_is_lost(
-    granular: LinearisedCampaign, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A start where k_phi is below 0 is moved towards the laboratory's soil, not taken without samples."""
-    nowhere = estimate(granular.grams, ())
-    nowhere = replace(nowhere, soil=np.array([0.0, 0.0, 0.0, 0.0, 0.0, -3.0]))
-    monkeypatch.setattr(set_fit, "estimate", lambda *_: nowhere)
-    assert granular.best.keys
-    found = set_fit.fit_set(granular, (), starts="one")
-    assert found.problem.parts[0].frozen.usable.all()
-    assert found.cost > 500.0
+def test_a_set_is_fitted_from_where_no_sample_is_lost(granular: LinearisedCampaign) -> None:
+    """A start where k_phi is below 0 is moved towards the laboratory's soil."""
+    problem = set_problem(granular.campaigns, granular.grams, ())
+    moved, start = set_fit._answered(problem, -3.0 * np.eye(6)[5])
+    assert moved.parts[0].frozen.usable.all()
+    assert -1.0 < start[5] < 0.0 and start[5] == moved.parts[0].frozen.point.soil[5]

@@ -173,7 +173,7 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
         if physical and family not in rivals and not chances.get(family, 0.0) > name_at:
             why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": family, "probability": chances.get(family, 0.0)})
             kept = tuple(other for other in verdict.families if other != family)
-            return Judgement("one_of", (family, *rivals, *kept), barred=why)
+            return Judgement("one_of", tuple(dict.fromkeys((family, *rivals, *kept))), barred=why)
     return verdict
 
 
