@@ -76,7 +76,11 @@ def sloped(seed: int) -> tuple[StateSpace, np.ndarray, np.ndarray]:
     decay[0, :, :2] = later
     near = Neighbours(at, at + 2, at + 4, shares[None], block)
     variance = np.tile([0.7, 1.9], 3)
-    return StateSpace(loadings, decay, variance, rng.uniform(0.1, 1.0, columns.shape[:3]), near), columns, np.cumsum(steps)
+    return (
+        StateSpace(loadings, decay, variance, rng.uniform(0.1, 1.0, columns.shape[:3]), near),
+        columns,
+        np.cumsum(steps),
+    )
 
 
 def dense_with_slopes(space: StateSpace, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +104,9 @@ def test_a_slope_sees_the_values_a_block_later_and_before(seed: int) -> None:
     space, columns, at = sloped(seed)
     full, across = dense_with_slopes(space, at)
     root = np.linalg.cholesky(full)
-    assert np.allclose(whiten(space, columns).columns[0], np.linalg.solve(root, columns[0].reshape(-1, WIDTH)), atol=1e-8)
+    assert np.allclose(
+        whiten(space, columns).columns[0], np.linalg.solve(root, columns[0].reshape(-1, WIDTH)), atol=1e-8
+    )
     means, covariances = smoothed(space, columns[..., 0])
     data = columns[0, ..., 0].ravel()
     for i in range(2):

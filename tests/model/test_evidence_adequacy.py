@@ -63,6 +63,13 @@ def test_only_the_kind_and_the_campaign_part_the_shapes() -> None:
     assert [kind.tolist() for kind in _kinds(tuple(speeds))] == [[0, 1, 2]], "one kind is all there is"
 
 
+def test_without_a_shape_nothing_is_explained(drawn: World) -> None:
+    grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(0))
+    bare = replace(grams, basis=(), matrices=grams.matrices[:, : grams.cause_columns.stop, : grams.cause_columns.stop])
+    judged = adequacy(bare, (), np.random.default_rng(0))
+    assert not judged.ok and np.isnan([judged.statistic, judged.threshold]).all()
+
+
 def test_what_is_in_no_cause_is_left_over(drawn: World) -> None:
     rng = np.random.default_rng(1)
     bump = 8.0 * drawn.basis[..., 5] * np.array([1.0, -1, 1, 1, -1, 1])[:, None]

@@ -57,6 +57,23 @@ def test_m0_is_of_the_curve_against_slip_over_all_runs_and_of_each_row_of_a_tabl
     assert gain.base["dp"].M0_percent == pytest.approx(expected)
 
 
+def test_both_models_are_judged_on_the_samples_that_both_answer() -> None:
+    """The base errs by 3 N where the extension has no answer, and by 1 N elsewhere; that by 2 N, but for 9 N there."""
+    pulls, slip = {"dp": np.full(4, 100.0)}, np.array([0.3, 0.4, 0.5, 0.1])
+    error = {"base": [1.0, 3.0, 1.0, 8.0], "extended": [2.0, np.nan, 2.0, 8.0]}
+    base, extended = (
+        HeldOutPrediction(-1.0, pulls, {"dp": 100.0 + np.array(x)}, slip >= 0.2, 3, slip, {"dp": np.arange(4.0)})
+        for x in error.values()
+    )
+    gain = gain_of([base, base], [extended, base], [("a",), ()], "dp")
+    assert pytest.approx(np.sqrt((4 + 4 + 1 + 9 + 1) / 5)) == gain.extended["dp"].R0
+    assert pytest.approx(np.sqrt((1 + 1 + 1 + 9 + 1) / 5)) == gain.base["dp"].R0
+    assert gain.reduction_percent == pytest.approx(100 * (1 - np.sqrt(19 / 13)))
+    assert gain.expected == pytest.approx({"dp": np.sqrt((0 + 2 + 0 + 1 + 2) / 5)})
+    nowhere = replace(base, predicted={"dp": np.full(4, np.nan)})
+    assert np.isnan(gain_of([nowhere], [base], [("a",)], "dp").expected["dp"])
+
+
 @pytest.mark.parametrize("campaigns", [2, 3])
 def test_cochrans_q_has_one_degree_of_freedom_less_than_campaigns(campaigns: int) -> None:
     drawn = world(4, (column("a"), column("b")), runs=3 * campaigns, strength=(30, 40))

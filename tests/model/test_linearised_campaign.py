@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
+from short_campaign import driven, looked
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
@@ -111,9 +112,19 @@ def test_effects_without_a_trace_are_left_out(null: LinearisedCampaign) -> None:
 )
 def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float) -> None:
     seen = linearise_campaigns([simulated_campaign(runs=RUNS, effect=effect)], DiagnosisOptions(effects=FEW))
+    assert seen.converged
     value, sigma = found(seen)[parameter]
     assert abs(value - truth) < 5.0 * sigma + 0.1 * abs(truth)
     assert value == pytest.approx(truth, rel=0.25)
+
+
+@pytest.mark.parametrize(("soil", "delay_s"), [("clay", 0.45), ("sandy", -0.3)])
+def test_a_large_delay_converges_at_its_size(soil: str, delay_s: float) -> None:
+    """The speed's error is kept at its moment: else linearisations about one delay and another take turns."""
+    seen = looked(driven(f"speed_latency:extra_delay_s={delay_s}", soil), "speed_latency", "torque_zero")
+    assert seen.converged
+    [(value, sigma)] = found(seen).values()
+    assert abs(value - delay_s) < 3.0 * sigma
 
 
 def test_measured_sinkage_is_a_channel_like_the_others() -> None:

@@ -171,11 +171,33 @@ def test_candidates_hold_none_and_every_family(grams: Grams) -> None:
     assert said == pytest.approx({"a": 0.7, "none": 0.3, "c": 0.2, "b": 0.0, "d": 0.0})
 
 
-def test_what_never_stood_still_is_not_named(grams: Grams) -> None:
+def test_what_did_not_converge_is_not_explained(grams: Grams) -> None:
     surely = made(grams, {(): 0.01, ("a",): 0.99})
     assert judgement(surely, FINE, gain(5.0)).verdict == "named"
-    moving = judgement(surely, FINE, gain(5.0), converged=False)
-    assert (moving.verdict, moving.families, moving.barred) == ("one_of", ("a",), Note(LackCode.NOT_SETTLED))
+    for found in (surely, made(grams, {(): 1.0})):
+        unsettled = judgement(found, FINE, gain(5.0), converged=False)
+        assert unsettled == Judgement("unexplained", barred=Note(LackCode.NOT_SETTLED))
+
+
+def test_nothing_to_judge_by_explains_nothing(grams: Grams) -> None:
+    empty = Adequacy(np.nan, np.nan, ok=False)
+    said = judgement(made(grams, {(): 1.0}), empty, gain(0.0))
+    assert said == Judgement("unexplained", barred=Note(LackCode.NOTHING_JUDGED))
+    assert judgement(made(grams, {(): 1.0}), POOR, gain(0.0), converged=False).barred is None
+
+
+@pytest.mark.parametrize(("error", "more"), [(149.9, False), (150.1, True), (np.nan, True)])
+def test_soil_and_noise_explain_no_more_than_they_give(grams: Grams, error: float, more: bool) -> None:
+    known = replace(gain(-1.0), expected={"t": 50.0, "dp": 100.0})
+    known = replace(known, base={**known.base, "dp": replace(known.base["dp"], R0=error)})
+    for chances in ({(): 0.9, ("a",): 0.1}, {(): 0.06, ("a",): 0.94}):
+        said = judgement(made(grams, chances), FINE, known)
+        assert said.verdict == ("unexplained" if more else "nothing_detectable")
+        assert (said.barred is not None) == more
+        if said.barred:
+            assert said.barred.code == LackCode.MORE_THAN_NOISE
+            assert (said.barred.values["channel"], said.barred.values["expected"]) == ("dp", 100.0)
+    assert judgement(made(grams, {(): 0.01, ("a",): 0.99}), FINE, replace(known, log_likelihood_gain=9.0)).families
 
 
 def test_sets_put_forms_together_and_name_pairs(grams: Grams) -> None:

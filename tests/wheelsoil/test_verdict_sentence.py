@@ -126,12 +126,28 @@ def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     assert "Several may act together: load gain and grouser (43 %)." in said
 
 
+REASONS = {
+    Note(LackCode.NOT_SETTLED): "the iterated linearisation of the model did not converge",
+    Note(LackCode.NOTHING_JUDGED): "the model has no answer for these samples",
+    Note(LackCode.MORE_THAN_NOISE, values={"channel": "dp", "error": 294.4, "expected": 61.0}): (
+        "no cause is detected, but the held-out error of drawbar pull is 294 N, where soil and noise give 61 N"
+    ),
+    Note(LackCode.MORE_THAN_NOISE, values={"channel": "z", "error": 0.0123, "expected": 0.002}): (
+        "no cause is detected, but the held-out error of sinkage is 12.3 mm, where soil and noise give 2 mm"
+    ),
+}
+
+
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     found = [Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)]
     left = " ".join(unexplained_words(Adequacy(3.0, 1.8, ok=False), found, ("slope",), (("r1",), ("r2", "r3"))))
     assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
+    for why, words in REASONS.items():
+        said = unexplained_words(Adequacy(nan, nan, ok=False), found, (), None, why)
+        assert said[0].startswith(f"These runs are not explained: {words}"), said
+        assert said[-1].startswith("Next: check zeros")
     unsure = " ".join(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
     assert unsure.startswith("No cause is distinguishable from chance (no cause: 30 %). The most probable one is slope")
     nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from daq import Note
 from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
@@ -26,6 +27,8 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "gain": None if found.gain is None else _gain_json(found.gain),
         "inconsistent": [{**vars(item), "why": note_text(item.why)} for item in found.inconsistent],
         "adequacy": None if found.adequacy is None else vars(found.adequacy),
+        "linearisation": None if found.linearisation is None else vars(found.linearisation),
+        "reason": None if found.grounds.barred is None else _reason(found.grounds.barred),
         "proposal": None if found.proposal is None else vars(found.proposal),
         "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
         "next_run": [next_run_json(run) for run in found.next_run],
@@ -51,6 +54,11 @@ def next_run_json(run: NextRun) -> dict[str, Any]:
         "expected_log_bayes_factor": run.expected_log_bayes_factor,
         "cost_runs": run.cost_runs,
     }
+
+
+def _reason(why: Note) -> dict[str, Any]:
+    """Return why a probable family is not named, or what leaves data unexplained where lack of fit does not."""
+    return {"code": str(why.code), "text": note_text(why), "values": dict(why.values)}
 
 
 def _form_errors(found: Diagnosis) -> dict[str, Any]:
@@ -107,6 +115,7 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
             channel: {"percent": one.percent, "interval95": list(one.interval95)}
             for channel, one in gain.reductions.items()
         },
+        "expected_R0": gain.expected,
         "log_likelihood_gain": gain.log_likelihood_gain,
         "chosen": [list(keys) for keys in gain.chosen],
     }

@@ -163,6 +163,16 @@ def _no_better(v: Mapping[str, Any]) -> str:
     )
 
 
+def _more_than_noise(v: Mapping[str, Any]) -> str:
+    channel = OUTPUTS[v["channel"]]
+    factor, unit = (1e3, "mm") if channel.unit == "m" else (1.0, channel.unit_text)
+    error, expected = (f"{factor * v[which]:.3g} {unit}" for which in ("error", "expected"))
+    return (
+        f"no cause is detected, but the held-out error of {channel.name} is {error}, "
+        f"where soil and noise give {expected}"
+    )
+
+
 def _worse(v: Mapping[str, Any]) -> str:
     return (
         f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
@@ -237,7 +247,9 @@ SENTENCES: dict[str, Sentence] = {
         '(standstill_brakes = "released" in vehicle.toml, or a signal brake)'
     ),
     LackCode.NO_TRACE: _no_trace,
-    LackCode.NOT_SETTLED: "the linearisation did not converge at it",
+    LackCode.NOT_SETTLED: "the iterated linearisation of the model did not converge, so that no cause can be judged",
+    LackCode.NOTHING_JUDGED: "the model has no answer for these samples, so that there is nothing to judge a cause by",
+    LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NO_BETTER: _no_better,
     LackCode.CHANNEL_WORSE: _worse,

@@ -95,6 +95,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
         _adequacy(diagnosis, width),
+        _linearisation(diagnosis, width),
         _proposal(diagnosis, width),
         *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
@@ -261,7 +262,17 @@ def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
     found = diagnosis.adequacy
     said = "leaves no more than noise" if found.ok else "leaves more than noise"
     numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
-    return wrapped(f"{numbers}: the best explanation {said}.", width)
+    text = f"{numbers}: the best explanation {said}." if isfinite(found.statistic) else "Lack of fit: not known."
+    return wrapped(text, width)
+
+
+def _linearisation(diagnosis: Diagnosis, width: int) -> list[str]:
+    if diagnosis.linearisation is None:
+        return []
+    found = diagnosis.linearisation
+    how = "converged after" if found.converged else "did not converge in"
+    used = f"Samples used: {found.used} of {found.samples}"
+    return wrapped(f"{used}. The linearisation {how} {found.iterations} iterations.", width)
 
 
 def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:

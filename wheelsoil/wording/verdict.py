@@ -145,7 +145,8 @@ def _of_runs(found: Diagnosis) -> list[str]:
     elif found.verdict == "one_of":
         said = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        said = unexplained_words(found.adequacy, grounds.lack_of_fit, grounds.most_probable, grounds.terrains)
+        left, best = grounds.lack_of_fit, grounds.most_probable
+        said = unexplained_words(found.adequacy, left, best, grounds.terrains, grounds.barred)
     else:
         said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
     return [*said, *want_words(found.not_identifiable)]
@@ -266,7 +267,11 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
 
 
 def unexplained_words(
-    judged: Adequacy, left: Sequence[Finding], best: Sequence[str], soils: tuple[Sequence[str], Sequence[str]] | None
+    judged: Adequacy,
+    left: Sequence[Finding],
+    best: Sequence[str],
+    soils: tuple[Sequence[str], Sequence[str]] | None,
+    why: Note | None = None,
 ) -> list[str]:
     """Return the sentences of "unexplained".
 
@@ -278,12 +283,16 @@ def unexplained_words(
         Families of that set.
     soils : two sequences of str, optional
         Runs that ask for one soil, and those that ask for another.
+    why : Note, optional
+        What leaves them unexplained where lack of fit does not.
     """
     tried = f", not even {_listed([plain_name(f) for f in best])}," if best else ""
     said = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: the lack of fit "
         f"is {judged.statistic:.2f}, where noise leaves up to {judged.threshold:.2f}"
     ]
+    if why:
+        said = [f"These runs are not explained: {note_text(why)}"]
     if left:
         said.append(f"It is off most in {_findings(left)}")
     if soils:
@@ -291,6 +300,8 @@ def unexplained_words(
         said.append(
             f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
         )
+    if why:
+        said.append("Next: check zeros, signs and configuration, and the soil in terrain.toml")
     return _sentences(said)
 
 

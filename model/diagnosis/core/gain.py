@@ -7,7 +7,7 @@ by the base model and by the extended one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import stdtrit
@@ -34,6 +34,8 @@ class HeldOutPrediction:
         That the log likelihood is the density of.
     slip : shape (n,), optional
         Of the samples of a run, for M0; rows of a table need none.
+    variance : mapping channel -> array, shape (n,)
+        Of measured - predicted by soil and noise; of runs.
     """
 
     log_likelihood: float
@@ -42,12 +44,24 @@ class HeldOutPrediction:
     judged: BoolArray
     numbers: int
     slip: FloatArray | None = None
+    variance: dict[str, FloatArray] = field(default_factory=dict)
+
+    def answered_by(self, other: HeldOutPrediction) -> HeldOutPrediction:
+        """Return the prediction of those samples only that another model answers, too."""
+        both = {c: np.where(np.isfinite(other.predicted[c]), x, np.nan) for c, x in self.predicted.items()}
+        return replace(self, predicted=both)
 
     def squares(self, channel: str) -> tuple[float, int]:
         """Return the sum of squared errors in a channel, and how many there are."""
-        error = (self.measured[channel] - self.predicted[channel])[self.judged]
-        error = error[np.isfinite(error)]
+        error = (self.measured[channel] - self.predicted[channel])[self._known(channel)]
         return float(error @ error), len(error)
+
+    def expected_squares(self, channel: str) -> float:
+        """Return the sum of squared errors that soil and noise would give."""
+        return float(self.variance[channel][self._known(channel)].sum())
+
+    def _known(self, channel: str) -> BoolArray:
+        return self.judged & np.isfinite(self.measured[channel] - self.predicted[channel])
 
 
 def rms(folds: Sequence[HeldOutPrediction], channel: str) -> float:
@@ -73,7 +87,8 @@ def gain_of(
     channel : "dp", "t" or "z"
         Whose error is reported first.
     """
-    base, extended = _judged(base), _judged(extended)
+    pairs = [(b.answered_by(e), e.answered_by(b)) for b, e in zip(base, extended, strict=True)]
+    base, extended = (_judged(folds) for folds in zip(*pairs, strict=True))
     channels = dict.fromkeys((channel, *(c for fold in base for c in fold.measured)))
     reductions = {c: _reduction(_squares(base, extended, c)) for c in channels}
     return Gain(
@@ -85,6 +100,7 @@ def gain_of(
         chosen=tuple(chosen),
         channel=channel,
         reductions=reductions,
+        expected={c: _expected(base, c) for c in channels if any(c in fold.variance for fold in base)},
     )
 
 
@@ -98,6 +114,13 @@ def _judged(folds: Sequence[HeldOutPrediction]) -> Sequence[HeldOutPrediction]:
     if any(fold.judged.any() for fold in folds):
         return folds
     return [replace(fold, judged=np.ones(len(fold.judged), bool)) for fold in folds]
+
+
+def _expected(folds: Sequence[HeldOutPrediction], channel: str) -> float:
+    """Return R0 of a channel by soil and noise alone; NaN without a sample."""
+    own = [fold for fold in folds if channel in fold.variance]
+    total, count = np.sum([(fold.expected_squares(channel), fold.squares(channel)[1]) for fold in own], axis=0)
+    return float(np.sqrt(total / count)) if count else float("nan")
 
 
 def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:

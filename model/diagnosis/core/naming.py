@@ -1,8 +1,9 @@
 """The verdict, in the published order, of driven runs and of single-wheel tables alike.
 
-1. Lack of fit above its threshold: `unexplained`.
+1. Lack of fit above its threshold, or nothing to judge it by, or no convergence of the linearisation: `unexplained`.
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
-   held-out runs any better: `nothing_detectable`.
+   held-out runs any better: `nothing_detectable`; but `unexplained` where the held-out error of a channel is more than
+   `MOST_ERROR` times what soil and noise give.
 3. A family above `name_at` is `named` where
 
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`;
@@ -41,6 +42,8 @@ IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on held-out runs."""
 LEAST_NATS = 3.0
 """Rise of the held-out log score that a name needs."""
+MOST_ERROR = 1.5
+"""Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
 REMAINDER = 0.5
 """Share of the smaller of two causes below which what they leave together is a small remainder."""
 
@@ -56,7 +59,7 @@ class Judgement:
     beside : tuple of str
         Beside named ones: the families of which one more probably acts; empty where none is needed.
     barred : Note or None
-        Why a family that is likely enough is not named.
+        Why a family that is likely enough is not named; or what makes it "unexplained" where lack of fit does not.
     """
 
     verdict: Verdict
@@ -90,12 +93,15 @@ def judgement(
         Which of the most probable causes cancel each other.
     """
     if not judged.ok:
-        return Judgement("unexplained")
+        return Judgement("unexplained", barred=Note(LackCode.NOTHING_JUDGED) if np.isnan(judged.statistic) else None)
+    if not converged:
+        return Judgement("unexplained", barred=Note(LackCode.NOT_SETTLED))
     idle = gain is not None and not gain.log_likelihood_gain > 0
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
-        return Judgement("nothing_detectable")
+        left = _more_than_noise(gain)
+        return Judgement("unexplained" if left else "nothing_detectable", barred=left)
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain) or cancelling or (None if converged else Note(LackCode.NOT_SETTLED))
+    barred = _barred(found, gain) or cancelling
     if sure and not barred:
         named = tuple(family for family in sure if family not in (not_identifiable or {}))
         if named:
@@ -110,6 +116,15 @@ def one_of(found: Posterior, barred: Note | None) -> Judgement:
     if barred is not None and len(families) == 1:
         families = (*families, *nearest_rival(found, families[0]))
     return Judgement("one_of", families, barred=barred)
+
+
+def _more_than_noise(gain: Gain | None) -> Note | None:
+    """Return which held-out error soil and noise do not explain; None where they do, or none is known."""
+    for channel, expected in gain.expected.items() if gain else ():
+        error = gain.base[channel].R0 if gain else 0.0
+        if not error <= MOST_ERROR * expected:
+            return Note(LackCode.MORE_THAN_NOISE, values={"channel": channel, "error": error, "expected": expected})
+    return None
 
 
 def _barred(found: Posterior, gain: Gain | None) -> Note | None:
@@ -158,7 +173,7 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
         if physical and family not in rivals and not chances.get(family, 0.0) > name_at:
             why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": family, "probability": chances.get(family, 0.0)})
             kept = tuple(other for other in verdict.families if other != family)
-            return Judgement("one_of", (family, *rivals, *kept), barred=why)
+            return Judgement("one_of", tuple(dict.fromkeys((family, *rivals, *kept))), barred=why)
     return verdict
 
 

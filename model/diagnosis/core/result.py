@@ -138,6 +138,9 @@ class Gain:
     channel : "dp", "t" or "z"
     reductions : mapping channel -> Reduction
         Of every measured channel.
+    expected : mapping channel -> float
+        R0 of the base that noise, errors of speed and load, scatter and uncertainty of the soil alone would give, in
+        the channel's unit; empty for tables.
     """
 
     base: dict[str, Scores]
@@ -148,6 +151,7 @@ class Gain:
     chosen: tuple[tuple[str, ...], ...]
     channel: str = "dp"
     reductions: dict[str, Reduction] = field(default_factory=dict)
+    expected: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -171,11 +175,31 @@ class Inconsistent:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Whether the best explanation leaves no more than noise."""
+    """Whether the best explanation leaves no more than noise; both numbers are NaN where nothing can be judged."""
 
     statistic: float
     threshold: float
     ok: bool
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """How far the iterated linearisation of driven runs came, and by how many samples.
+
+    Attributes
+    ----------
+    samples : int
+        Usable ones of the recordings.
+    used : int
+        Those for which the model has an answer.
+    iterations : int
+    converged : bool
+    """
+
+    samples: int
+    used: int
+    iterations: int
+    converged: bool
 
 
 @dataclass(frozen=True)
@@ -285,7 +309,7 @@ class Grounds:
     undecided : Note or None
         Why nothing can be decided.
     barred : Note or None
-        Why a family that is likely enough is not named.
+        Why a family that is likely enough is not named; or what makes it "unexplained" where lack of fit does not.
     beside : tuple of str
         Families of which one more probably acts beside the named ones.
     confounded : tuple of str
@@ -342,6 +366,8 @@ class Diagnosis:
         Hyper-parameters of the noise model, with unit suffix.
     information : Information or None
         Of one campaign of driven runs.
+    linearisation : Linearisation or None
+        Of driven runs.
     """
 
     verdict: Verdict
@@ -363,6 +389,7 @@ class Diagnosis:
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
     information: Information | None = None
+    linearisation: Linearisation | None = None
 
     def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
         """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.

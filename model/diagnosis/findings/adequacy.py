@@ -96,7 +96,7 @@ def _uncertain(grams: Grams, keys: tuple[str, ...]) -> IndexArray:
 
 
 def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> Adequacy:
-    """Judge whether a set of causes is an explanation.
+    """Judge whether a set of causes is an explanation; where no shape could show that it is none, it is none.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
     """
     left = left_over(grams, keys)
     if not left.score.size:
-        return Adequacy(0.0, SLACK, ok=True)
+        return Adequacy(float("nan"), float("nan"), ok=False)
     spread = _spread(grams, left.information)
     kinds = [_kind(left.information, spread, shapes) for shapes in _kinds(grams.all_shapes()[0])]
     ratios = _ratios(grams, keys, left, kinds)

@@ -24,8 +24,7 @@ from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
-from model.diagnosis.time_series.start import CampaignData
+from model.diagnosis.time_series.noise import variance
 
 Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
@@ -71,6 +70,7 @@ def _plot_data(
     samples, at = data.samples, data.samples.conditions
     channels = data.linear.channels
     without = _said(base, index)
+    of_noise = variance(data.linear, samples, data.noise.values, data.speed_variance)
     fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
     changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
     return PlotData(
@@ -85,7 +85,7 @@ def _plot_data(
         measured={c: samples.measured[c] for c in channels},
         base=without,
         extended=_said(extended, index),
-        base_sigma=dict(zip(channels, spread(data), strict=True)),
+        base_sigma=dict(zip(channels, np.sqrt(of_noise), strict=True)),
         signatures={
             key: changes.get(key) or dict(zip(channels, _signature(linearised, index, key, size), strict=True))
             for key, size in shown.items()
@@ -100,17 +100,6 @@ def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
     samples = part.data.samples
     said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0))
     return dict(zip(part.frozen.channels, said, strict=True))
-
-
-def spread(data: CampaignData) -> FloatArray:
-    """Return the one-sigma of measured less simulated by the noise model, shape (c, n)."""
-    values, linear, samples = data.noise.values, data.linear, data.samples
-    variance = white_variance(linear, values, data.speed_variance)
-    for process in processes(linear.channels):
-        variance = variance + (values[process.deviation] * loading(linear, samples, process.loading)) ** 2
-    for deviation, how in constants(linear.channels):
-        variance = variance + (values[deviation] * loading(linear, samples, how)) ** 2
-    return np.asarray(np.sqrt(variance))
 
 
 def _signature(linearised: LinearisedCampaign, index: int, key: str, size: FloatArray) -> FloatArray:

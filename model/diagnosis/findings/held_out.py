@@ -6,7 +6,9 @@ by the base model (soil re-calibrated within its prior, no cause) and by the ext
 model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
 measured slip, over the samples at or above the paper's slip threshold: near zero and in braking the measured slip's own
 error, times the steep slope there, is several times what any cause does, so that a cause of the braked wheel shows in
-the density only. Noise hyper-parameters and points of linearisation have seen every run.
+the density only. R0 that soil and noise alone would give is of the same samples: by the noise model with the slopes of
+the base, and by the soil's uncertainty from the other runs. Noise hyper-parameters and points of linearisation have
+seen every run.
 
 **Probabilities**: the mean of posteriors over resampled runs.
 A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
@@ -162,10 +164,14 @@ def predict_held_out(
     found = estimate(grams.without(run), fit.keys)
     point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
     samples = linearised.campaigns[at].samples
-    samples = samples[samples.run == run - first[at]]
+    own = samples.run == run - first[at]
+    samples = samples[own]
     part = fit.problem.parts[at]
-    values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0))
-    slip = np.asarray(samples.conditions.slip)
+    values = simulated(
+        part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0)
+    )
+    slip, soil = np.asarray(samples.conditions.slip), part.frozen.soil[:, own]
+    of_soil = np.einsum("cni,ij,cnj->cn", soil, found.covariance[part.soil, part.soil], soil)
     return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
         numbers=int(grams.samples[run]),
@@ -173,6 +179,7 @@ def predict_held_out(
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
         judged=slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
         slip=slip,
+        variance=dict(zip(part.frozen.channels, part.noise_variance[:, own] + of_soil, strict=True)),
     )
 
 

@@ -32,7 +32,7 @@ from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate, posterior
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.linearised_campaign import STEPS, LinearisedCampaign
 from model.diagnosis.time_series.start import CampaignData
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
@@ -148,7 +148,7 @@ def _by_form(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     """Return what the error of form adds to the variance of soil and coefficients, shape (p,)."""
     at = np.r_[grams.soil_columns, [i for key in keys for i in grams.columns_of(key)]].astype(np.intp)
     known, exact = (np.linalg.inv(np.eye(at.size) + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
-    return np.maximum(np.diag(known) - np.diag(exact), 0.0)
+    return np.asarray(np.maximum(np.diag(known) - np.diag(exact), 0.0))
 
 
 def _by_choice(linearised: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:
@@ -242,7 +242,7 @@ def fit_set(
     lower, upper = problem.bounds
     start = np.clip(np.r_[linear.soil, linear.coefficients[list(linear.columns)]], lower, upper)
     if set(keys) != set(linearised.best.keys):
-        problem = problem.refrozen(start)
+        problem, start = _answered(problem, start)
     if not start.size:
         return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"))
     others = _others(problem, start) if starts == "several" else ()
@@ -299,6 +299,16 @@ def _solved(problem: SetProblem, start: FloatArray, options: GaussNewtonOptions 
         scale=np.ones(len(start)),
         options=options,
     )
+
+
+def _answered(problem: SetProblem, start: FloatArray) -> tuple[SetProblem, FloatArray]:
+    """Return the problem whitened at a start, which lies as far from neutral as no sample loses its answer."""
+    for share in STEPS:
+        moved = problem.refrozen(share * start)
+        lost = (old.frozen.usable & ~new.frozen.usable for old, new in zip(problem.parts, moved.parts, strict=True))
+        if not any(map(np.any, lost)):
+            break
+    return moved, share * start
 
 
 def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from model.diagnosis.time_series.linearise import (
     derivatives,
     linearise,
 )
+from model.diagnosis.time_series.noise import variance
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 
@@ -57,6 +59,12 @@ class Part:
     soil: slice
     causes: tuple[int, ...]
     stretch: FloatArray
+
+    @cached_property
+    def noise_variance(self) -> FloatArray:
+        """Variance of measured - predicted by the noise model, shape (c, n)."""
+        data = self.data
+        return variance(self.frozen, data.samples, data.noise.values, data.speed_variance)
 
     def columns(self, linear: Linear) -> Columns:
         """Return the columns about a point, without catch-all."""

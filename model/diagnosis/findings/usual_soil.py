@@ -19,7 +19,7 @@ from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate, best_set
 from model.diagnosis.time_series.linearised_campaign import (
     LinearisedCampaign,
-    campaign_data,
+    campaigns_at,
     joined_grams,
     linearisation_points,
 )
@@ -80,9 +80,7 @@ def posterior_with_usual_soil(
         found = best_set(with_usual_soil(grams), linearised.excluded, linearised.most_causes, best)
         best = found.keys
         points = linearisation_points(campaigns, grams, _in_columns_of(grams, found))
-        campaigns = tuple(
-            campaign_data(s, at, clock, fixed=True) for s, at in zip(linearised.starts, points, strict=True)
-        )
+        campaigns, _ = campaigns_at(linearised.starts, points, clock, fixed=True)
         grams = joined_grams(campaigns)
     return bagged(with_usual_soil(grams), rng, excluded, linearised.most_causes, factor)
 

@@ -175,7 +175,7 @@ class Grams:
 
     @property
     def form_log_determinant(self) -> float:
-        """ln det of what the error of form adds to the covariance of all data."""
+        """Ln det of what the error of form adds to the covariance of all data."""
         return float(np.linalg.slogdet(self._form_precision(self.total))[1])
 
     def _form_precision(self, total: FloatArray) -> FloatArray:

@@ -171,6 +171,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         stages_s={**linearised.stages_s, **clock.stages_s},
         grounds=grounds,
         information=linearised.information(factor),
+        linearisation=linearised.linearisation,
     )
 
 

@@ -91,7 +91,7 @@ def blocks_of(
     """
     found = []
     resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
-    second = known_variance(linear, values, speed_variance)
+    second = known_variance(linear, speed_variance)
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero(samples.rests.run == run)

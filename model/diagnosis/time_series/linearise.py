@@ -112,7 +112,8 @@ def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
 _SPEED, _LOAD, _RATE = "measured speed", "measured load", "measured acceleration"
 _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
-_DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
+DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
+"""Name of the ground speed's delay among a point's causes."""
 SECANT_SHARE = 0.25
 """Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
 
@@ -209,7 +210,7 @@ class Linear:
 
 def at_point(samples: Samples, point: Point) -> Samples:
     """Return the samples with the ground speed of the moment itself, where the point has a delay of it."""
-    return samples.with_delay(point.causes.get(_DELAY, 0.0))
+    return samples.with_delay(point.causes.get(DELAY, 0.0))
 
 
 def at_speed(samples: Samples, point: Point) -> Conditions:
@@ -330,7 +331,8 @@ def derivatives(
     Returns
     -------
     mapping
-        "value", "speed", "load" and "acceleration" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
+        "value", "speed", "load", "acceleration" of shape (c, n); "soil", by the parameters themselves, and "causes"
+        (c, n, ...).
     """
     pieces = (_piece(conditions, rows) for rows in _pieces(len(np.asarray(conditions.slip))))
     return _joined([_derivatives(simulation, piece, values, channels) for piece in pieces])

@@ -24,6 +24,10 @@ the first one that converges, and is the most probable set there, is taken.
 
 Log evidences about different points are not compared: the slopes in the ground speed differ from point to point, and
 with them the density of the speed's error, by ten nats for causes that the data do not separate.
+
+**No sample is lost.** The evidence of no data is 0, more than that of any data, so that an iteration which goes where
+the model has no answer stays there. A step that loses the answer of a sample is shortened; where no step keeps them
+all, the iteration ends, not converged. Starts are compared by the samples that all of them answer.
 """
 
 from __future__ import annotations
@@ -33,19 +37,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import FloatArray, Note
+from daq import BoolArray, FloatArray, Note
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.information import Information
+from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
-from model.diagnosis.time_series.linearise import Point, linearise
+from model.diagnosis.time_series.linearise import DELAY, Linear, Point, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
+from model.wheel_soil.conditions import Conditions
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -105,11 +111,38 @@ _FARTHEST = 3.5
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """Point of linearisation, its noise model, and the variance of the ground speed there."""
+    """Point of linearisation, its noise model, and the variance of the ground speed there.
+
+    Attributes
+    ----------
+    before : Point or None
+        From which the step to the point is taken.
+    answered : bool array, shape (n,), optional
+        Samples for which the model has an answer at `before`.
+    """
 
     point: Point
     noise: Noise
     speed_variance: FloatArray
+    before: Point | None = None
+    answered: BoolArray | None = None
+
+    def shortened(self, step: float, neutral: Mapping[str, float]) -> LinearisationPoint:
+        """Return the point at a share of the step; `neutral` by each cause's name in the model."""
+        if self.before is None or step == 1.0:
+            return self
+        old, new = self.before, self.point
+        causes = {
+            key: (1.0 - step) * old.causes.get(key, neutral[key]) + step * new.causes.get(key, neutral[key])
+            for key in (old.causes | new.causes if step else old.causes)
+        }
+        pairs = ((getattr(old, name), getattr(new, name)) for name in ("soil", "speed_mps", "acceleration_mps2"))
+        soil, speed, acceleration = (a + step * (b - a) for a, b in pairs)
+        return replace(self, point=Point(soil, causes, speed, acceleration))
+
+    def loses(self, linear: Linear) -> bool:
+        """Return whether a model about the point has no answer where that before had one."""
+        return self.answered is not None and bool((self.answered & ~linear.usable).any())
 
 
 def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
@@ -149,12 +182,33 @@ def linearisation_points(
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
         soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        speed, acceleration, variance = _speed(data, soil, at)
+        *estimated, variance = _speed(data, soil, at)
+        by_line, moved = _moved_speed(data, causes)
+        last = data.linear.point
+        before = np.stack(np.broadcast_arrays(last.speed_mps, last.acceleration_mps2))
+        speed, acceleration = (1.0 - step) * before + step * (np.stack(estimated) + by_line) - moved
         noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
-        speed = np.clip(speed, -farthest, farthest)
-        found.append(LinearisationPoint(Point(soil, causes, speed, acceleration), data.noise, variance))
+        point = Point(soil, causes, np.clip(speed, -farthest, farthest), acceleration)
+        found.append(LinearisationPoint(point, data.noise, variance, before=last, answered=data.linear.usable))
     return found
+
+
+def _moved_speed(data: CampaignData, causes: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return by how much ground speed and acceleration move with the delay, by the columns' line and truly; (2, n).
+
+    The next point is at the ground speed that was estimated, so that its error is what that leaves of the moved one:
+    of another moment, the measured speed has another error.
+    """
+    old, new = (c.get(DELAY, 0.0) for c in (data.linear.point.causes, causes))
+    before, after = (_speed_and_slope(data.samples.with_delay(x).conditions) for x in (old, new))
+    at = data.linear.conditions
+    line = np.stack([np.asarray(at.ground_acceleration_mps2), np.asarray(at.ground_jerk_mps3)])
+    return (new - old) * line, after - before
+
+
+def _speed_and_slope(at: Conditions) -> FloatArray:
+    return np.stack([np.asarray(at.ground_speed_mps), np.asarray(at.ground_acceleration_mps2)])
 
 
 def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -221,33 +275,58 @@ def relinearise(
     chosen_sets: list[tuple[str, ...]] = []
     while True:
         fixed = keep_noise or not chosen_sets
-        campaigns = [campaign_data(s, at, clock, fixed=fixed) for s, at in zip(starts, points, strict=True)]
+        campaigns, step = campaigns_at(starts, points, clock, fixed=fixed)
         grams = joined_grams(campaigns)
         with clock.stage("evidence"):
             found = choose(grams, best)
-        converged = best is not None and _same(best, found)
+        converged = best is not None and step == 1.0 and _same(best, found)
         swings = len(chosen_sets) > _FREE_ROUNDS and best is not None and best.keys == found.keys
         best = found
         chosen_sets.append(best.keys)
-        if converged or len(chosen_sets) == most:
-            return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
+        if converged or not step or len(chosen_sets) == most:
+            return Relinearised(grams, campaigns, best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
             points = linearisation_points(campaigns, grams, best, 0.5 if swings else 1.0)
         del campaigns, grams  # as large as those that come
 
 
-def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:
-    """Linearise a campaign about a point and whiten it.
+STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)
+"""Shares of a step that are tried, until no sample loses its answer."""
+
+
+def campaigns_at(
+    starts: Sequence[Start], points: Sequence[LinearisationPoint], clock: Clock, *, fixed: bool
+) -> tuple[tuple[CampaignData, ...], float]:
+    """Linearise campaigns about points, or as near to them as no sample loses its answer, and whiten them.
 
     Parameters
     ----------
     fixed : bool
-        Take the noise of the point as it is, and no shapes: nothing is judged by such a linearisation.
+        Take the noise of the points as it is, and no shapes: nothing is judged by such a linearisation.
+
+    Returns
+    -------
+    campaigns : tuple of CampaignData
+    step : float
+        Share of the step to the points that keeps every answer.
     """
+    samples = [with_likely_load(s.samples, at.noise.values) for s, at in zip(starts, points, strict=True)]
+    neutral = {key: e.parameters[i].neutral for s in starts for e, i, key in s.simulation.parameters}
+    for step in STEPS:
+        tried = [at.shortened(step, neutral) for at in points]
+        with clock.stage("linearise"):
+            models = [linearise(s.simulation, x, at.point) for s, x, at in zip(starts, samples, tried, strict=True)]
+        if not any(at.loses(linear) for at, linear in zip(tried, models, strict=True)):
+            break
+    each = zip(starts, samples, models, tried, strict=True)
+    return tuple(_campaign_data(*one, clock, fixed=fixed) for one in each), step
+
+
+def _campaign_data(
+    start: Start, samples: Samples, linear: Linear, at: LinearisationPoint, clock: Clock, *, fixed: bool
+) -> CampaignData:
+    """Whiten a campaign about a point; see `campaigns_at`."""
     variance, noise = at.speed_variance, at.noise
-    samples = with_likely_load(start.samples, noise.values)
-    with clock.stage("linearise"):
-        linear = linearise(start.simulation, samples, at.point)
     with clock.stage("columns"):
         columns = columns_of(start.simulation, samples, linear, variance, catch_all=not fixed)
     if start.noise is None and not fixed:
@@ -310,6 +389,27 @@ def converged_alternative(
         if found.converged:
             return replace(found, chosen_sets=(*moving.chosen_sets, *found.chosen_sets))
     return moving
+
+
+def most_probable(found: Sequence[Relinearised]) -> Relinearised:
+    """Return the one whose explanation is the most probable, by the samples that all of them answer."""
+    each = zip(*(one.campaigns for one in found), strict=True)
+    shared = [np.logical_and.reduce([data.columns.present for data in of_one]) for of_one in each]
+
+    def evidence(one: Relinearised) -> float:
+        campaigns = [_of_samples(data, kept) for data, kept in zip(one.campaigns, shared, strict=True)]
+        return log_evidence(joined_grams(campaigns), one.best.keys)
+
+    return max(found, key=evidence)
+
+
+def _of_samples(data: CampaignData, kept: BoolArray) -> CampaignData:
+    """Return a campaign whitened by some of its measured values only, shape (c, n)."""
+    if (kept == data.columns.present).all():
+        return data
+    columns = replace(data.columns, rows=np.where(kept[..., None], data.columns.rows, 0.0), present=kept)
+    grams = run_grams(data.samples, data.linear, columns, data.noise.values, data.speed_variance)
+    return replace(data, columns=columns, grams=grams)
 
 
 _NOTHING = 1e-8
@@ -382,6 +482,12 @@ class LinearisedCampaign:
         return slice(first, first + len(self.campaigns[index].columns.soil))
 
     @property
+    def linearisation(self) -> Linearisation:
+        """How far it came, and by how many samples."""
+        used = sum(int(data.columns.present.any(axis=0).sum()) for data in self.campaigns)
+        return Linearisation(sum(len(data.samples) for data in self.campaigns), used, self.rounds, self.converged)
+
+    @property
     def noises(self) -> tuple[Noise, ...]:
         """The noise model of each campaign."""
         return tuple(data.noise for data in self.campaigns)
@@ -418,7 +524,7 @@ def linearise_campaigns(
     found = [
         relinearise(starts, [first_point(s, causes) for s in starts], choose, clock) for causes in first_causes(starts)
     ]
-    best_found = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
+    best_found = most_probable(found)
     if not best_found.converged:
         chosen_sets = tuple(dict.fromkeys(keys for f in found for keys in f.chosen_sets))
         best_found = converged_alternative(starts, best_found, chosen_sets, choose, clock)

@@ -187,10 +187,22 @@ def slope_loading(linear: Linear, samples: Samples) -> FloatArray:
 def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
     """Return the variance of the white remainder of each sample, shape (c, n): the channel's own, and the known one."""
     own = np.array([values[named(c, "white")] ** 2 for c in linear.channels])
-    return np.asarray(own[:, None] + known_variance(linear, values, speed_variance))
+    return np.asarray(own[:, None] + known_variance(linear, speed_variance))
 
 
-def known_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+def variance(linear: Linear, samples: Samples, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+    """Return the variance of measured - predicted by the noise model, shape (c, n)."""
+    found = white_variance(linear, values, speed_variance)
+    listed = [(p.deviation, p.loading) for p in processes(linear.channels)]
+    for deviation, how in (*listed, *constants(linear.channels)):
+        found = found + (values[deviation] * loading(linear, samples, how)) ** 2
+    for p in (p for p in processes(linear.channels) if p.has_slope):
+        kept = np.exp(-2.0 * samples.block_s / values[p.time]) if p.time else 0.0
+        found = found + 2.0 * (1.0 - kept) * (values[p.deviation] * slope_loading(linear, samples)) ** 2
+    return found
+
+
+def known_variance(linear: Linear, speed_variance: FloatArray) -> FloatArray:
     """Return what errors of the speed add to the white remainder where a channel bends in it, (f'' P)^2 / 2; (c, n)."""
     return np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
 

@@ -86,7 +86,11 @@ class StateSpace:
         """Return the covariance of the states before any data, shape (S, S)."""
         found = np.diag(self.variance)
         if near := self.neighbours:
-            for one, other, blocks in ((near.later, near.now, 1), (near.now, near.before, 1), (near.later, near.before, 2)):
+            for one, other, blocks in (
+                (near.later, near.now, 1),
+                (near.now, near.before, 1),
+                (near.later, near.before, 2),
+            ):
                 found[one, other] = found[other, one] = near.block_decay**blocks * self.variance[near.now]
         return found
 
@@ -231,9 +235,7 @@ def state_space(
     )
 
 
-def _steps(
-    memories_s: FloatArray, step_s: FloatArray, block_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _steps(memories_s: FloatArray, step_s: FloatArray, block_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the decay of "later", shape (n, L), `Neighbours.shares`, (n, 3, L), and the decay of one block, (L,).
 
     Parameters

@@ -18,7 +18,7 @@ from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.names import chance, family_of, plain_name
-from wheelsoil.wording.notes import step_text
+from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentences_of
 from wheelsoil.workflows.grading import Grade
 
@@ -130,6 +130,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         return Tile(title, *_share(chances.get("none", float("nan"))), "that no cause acts")
     fit = found.adequacy
     why = f"lack of fit {number(fit.statistic)}, threshold {number(fit.threshold)}" if fit else "nothing was decided"
+    why = note_text(found.grounds.barred) if found.grounds.barred else why
     return Tile(title, "none", "", why)
 
 
