@@ -200,6 +200,8 @@ class ProcessedRun:
         Values and one-sigma of channels that no model takes, by the names of their columns; only those measured.
     outboard_mass_kg : float
         As vehicle.toml declares it, 0 where it does not: its inertia is taken off the drawbar pull, its weight is not.
+    outboard_inertia_kgm2 : float
+        The same of the torque.
     """
 
     run: RunInfo
@@ -232,6 +234,7 @@ class ProcessedRun:
     quality: QualityReport
     extras: dict[str, FloatArray] = field(default_factory=dict)
     outboard_mass_kg: float = 0.0
+    outboard_inertia_kgm2: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)

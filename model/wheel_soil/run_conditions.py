@@ -136,7 +136,7 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
     def everywhere(value: float) -> FloatArray:
         return np.broadcast_to(np.float64(value), len(run))
 
-    acceleration = run.ground_acceleration_mps2
+    acceleration, spin = run.ground_acceleration_mps2, run.wheel_acceleration_radps2
     return Conditions(
         slip=np.where(run.used, run.slip, np.nan),
         vertical_load_n=run.vertical_load_n,
@@ -144,7 +144,8 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         wheel_speed_radps=run.wheel_speed_radps,
         ground_acceleration_mps2=acceleration,
         ground_jerk_mps3=np.gradient(acceleration) * run.rate_hz if len(run) > 1 else everywhere(0.0),
-        wheel_acceleration_radps2=run.wheel_acceleration_radps2,
+        wheel_acceleration_radps2=spin,
+        wheel_jerk_radps3=np.gradient(spin) * run.rate_hz if len(run) > 1 else everywhere(0.0),
         line_position=position,
         campaign_time=clock,
         direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),
@@ -153,5 +154,6 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
         ground_speed_shift_s=everywhere(0.0),
         compensated_mass_kg=everywhere(run.outboard_mass_kg),
+        compensated_inertia_kgm2=everywhere(run.outboard_inertia_kgm2),
         outboard_mass_kg=everywhere(run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     )

@@ -188,6 +188,7 @@ def assemble(
         segment=segments,
         reason=reason,
         outboard_mass_kg=wheel.outboard_mass_kg,
+        outboard_inertia_kgm2=wheel.outboard_inertia_kgm2,
         quality=_quality(filtered, slip, segments, stuck, reason, radius_m, options, brakes, notes, pace),
     )
 

@@ -64,7 +64,7 @@ def far(seen: LinearisedCampaign, k_phi: float) -> LinearisationPoint:
     """Return a step in the stiffness of the soil from the last point, in the laboratory's one-sigma."""
     [at] = linearisation_points(seen.campaigns, seen.grams, seen.best)
     last = seen.campaigns[0].linear
-    return replace(at, point=replace(last.point, soil=last.point.soil + k_phi * np.eye(6)[5]))
+    return replace(at, point=replace(last.point, soil=last.point.soil + k_phi * np.eye(len(last.point.soil))[5]))
 
 
 def test_a_step_is_shortened_until_no_sample_is_lost(granular: LinearisedCampaign) -> None:
@@ -75,21 +75,22 @@ def test_a_step_is_shortened_until_no_sample_is_lost(granular: LinearisedCampaig
     for reach in (0.01, 1.6 * (-1.0 - u), -1e3):
         [data], step = campaigns_at(granular.starts, [far(granular, reach)], Clock(), fixed=True)
         assert data.linear.usable.sum() == last.usable.sum() == len(data.samples)
-        np.testing.assert_allclose(data.linear.point.soil, last.point.soil + step * reach * np.eye(6)[5])
+        np.testing.assert_allclose(data.linear.point.soil, last.point.soil + step * reach * np.eye(len(last.point.soil))[5])
         steps.append(step)
     assert steps[0] == 1.0 > steps[1] > steps[2] == 0.0
 
 
 def test_a_shortened_step_moves_everything_alike(granular: LinearisedCampaign) -> None:
     before, after = ({"a": 2.0, "b": 4.0}, {"b": 8.0, "c": 3.0})
-    last = replace(granular.campaigns[0].linear.point, causes=before)
-    point = replace(last, causes=after, soil=last.soil + 1.0, speed_mps=last.speed_mps + 0.4)
+    last = replace(granular.campaigns[0].linear.point, causes=before, acceleration_mps2=0.4)
+    point = replace(last, causes=after, soil=last.soil + 1.0, speed_mps=last.speed_mps + 0.4, acceleration_mps2=0.8)
     at = replace(far(granular, 0.0), before=last, point=point)
     neutral = {"a": 1.0, "b": 0.0, "c": 1.0}
     short = at.shortened(0.25, neutral).point
     assert short.causes == pytest.approx({"a": 1.75, "b": 5.0, "c": 1.5})
     np.testing.assert_allclose(short.soil - last.soil, 0.25)
     np.testing.assert_allclose(short.speed_mps - last.speed_mps, 0.1)
+    assert short.acceleration_mps2 == pytest.approx(0.5)
     assert at.shortened(0.0, neutral).point.causes == before
     assert at.shortened(STEPS[0], neutral) is at
 
@@ -125,6 +126,6 @@ def test_a_start_does_not_win_by_having_fewer_samples() -> None:
 def test_a_set_is_fitted_from_where_no_sample_is_lost(granular: LinearisedCampaign) -> None:
     """A start where k_phi is below 0 is moved towards the laboratory's soil."""
     problem = set_problem(granular.campaigns, granular.grams, ())
-    moved, start = set_fit._answered(problem, -3.0 * np.eye(6)[5])
+    moved, start = set_fit._answered(problem, -3.0 * np.eye(len(granular.grams.soil))[5])
     assert moved.parts[0].frozen.usable.all()
     assert -1.0 < start[5] < 0.0 and start[5] == moved.parts[0].frozen.point.soil[5]
