@@ -75,7 +75,8 @@ def test_a_step_is_shortened_until_no_sample_is_lost(granular: LinearisedCampaig
     for reach in (0.01, 1.6 * (-1.0 - u), -1e3):
         [data], step = campaigns_at(granular.starts, [far(granular, reach)], Clock(), fixed=True)
         assert data.linear.usable.sum() == last.usable.sum() == len(data.samples)
-        np.testing.assert_allclose(data.linear.point.soil, last.point.soil + step * reach * np.eye(len(last.point.soil))[5])
+        stiffer = np.eye(len(last.point.soil))[5]
+        np.testing.assert_allclose(data.linear.point.soil, last.point.soil + step * reach * stiffer)
         steps.append(step)
     assert steps[0] == 1.0 > steps[1] > steps[2] == 0.0
 

@@ -117,7 +117,7 @@ def input_shapes(linear: Linear) -> Iterator[InputShape]:
 
 AMPLITUDE = 0.02
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
-FORM = 0.0015
+FORM_ERROR = 0.0015
 """One-sigma of the error of form of a model that is right: rms over the samples, as a share of the same.
 
 No formula is nature's, no filter the sensor's, no mean over a block the mean of the model. These errors are the same in
@@ -154,7 +154,7 @@ class CatchAll:
     input_heights : array, shape (b,)
         Largest error of an input, m/s or N; NaN for a shape of a channel.
     form : float
-        One-sigma of each shape's coefficient where they are the error of form: of all together it is `FORM`.
+        One-sigma of each shape's coefficient where they are the error of form: of all together it is `FORM_ERROR`.
     of_run : tuple of RunShapes
         Of every run.
     """
@@ -234,7 +234,7 @@ def basis(samples: Samples, linear: Linear) -> Basis:
     shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
     unit = np.array([amplitude_of(samples, channel) for channel in channels])[:, None]
     together = float(np.mean(np.sum((columns[..., np.isnan(heights)] / unit[..., None]) ** 2, axis=-1)))
-    form = FORM / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0
+    form = FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0
     return Basis(CatchAll(shared.shapes, shared.order, heights, runs, float(form)), columns, own, rests)
 
 

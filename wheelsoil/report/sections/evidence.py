@@ -50,8 +50,8 @@ _DIAGONAL = (
 )
 
 _GAIN_NOTE = (
-    "Each run was held out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
-    "likelihood is that of a held-out run, in nats; R₀ alone says nothing about whether a model knows how "
+    "Each run was held out once: the cause was chosen, and soil and cause fitted, on the others; the noise model "
+    "knows all. The log likelihood is that of a held-out run, in nats; R₀ alone says nothing about whether a model knows how "
     "uncertain it is."
 )
 _GAIN_READING = (

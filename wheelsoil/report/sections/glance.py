@@ -17,6 +17,7 @@ from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, bia
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
+from wheelsoil.wording.diagnosis_text import COVERED
 from wheelsoil.wording.names import chance, family_of, plain_name
 from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentences_of
@@ -84,7 +85,7 @@ def _error_tile(material: ReportInputs) -> Tile:
     factor, unit = in_page_unit(gain.channel)
     before, after = (factor * scores[gain.channel].R0 for scores in (gain.base, gain.extended))
     low, high = gain.interval95
-    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %"] if isfinite(low) else []
+    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
     others = [one for one in gain.base if one != gain.channel and one in gain.extended]
     notes += [_errors_of(gain, one) for one in others]
     change = f"{signed(-gain.reduction_percent, '+.0f')} %" if isfinite(gain.reduction_percent) else ""
