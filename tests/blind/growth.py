@@ -177,7 +177,7 @@ def stays_right(lines: Sequence[Line]) -> bool:
 def contains_true_value(line: Line) -> bool:
     """Return whether the interval of the hidden parameter holds its true value; False where it is not stated."""
     hidden = CAMPAIGNS[line["seed"]]
-    for cause in line["causes"] if line["verdict"] == "named" else ():
+    for cause in line["causes"]:
         for one in cause["parameters"]:
             low, high = (float("nan") if x is None else x for x in one["interval95"])
             same = cause["name"] == hidden.family and cause["form"] in ("", hidden.key)

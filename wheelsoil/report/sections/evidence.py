@@ -51,8 +51,8 @@ _DIAGONAL = (
 
 _GAIN_NOTE = (
     "Each run was held out once: the cause was chosen, and soil and cause fitted, on the others; the noise model "
-    "knows all. The log likelihood is that of a held-out run, in nats; R₀ alone says nothing about whether a model knows how "
-    "uncertain it is."
+    "knows all. The log likelihood is that of a held-out run, in nats; R₀ alone says nothing about whether a model "
+    "knows how uncertain it is."
 )
 _GAIN_READING = (
     "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on "
