@@ -11,8 +11,10 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.core.result import Adequacy, Candidate, Finding, ParameterEstimate
+from daq import Note
+from model.diagnosis.core.result import Adequacy, Candidate, Finding, Grounds, ParameterEstimate
 from model.diagnosis.core.shapes import Rows
+from model.notes import LackCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 from wheelsoil.wording.verdict import sentence_of
@@ -114,7 +116,8 @@ def test_the_sum_of_lyaskos_parameters_says_what_it_is():
 
 
 def test_an_empty_score_and_no_convergence_are_said():
-    found = replace(diagnosis("unexplained"), adequacy=Adequacy(np.nan, np.nan, ok=False))
+    grounds = Grounds(barred=Note(LackCode.NOTHING_JUDGED))
+    found = replace(diagnosis("unexplained"), adequacy=Adequacy(np.nan, np.nan, ok=False), grounds=grounds)
     text = squeezed(text_of(found))
     assert "Lack of fit: not known." in text and "nan" not in text
     assert "The linearisation did not converge in 5 iterations." in text
