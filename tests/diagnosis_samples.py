@@ -18,6 +18,7 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Inconsistent,
+    Linearisation,
     NextRun,
     ParameterEstimate,
     PlotData,
@@ -113,6 +114,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
         ),
         inconsistent=(Inconsistent("driving_torque", 14, BROKEN_BOUND),),
         adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
+        linearisation=Linearisation(1214, 1210, 5, converged=verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={
             "vasilev": Detectable("H_m", 0.012, "m"),

@@ -132,6 +132,8 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     lost = again(0.6)
     assert lost.verdict == "one_of" and lost.families == ("slip_sinkage", "stress_peak_shift", "torque_zero")
     assert lost.barred is not None and lost.barred.code == LackCode.PEAK_MAY_SHIFT
+    both = again(0.6, Judgement("named", ("slip_sinkage", "stress_peak_shift")))
+    assert both.families == ("slip_sinkage", "stress_peak_shift")
     for kept in (Judgement("named", ("torque_zero",)), Judgement("one_of", families)):
         assert again(0.0, kept) == kept
 

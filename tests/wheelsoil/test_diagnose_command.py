@@ -60,6 +60,12 @@ def check_shape(found: dict[str, Any]) -> None:
         assert set(item) == {"channel", "rows", "why", "lines", "slips"}
     if found["adequacy"] is not None:
         assert set(found["adequacy"]) == {"statistic", "threshold", "ok"}
+    if found["linearisation"] is not None:
+        assert set(found["linearisation"]) == {"samples", "used", "iterations", "converged"}
+        assert 0 < found["linearisation"]["used"] <= found["linearisation"]["samples"]
+        assert set(found["gain"]["expected_R0"]) <= {"dp", "t", "z"} if found["gain"] else True
+    if found["reason"] is not None:
+        assert set(found["reason"]) == {"code", "text", "values"}
     if found["proposal"] is not None:
         assert {"formula", "gain"} <= set(found["proposal"])
     for least in found["minimum_detectable"].values():

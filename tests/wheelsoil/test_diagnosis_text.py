@@ -11,8 +11,10 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.core.result import Candidate, Finding, ParameterEstimate
+from daq import Note
+from model.diagnosis.core.result import Adequacy, Candidate, Finding, Grounds, ParameterEstimate
 from model.diagnosis.core.shapes import Rows
+from model.notes import LackCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 from wheelsoil.wording.verdict import sentence_of
@@ -63,6 +65,7 @@ def test_everything_is_said():
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
         "Lack of fit 1.03, threshold 1.77: the best explanation leaves no more than noise",
+        "Samples used: 1210 of 1214. The linearisation converged after 5 iterations.",
         "Not detectable (1) slope: all runs go one way",
         "Detectable, not identifiable (1) speed bias: all runs go one way",
         "speed bias * offset_mps 0.02 m/s",
@@ -112,11 +115,20 @@ def test_the_sum_of_lyaskos_parameters_says_what_it_is():
     assert "p = m1 + m2 0.970 0.6" in squeezed(text_of(replace(found, causes=(lyasko,))))
 
 
+def test_an_empty_score_and_no_convergence_are_said():
+    grounds = Grounds(barred=Note(LackCode.NOTHING_JUDGED))
+    found = replace(diagnosis("unexplained"), adequacy=Adequacy(np.nan, np.nan, ok=False), grounds=grounds)
+    text = squeezed(text_of(found))
+    assert "Lack of fit: not known." in text and "nan" not in text
+    assert "The linearisation did not converge in 5 iterations." in text
+
+
 def test_what_is_not_there_is_not_spoken_of():
     bare = replace(
         diagnosis("nothing_detectable"),
         gain=None,
         adequacy=None,
+        linearisation=None,
         what_is_wrong=(),
         inconsistent=(),
         next_run=(),
