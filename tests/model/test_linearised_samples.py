@@ -19,14 +19,13 @@ from model.diagnosis.time_series import diagnosis
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.evidence import SetEstimate, estimate, log_evidence
+from model.diagnosis.time_series.linearisation_point import LinearisationPoint, linearisation_points
 from model.diagnosis.time_series.linearised_campaign import (
     STEPS,
-    LinearisationPoint,
     LinearisedCampaign,
     Relinearised,
     campaigns_at,
     joined_grams,
-    linearisation_points,
     most_probable,
     relinearise,
 )

@@ -17,11 +17,11 @@ from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.findings.held_out import bagged
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate, best_set
+from model.diagnosis.time_series.linearisation_point import linearisation_points
 from model.diagnosis.time_series.linearised_campaign import (
     LinearisedCampaign,
     campaigns_at,
     joined_grams,
-    linearisation_points,
 )
 from model.effects.catalogue import EFFECTS
 

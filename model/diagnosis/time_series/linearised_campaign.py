@@ -12,9 +12,6 @@ with W and e two first-order Markov processes: e that of the noise model, W what
 Source: regression calibration; Carroll, Ruppert, Stefanski & Crainiceanu (2006), Measurement Error in Nonlinear Models,
 ch. 4.
 
-**Linearisation point.** The next one is at the most probable soil and causes, with the ground speed that goes with
-them.
-
 **Where the iteration does not converge.**
 Cross products about one explanation weigh all others by a straight line from there. Where the explanation itself is far
 from straight (an angle behind the wheel grows with the root of its parameter), its size moves with every iteration, and
@@ -37,7 +34,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, Note
+from daq import BoolArray, Note
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
@@ -46,12 +43,12 @@ from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
-from model.diagnosis.time_series.linearise import DELAY, Linear, Point, linearise
+from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
+from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
-from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
-from model.wheel_soil.conditions import Conditions
+from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -101,124 +98,6 @@ def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
         conditions=replace(samples.conditions, vertical_load_n=measured + shift),
         instants=replace(samples.instants, vertical_load_n=samples.instants.vertical_load_n + shift),
     )
-
-
-_LONGEST_STEP = 2.0
-"""Of the soil, in the laboratory's one-sigma."""
-_FARTHEST = 3.5
-"""Times its one-sigma that the ground speed is off: a sample that asks for more is an outlier, not to be followed."""
-
-
-@dataclass(frozen=True)
-class LinearisationPoint:
-    """Point of linearisation, its noise model, and the variance of the ground speed there.
-
-    Attributes
-    ----------
-    before : Point or None
-        From which the step to the point is taken.
-    answered : bool array, shape (n,), optional
-        Samples for which the model has an answer at `before`.
-    """
-
-    point: Point
-    noise: Noise
-    speed_variance: FloatArray
-    before: Point | None = None
-    answered: BoolArray | None = None
-
-    def shortened(self, step: float, neutral: Mapping[str, float]) -> LinearisationPoint:
-        """Return the point at a share of the step; `neutral` by each cause's name in the model."""
-        if self.before is None or step == 1.0:
-            return self
-        old, new = self.before, self.point
-        causes = {
-            key: (1.0 - step) * old.causes.get(key, neutral[key]) + step * new.causes.get(key, neutral[key])
-            for key in (old.causes | new.causes if step else old.causes)
-        }
-        pairs = ((getattr(old, name), getattr(new, name)) for name in ("soil", "speed_mps", "acceleration_mps2"))
-        soil, speed, acceleration = (a + step * (b - a) for a, b in pairs)
-        return replace(self, point=Point(soil, causes, speed, acceleration))
-
-    def loses(self, linear: Linear) -> bool:
-        """Return whether a model about the point has no answer where that before had one."""
-        return self.answered is not None and bool((self.answered & ~linear.usable).any())
-
-
-def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
-    """Return the laboratory's soil with the given causes, and the noise of the prior."""
-    samples = start.samples
-    noise = start.noise or Noise({name: b.centre for name, b in hyper_priors(samples).items()})
-    variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
-    point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
-    return LinearisationPoint(point, noise, np.full(len(samples), variance))
-
-
-def linearisation_points(
-    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate, step: float = 1.0
-) -> list[LinearisationPoint]:
-    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them.
-
-    Parameters
-    ----------
-    step : float
-        Share of the way from the points of now.
-    """
-    found = []
-    soil_at = 0
-    for data in campaigns:
-        own = len(data.columns.soil)
-        soil = best.soil[soil_at : soil_at + own]
-        soil_at += own
-        coefficient = {
-            (c.key, c.parameter): float(x) for c, x in zip(grams.causes, best.coefficients, strict=True) if x != 0.0
-        }
-        scale = {(c.key, c.parameter): c.scale for c in grams.causes}
-        causes, at = {}, np.zeros(len(data.columns.causes))
-        for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
-            size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
-            size = (1.0 - step) * (data.linear.point.causes.get(name, c.neutral) - c.neutral) + step * size
-            if size != 0.0:
-                causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
-                at[i] = size / c.scale
-        soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        *estimated, variance = _speed(data, soil, at)
-        by_line, moved = _moved_speed(data, causes)
-        last = data.linear.point
-        before = np.stack(np.broadcast_arrays(last.speed_mps, last.acceleration_mps2))
-        speed, acceleration = (1.0 - step) * before + step * (np.stack(estimated) + by_line) - moved
-        noise = data.noise.values
-        farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
-        point = Point(soil, causes, np.clip(speed, -farthest, farthest), acceleration)
-        found.append(LinearisationPoint(point, data.noise, variance, before=last, answered=data.linear.usable))
-    return found
-
-
-def _moved_speed(data: CampaignData, causes: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    """Return by how much ground speed and acceleration move with the delay, by the columns' line and truly; (2, n).
-
-    The next point is at the ground speed that was estimated, so that its error is what that leaves of the moved one:
-    of another moment, the measured speed has another error.
-    """
-    old, new = (c.get(DELAY, 0.0) for c in (data.linear.point.causes, causes))
-    before, after = (_speed_and_slope(data.samples.with_delay(x).conditions) for x in (old, new))
-    at = data.linear.conditions
-    line = np.stack([np.asarray(at.ground_acceleration_mps2), np.asarray(at.ground_jerk_mps3)])
-    return (new - old) * line, after - before
-
-
-def _speed_and_slope(at: Conditions) -> FloatArray:
-    return np.stack([np.asarray(at.ground_speed_mps), np.asarray(at.ground_acceleration_mps2)])
-
-
-def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the smoothed error of the ground speed under a soil and causes, its slope, and its variance."""
-    columns = data.columns
-    shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
-    by_run = data.grams.constants @ shared
-    scale = np.array([data.noise.values[name] for name in columns.constants])
-    coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
-    return smoothed_speed(data.samples, data.linear, columns, data.noise.values, data.speed_variance, coefficients)
 
 
 MOST_ROUNDS, _FREE_ROUNDS = 8, 2
