@@ -144,7 +144,7 @@ def test_a_diagnosis_opens_in_arviz_beside_its_prior(diagnosis: Diagnosis) -> No
     assert set(diagnosis.information.soil) < set(posterior.data_vars) and diagnosis.information.about
     assert all(posterior[name].attrs["units"] for name in posterior.data_vars)
     narrower = [float(posterior[name].std() / prior[name].std()) for name in posterior.data_vars]
-    assert max(narrower) < 1.1 and min(narrower) < 0.2
+    assert max(narrower) < 1.1 and min(narrower) < 0.25
     with pytest.raises(DataError, match="no linear model"):
         replace(diagnosis, information=None).to_inference_data()
 
