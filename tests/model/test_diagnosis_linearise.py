@@ -12,6 +12,7 @@ from model.diagnosis.core.campaign import considered
 from model.diagnosis.time_series.linearise import (
     LATE_WHEEL,
     SECANT_SHARE,
+    SENSORS,
     Linear,
     Point,
     Simulation,
@@ -104,7 +105,7 @@ def test_the_speed_moves_both_channels_through_the_slip(about: tuple[Simulation,
 
 def test_the_value_is_that_of_the_mean_of_three_instants(about: tuple[Simulation, Samples, Linear]) -> None:
     simulation, samples, linear = about
-    late = linear.soil[..., -len(LATE_WHEEL) :] @ linear.point.soil[-len(LATE_WHEEL) :]
+    late = linear.soil[..., -len(SENSORS) :] @ linear.point.soil[-len(SENSORS) :]
     assert np.array_equal(linear.value, simulated(simulation, samples, linear.point) + late)
     plain = said(about, linear.point.soil, linear.point.causes)
     assert 1.0 < np.std(linear.value[0] - late[0] - plain[0]) < 60.0
@@ -134,7 +135,7 @@ def test_the_soils_coordinates_are_independent_and_of_unit_variance() -> None:
     correlation[4, 5] = correlation[5, 4] = -0.9
     sigma = np.sqrt(wide)
     known = soil_space(SoilPrior(prior.mean, correlation * np.outer(sigma, sigma), "test"))
-    assert len(known) == 5 + len(LATE_WHEEL)
+    assert len(known) == 5 + len(SENSORS)
     assert "cohesion_pa" not in known.labels
     jacobian = known.jacobian(np.zeros(len(known)))
     assert np.allclose(jacobian @ jacobian.T, correlation * np.outer(sigma, sigma))
@@ -160,7 +161,7 @@ def test_a_late_wheel_speed_acts_by_the_slip_and_by_the_compensated_inertia(
 def test_what_waits_for_an_edge_is_later_the_slower_the_wheel(about: tuple[Simulation, Samples, Linear]) -> None:
     linear = about[2]
     omega = np.asarray(linear.conditions.wheel_speed_radps)
-    by_time, by_angle = np.moveaxis(linear.soil[0][:, -2:] / list(LATE_WHEEL.values()), -1, 0)
+    by_time, by_angle = np.moveaxis(linear.soil[0][:, -3:-1] / list(LATE_WHEEL.values()), -1, 0)
     assert np.allclose(by_angle, by_time * (1.0 / omega - 1.0 / np.median(omega)))
     assert np.ptp(omega) > 0.5
 

@@ -11,7 +11,7 @@ from short_campaign import driven, looked
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
-from model.diagnosis.time_series.linearise import LATE_WHEEL
+from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
@@ -140,7 +140,7 @@ def test_campaigns_share_their_causes_and_not_their_soils() -> None:
     both = [simulated_campaign(soil, runs=RUNS, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
     seen = linearise_campaigns(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
     assert seen.grams.matrices.shape[0] == 2 * RUNS
-    own = 6 + len(LATE_WHEEL)
+    own = 6 + len(SENSORS)
     assert len(seen.grams.soil) == 2 * own
     assert seen.grams.soil[0] == "clay 0: cohesion_pa"
     assert seen.grams.run_names[-1] == f"sandy 0: run-{RUNS}"

@@ -210,7 +210,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     head = ["held out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
     rows = score_rows(gain, number)
     return [
-        "Gain on held-out data: neither the choice of the cause nor the fit used them, the noise model did",
+        "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
         *wrapped(gain_text(gain), width, "  "),
     ]
@@ -233,7 +233,7 @@ def score_rows(gain: Gain, number: Callable[[float, int], str]) -> list[list[str
     ]
 
 
-COVERED = "of few runs it covers 90 %"
+COVERED = "covers 90 % where runs are few"
 """Of the interval of a gain: measured by studies/gain_interval on 200 campaigns."""
 
 
@@ -242,12 +242,13 @@ def gain_text(gain: Gain) -> str:
     if nothing_chosen(gain):
         return NO_GAIN
     how, low, high = reduction(gain)
-    within = f" (95 %: {number(low, 3)} to {number(high, 3)} %; {COVERED})" if isfinite(low) and isfinite(high) else ""
+    within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
         f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
+        + (f" The interval {COVERED}." if within else "")
     )
 
 

@@ -228,7 +228,8 @@ def fit_set(
 
     Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since
     it may have stuck to its bound; and for a latency at several, since false ones confirm themselves. The cheapest is
-    kept, and what whitens renewed there.
+    kept, and what whitens renewed there. The set about which was linearised is estimated with the error of form in
+    mind; what others leave is no error of form.
 
     Parameters
     ----------
@@ -253,10 +254,12 @@ def fit_set(
             found = min(found, _solved(problem, tried.estimate), key=lambda result: result.cost)
     problem = problem.refrozen(found.estimate)
     last = _solved(problem, found.estimate)
+    about_itself = set(keys) == set(linearised.best.keys)
+    shift = _form_shift(linearised.grams, keys) if about_itself else 0.0
     return SetFit(
         keys=keys,
         problem=problem,
-        estimate=np.clip(last.estimate + _form_shift(linearised.grams, keys), lower, upper),
+        estimate=np.clip(last.estimate + shift, lower, upper),
         at_bound=last.at_bound,
         cost=last.cost,
     )

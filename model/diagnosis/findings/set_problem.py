@@ -17,7 +17,7 @@ from daq import FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.linearise import (
-    LATE_WHEEL,
+    SENSORS,
     Linear,
     Point,
     Simulation,
@@ -77,11 +77,11 @@ class Part:
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
         found = derivatives(self.simulation, at_speed(samples, point), values, frozen.channels)
-        late = frozen.soil[..., -len(LATE_WHEEL) :]
-        by_soil = self.simulation.space.columns(found["soil"], late, point.soil)
+        by_sensors = frozen.soil[..., -len(SENSORS) :]
+        by_soil = self.simulation.space.columns(found["soil"], by_sensors, point.soil)
         rest_value, rest_causes = at_rest(self.simulation, samples, values)
         value = found["value"] + frozen.value - frozen.centre
-        value = value + late @ (point.soil - frozen.point.soil)[-len(LATE_WHEEL) :]
+        value = value + by_sensors @ (point.soil - frozen.point.soil)[-len(SENSORS) :]
         return replace(
             frozen,
             point=point,

@@ -33,6 +33,8 @@ A toothed ring tells its speed only when an edge comes: the slower the wheel, th
 right at a typical speed. Ring and bus are the same in every run: as one value a run, independent of the others, their
 delay would be known ever better by more runs, and be taken for a misfit.
 """
+SENSORS = {**LATE_WHEEL, "sinkage_zero_m": 0.01}
+"""One-sigma of what is unknown of sensors, is the same in every run, and is no cause of the library."""
 _LEAST_RADPS = 0.3
 _LOGARITHMIC_UP_TO = 0.5
 """Relative one-sigma up to which a positive parameter is moved by factors instead of by steps: it stays positive."""
@@ -43,7 +45,7 @@ _NOTHING = 1e-12
 class SoilSpace:
     """x = mean + R u, or mean exp(R u) where logarithmic; u ~ N(0, I).
 
-    The last coordinates move no parameter of the soil: they are `LATE_WHEEL`, as unknown in every campaign.
+    The last coordinates move no parameter of the soil: they are `SENSORS`, unknown in every campaign.
 
     Attributes
     ----------
@@ -73,10 +75,10 @@ class SoilSpace:
         at = np.array(list(self.values(u).values()))
         return np.where(self.logarithmic, at, 1.0)[:, None] * self.root
 
-    def columns(self, by_soil: FloatArray, late: FloatArray, u: FloatArray) -> FloatArray:
-        """Return derivatives by u, shape (c, n, q), from those by the parameters, (c, n, 6), and `late_wheel`'s."""
+    def columns(self, by_soil: FloatArray, by_sensors: FloatArray, u: FloatArray) -> FloatArray:
+        """Return derivatives by u, shape (c, n, q), from those by the parameters, (c, n, 6), and by `SENSORS`."""
         found = by_soil @ self.jacobian(u)
-        found[..., -len(LATE_WHEEL) :] = late
+        found[..., -len(SENSORS) :] = by_sensors
         return np.asarray(found)
 
 
@@ -90,9 +92,9 @@ def soil_space(prior: SoilPrior) -> SoilSpace:
     known = np.flatnonzero(scaled > _NOTHING)
     correlation = prior.covariance[np.ix_(known, known)] / np.outer(sigma[known], sigma[known])
     root, kept = _triangle(correlation)
-    full = np.zeros((len(sigma), len(kept) + len(LATE_WHEEL)))
+    full = np.zeros((len(sigma), len(kept) + len(SENSORS)))
     full[known, : len(kept)] = scaled[known, None] * root
-    return SoilSpace(prior.mean, logarithmic, full, (*(SOIL_PARAMETERS[known[i]] for i in kept), *LATE_WHEEL))
+    return SoilSpace(prior.mean, logarithmic, full, (*(SOIL_PARAMETERS[known[i]] for i in kept), *SENSORS))
 
 
 def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
@@ -259,7 +261,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     centre, causes = found["value"], found["causes"]
     for i, (by, share) in zip(secants, moved, strict=True):
         causes[..., i] = (by - centre) / share
-    by_soil, late = found["soil"], late_wheel(conditions, found["speed"], channels)
+    by_soil, by_sensors = found["soil"], _by_sensors(conditions, found["speed"], channels)
     rest_value, rest_causes = at_rest(simulation, samples, values)
     sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
@@ -267,13 +269,13 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         channels=channels,
         point=point,
         conditions=conditions,
-        value=value + late @ point.soil[-len(LATE_WHEEL) :],
+        value=value + by_sensors @ point.soil[-len(SENSORS) :],
         centre=centre,
         speed=found["speed"],
         curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
         load=found["load"],
         acceleration=_of_acceleration(found["acceleration"], conditions, channels),
-        soil=simulation.space.columns(by_soil, late, point.soil),
+        soil=simulation.space.columns(by_soil, by_sensors, point.soil),
         causes=causes,
         stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
         + at["frictional_modulus"] * soil["frictional_modulus"],
@@ -289,6 +291,14 @@ def _of_acceleration(by_model: FloatArray, conditions: Conditions, channels: Seq
     """Return what an error of the acceleration does to model less measurement: its mass is added to the latter."""
     mass = np.array([1.0 if c == "dp" else 0.0 for c in channels])[:, None] * conditions.compensated_mass_kg
     return np.asarray(np.nan_to_num(by_model) - mass)
+
+
+def _by_sensors(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
+    """Return what each of `SENSORS` does to each channel, shape (c, n, 3), per one-sigma."""
+    zero = np.zeros((*speed.shape, 1))
+    if "z" in channels:
+        zero[channels.index("z")] = SENSORS["sinkage_zero_m"]
+    return np.concatenate([late_wheel(conditions, speed, channels), zero], axis=-1)
 
 
 def late_wheel(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
