@@ -106,7 +106,7 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
         For the threshold.
     """
     left = left_over(grams, keys)
-    if not left.score.size:
+    if not left.information.any():
         return Adequacy(float("nan"), float("nan"), ok=False)
     spread = _spread(grams, left.information)
     kinds = [_kind(left.information, spread, shapes) for shapes in _kinds(grams.all_shapes()[0])]
