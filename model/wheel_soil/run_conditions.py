@@ -136,16 +136,18 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
     def everywhere(value: float) -> FloatArray:
         return np.broadcast_to(np.float64(value), len(run))
 
-    acceleration, spin = run.ground_acceleration_mps2, run.wheel_acceleration_radps2
+    def slope(x: FloatArray) -> FloatArray:
+        return np.gradient(x) * run.rate_hz if len(run) > 1 else everywhere(0.0)
+
     return Conditions(
         slip=np.where(run.used, run.slip, np.nan),
         vertical_load_n=run.vertical_load_n,
         ground_speed_mps=run.ground_speed_mps,
         wheel_speed_radps=run.wheel_speed_radps,
-        ground_acceleration_mps2=acceleration,
-        ground_jerk_mps3=np.gradient(acceleration) * run.rate_hz if len(run) > 1 else everywhere(0.0),
-        wheel_acceleration_radps2=spin,
-        wheel_jerk_radps3=np.gradient(spin) * run.rate_hz if len(run) > 1 else everywhere(0.0),
+        ground_acceleration_mps2=run.ground_acceleration_mps2,
+        ground_jerk_mps3=slope(run.ground_acceleration_mps2),
+        wheel_acceleration_radps2=run.wheel_acceleration_radps2,
+        wheel_jerk_radps3=slope(run.wheel_acceleration_radps2),
         line_position=position,
         campaign_time=clock,
         direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),

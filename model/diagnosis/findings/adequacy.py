@@ -24,7 +24,7 @@ simulated there. A statistic is that height over its one-sigma by the noise mode
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -122,12 +122,12 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
 def _ratios(grams: Grams, keys: tuple[str, ...], left: LeftOver, kinds: Sequence[_Kind]) -> list[float]:
     """Return T of each kind over its far quantile and what the causes' formulas may miss."""
     before = left_over(grams)
-    spread = _spread(grams, before.information)
     form = FORM / max(len(keys), 1)
     ratios = []
     for kind in kinds:
         found = float(kind.statistic(left.score))
-        explained = float(_kind(before.information, spread, kind.shapes).statistic(before.score)) - found
+        alone = replace(kind, inverse=_inverse(before.information, kind.shapes))
+        explained = float(alone.statistic(before.score)) - found
         ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
     return ratios
 
@@ -198,9 +198,12 @@ def _spread(grams: Grams, information: FloatArray) -> FloatArray:
     return information + grams.form**2 * information[:, shared] @ information[shared]
 
 
+def _inverse(information: FloatArray, shapes: IndexArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(np.eye(shapes.size) + information[np.ix_(shapes, shapes)]))
+
+
 def _kind(information: FloatArray, spread: FloatArray, shapes: IndexArray) -> _Kind:
-    own = information[np.ix_(shapes, shapes)]
-    inverse = np.asarray(np.linalg.inv(np.eye(shapes.size) + own))
+    inverse = _inverse(information, shapes)
     weights = inverse @ spread[np.ix_(shapes, shapes)]
     mean, variance = float(np.trace(weights)), 2.0 * float(np.sum(weights * weights.T))
     shape = mean**2 / max(variance, 1e-12)

@@ -218,8 +218,7 @@ class Grams:
         total : array, shape (1 + q + k + all shapes, same)
         """
         start, shared = self.cause_columns.stop, len(self.basis)
-        ranks = np.concatenate([self._order, *(one.shapes.order for one in self.own)])
-        place = start + np.argsort(np.argsort(ranks))
+        place = start + self._places
         shapes = (*self.basis, *(shape for one in self.own for shape in one.shapes.shapes))
         total = np.zeros((start + len(shapes),) * 2)
         kept = np.r_[np.arange(start), place[:shared]]
@@ -231,17 +230,19 @@ class Grams:
             total[np.ix_(kept, rows)] = one.across.T
             total[np.ix_(rows, rows)] = one.inner
             at += len(one.inner)
-        return tuple(shapes[i] for i in np.argsort(ranks)), total
+        return tuple(shapes[i] for i in np.argsort(self._places)), total
 
     @property
     def shared_places(self) -> IndexArray:
         """Places of the b shapes that every run may show among all, by rank; shape (b,)."""
-        ranks = np.concatenate([self._order, *(one.shapes.order for one in self.own)])
-        return np.argsort(np.argsort(ranks))[: len(self.basis)]
+        return self._places[: len(self.basis)]
 
     @property
-    def _order(self) -> IndexArray:
-        return np.arange(len(self.basis)) if self.order is None else self.order
+    def _places(self) -> IndexArray:
+        """Places of all shapes by rank: the shared ones, then those of single runs."""
+        order = np.arange(len(self.basis)) if self.order is None else self.order
+        ranks = np.concatenate([order, *(one.shapes.order for one in self.own)])
+        return np.argsort(np.argsort(ranks))
 
 
 @dataclass(frozen=True)
