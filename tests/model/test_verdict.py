@@ -188,9 +188,13 @@ def test_nothing_to_judge_by_explains_nothing(grams: Grams) -> None:
     assert judgement(made(grams, {(): 1.0}), POOR, gain(0.0), converged=False).barred is None
 
 
-@pytest.mark.parametrize(("error", "more"), [(149.9, False), (150.1, True), (np.nan, True)])
-def test_soil_and_noise_explain_no_more_than_they_give(grams: Grams, error: float, more: bool) -> None:
-    known = replace(gain(-1.0), expected={"t": 50.0, "dp": 100.0})
+@pytest.mark.parametrize(
+    ("runs", "error", "more"),
+    # Of few runs: sqrt(q / 2n), q the 99.9 % quantile of chi-square with 2n degrees of freedom (26.12 for n = 4).
+    [(24, 149.9, False), (24, 150.1, True), (24, np.nan, True), (4, 180.5, False), (4, 180.9, True), (4, np.nan, True)],
+)
+def test_soil_and_noise_explain_no_more_than_they_give(grams: Grams, runs: int, error: float, more: bool) -> None:
+    known = replace(gain(-1.0), expected={"t": 50.0, "dp": 100.0}, chosen=(("a",),) * runs)
     known = replace(known, base={**known.base, "dp": replace(known.base["dp"], R0=error)})
     for chances in ({(): 0.9, ("a",): 0.1}, {(): 0.06, ("a",): 0.94}):
         said = judgement(made(grams, chances), FINE, known)

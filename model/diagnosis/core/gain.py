@@ -60,6 +60,10 @@ class HeldOutPrediction:
         """Return the sum of squared errors that soil and noise would give."""
         return float(self.variance[channel][self._known(channel)].sum())
 
+    def measures(self, channel: str) -> bool:
+        """Return whether a run has a value of the channel that errors are of."""
+        return channel in self.variance and bool(np.isfinite(self.measured[channel][self.judged]).any())
+
     def _known(self, channel: str) -> BoolArray:
         return self.judged & np.isfinite(self.measured[channel] - self.predicted[channel])
 
@@ -100,7 +104,7 @@ def gain_of(
         chosen=tuple(chosen),
         channel=channel,
         reductions=reductions,
-        expected={c: _expected(base, c) for c in channels if any(c in fold.variance for fold in base)},
+        expected={c: _expected(base, c) for c in channels if any(fold.measures(c) for fold in base)},
     )
 
 

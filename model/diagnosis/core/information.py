@@ -21,7 +21,7 @@ class Information:
     Attributes
     ----------
     soil : tuple of q str
-        Coordinates of the soil, each N(0, 1) by the laboratory; counted from its values.
+        Coordinates of the soil, each N(0, 1) by the laboratory and counted from its values, and of sensors' errors.
     effects, parameters, units : tuple of k str
         Of the causes' columns: the effect's key, its parameter, the parameter's unit.
     scales, neutrals : tuple of k float
@@ -48,10 +48,10 @@ class Information:
     about: tuple[str, ...]
 
     def posterior_and_prior(self) -> tuple[Normal, Normal]:
-        """Return the soil, in one-sigma of its laboratory, and the causes of `about`, each as ``effect.parameter``."""
+        """Return the soil, in one-sigma of its prior, and the causes of `about`, each as ``effect.parameter``."""
         q = len(self.soil)
         causes = [i for i, key in enumerate(self.effects) if key in self.about]
-        units = dict.fromkeys(self.soil, "laboratory's one-sigma")
+        units = dict.fromkeys(self.soil, "prior one-sigma")
         units |= {f"{self.effects[i]}.{self.parameters[i]}": self.units[i] for i in causes}
         neutral = np.array([0.0] * q + [self.neutrals[i] for i in causes])
         scale = np.diag([1.0] * q + [self.scales[i] for i in causes])

@@ -3,7 +3,7 @@
 1. Lack of fit above its threshold, or nothing to judge it by, or no convergence of the linearisation: `unexplained`.
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
    held-out runs any better: `nothing_detectable`; but `unexplained` where the held-out error of a channel is more than
-   `MOST_ERROR` times what soil and noise give.
+   `MOST_ERROR` times what soil and noise give, and more than few runs show by chance.
 3. A family above `name_at` is `named` where
 
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`;
@@ -29,6 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from daq import Note
 from model.diagnosis.core.hypotheses import Posterior, nearest_rival, short_set
@@ -44,6 +45,8 @@ LEAST_NATS = 3.0
 """Rise of the held-out log score that a name needs."""
 MOST_ERROR = 1.5
 """Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
+_OF_A_RUN, _BY_CHANCE = 2.0, 0.999
+"""Errors that a held-out run is worth, and how certainly few of them have to exceed `MOST_ERROR`."""
 REMAINDER = 0.5
 """Share of the smaller of two causes below which what they leave together is a small remainder."""
 
@@ -120,9 +123,13 @@ def one_of(found: Posterior, barred: Note | None) -> Judgement:
 
 def _more_than_noise(gain: Gain | None) -> Note | None:
     """Return which held-out error soil and noise do not explain; None where they do, or none is known."""
-    for channel, expected in gain.expected.items() if gain else ():
-        error = gain.base[channel].R0 if gain else 0.0
-        if not error <= MOST_ERROR * expected:
+    if gain is None:
+        return None
+    errors = _OF_A_RUN * len(gain.chosen)
+    most = max(MOST_ERROR, float(np.sqrt(chdtri(errors, 1.0 - _BY_CHANCE) / errors)))
+    for channel, expected in gain.expected.items():
+        error = gain.base[channel].R0
+        if not error <= most * expected:
             return Note(LackCode.MORE_THAN_NOISE, values={"channel": channel, "error": error, "expected": expected})
     return None
 

@@ -170,11 +170,11 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     both, left = np.r_[causes, shared], grams.total - taken
     inverse = np.linalg.inv(np.eye(both.size) + left[np.ix_(both, both)])
     kept = np.arange(causes.size, both.size)
-    known = float(np.trace(inverse[np.ix_(kept, kept)]))
-    expected = kept.size - known
+    known = np.diag(inverse)[kept]
+    expected = kept.size - float(known.sum())
     across, inner = grams.total[np.ix_(causes, shared)], grams.total[np.ix_(causes, causes)] + np.eye(causes.size)
-    information = np.trace(grams.total[np.ix_(shared, shared)] - across.T @ np.linalg.solve(inner, across))
-    expected += grams.form**2 * (float(information) - kept.size + known)
+    information = np.diag(grams.total[np.ix_(shared, shared)] - across.T @ np.linalg.solve(inner, across))
+    expected += float(np.sum(np.square(grams.form) * (information - 1.0 + known)))
     expected += sum(one.freedom for one in own) - float(np.sum(inverse * spread[np.ix_(both, both)]))
     without = grams.total[causes, 0] @ np.linalg.solve(
         np.eye(causes.size) + grams.total[np.ix_(causes, causes)], grams.total[causes, 0]
@@ -194,8 +194,8 @@ def _kinds(basis: tuple[Shape, ...]) -> list[IndexArray]:
 
 def _spread(grams: Grams, information: FloatArray) -> FloatArray:
     """Return the covariance of the scores of a right model: noise, and the error of form of the shared shapes."""
-    shared = np.sort(grams.shared_places)
-    return information + grams.form**2 * information[:, shared] @ information[shared]
+    shared = grams.shared_places
+    return information + np.square(grams.form) * information[:, shared] @ information[shared]
 
 
 def _inverse(information: FloatArray, shapes: IndexArray) -> FloatArray:

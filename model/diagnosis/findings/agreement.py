@@ -34,6 +34,7 @@ from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import log_evidence
+from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.notes import DiagnosisCode
 
@@ -226,7 +227,8 @@ def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     if count < 2 or not grams.soil:
         return None
     matrices = grams.matrices[:, :columns, :columns]
-    gain, own = max(_groups(matrices), key=lambda found: found[0])
+    soils = columns - sum(label in SENSORS for label in grams.soil)
+    gain, own = max(_groups(matrices, soils), key=lambda found: found[0])
     if gain - float(_evidence(matrices.sum(axis=0))) < LEAST:
         return None
     names = np.array(grams.run_names)
@@ -234,22 +236,23 @@ def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     return tuple(one.tolist()), tuple(other.tolist())
 
 
-def _groups(matrices: FloatArray) -> list[tuple[float, BoolArray]]:
+def _groups(matrices: FloatArray, soils: int) -> list[tuple[float, BoolArray]]:
     """Return groups and the log evidence of each and of the other runs, each with its own soil.
 
-    All groups of up to half of the runs, or those that parting one run at a time goes through.
+    All groups of up to half of the runs, or those that parting one run at a time goes through. `soils`: number of
+    columns with the residual and the soil, without the sensors'.
     """
     count, total = len(matrices), matrices.sum(axis=0)
     if count <= _FEW:
         sizes = range(1, count // 2 + 1)
         groups = [np.isin(np.arange(count), own) for size in sizes for own in combinations(range(count), size)]
         sums = np.array(groups, float) @ matrices.reshape(count, -1)
-        return list(zip(_parted(sums.reshape(-1, *total.shape), total).tolist(), groups, strict=True))
+        return list(zip(_parted(sums.reshape(-1, *total.shape), total, soils).tolist(), groups, strict=True))
     found = []
     group, inside = np.zeros(count, bool), np.zeros_like(total)
     for _ in range(count // 2):
         left = np.flatnonzero(~group)
-        gains = _parted(inside + matrices[left], total)
+        gains = _parted(inside + matrices[left], total, soils)
         best = int(np.argmax(gains))
         group = group | (np.arange(count) == left[best])
         inside = inside + matrices[left[best]]
@@ -257,13 +260,20 @@ def _groups(matrices: FloatArray) -> list[tuple[float, BoolArray]]:
     return found
 
 
-def _parted(sums: FloatArray, total: FloatArray) -> FloatArray:
-    """Return the log evidence of groups of runs and of the runs outside each, shape (groups,)."""
-    return _evidence(sums) + _evidence(total - sums)
+def _parted(sums: FloatArray, total: FloatArray, soils: int) -> FloatArray:
+    """Return the log evidence of groups of runs and the runs outside each, up to a constant, shape (groups,).
+
+    Each has its own soil; what is off in sensors, the columns behind the soils', all runs share.
+    """
+    own = total.shape[-1] - soils
+    every = np.eye(total.shape[-1] + soils - 1)
+    inside, outside = every[np.r_[:soils, len(every) - own : len(every)]], every[np.r_[0, soils : len(every)]]
+    together = inside.T @ sums @ inside + outside.T @ (total - sums) @ outside
+    return _evidence(together)
 
 
 def _evidence(sums: FloatArray) -> FloatArray:
-    """Return the log evidence of runs with their own soil, up to a constant; shape (..., 1 + q, 1 + q) to (...)."""
+    """Return the log evidence of runs, up to a constant; shape (..., 1 + q, 1 + q) to (...)."""
     side = sums[..., 1:, :1]
     inner = np.eye(side.shape[-2]) + sums[..., 1:, 1:]
     explained = (side * np.linalg.solve(inner, side)).sum(axis=(-2, -1))

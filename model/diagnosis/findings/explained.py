@@ -7,7 +7,7 @@ The figures show what was measured, what is simulated without and with the cause
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,6 @@ from model.diagnosis.findings.set_fit import SetFit, fit_sets, parameters_of, so
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import variance
 
@@ -97,9 +96,7 @@ def _plot_data(
 def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
     """Return what a fitted model says at the measured slip."""
     part, point = fit.problem.parts[index], fit.problem.points(fit.estimate)[index]
-    samples = part.data.samples
-    said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0))
-    return dict(zip(part.frozen.channels, said, strict=True))
+    return dict(zip(part.frozen.channels, part.at_measured_slip(point), strict=True))
 
 
 def _signature(linearised: LinearisedCampaign, index: int, key: str, size: FloatArray) -> FloatArray:

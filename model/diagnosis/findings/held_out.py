@@ -44,7 +44,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.fit.fit import default_slip_threshold
@@ -165,18 +164,14 @@ def predict_held_out(
     point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
     samples = linearised.campaigns[at].samples
     own = samples.run == run - first[at]
-    samples = samples[own]
-    part = fit.problem.parts[at]
-    values = simulated(
-        part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0)
-    )
+    samples, part = samples[own], fit.problem.parts[at]
     slip, soil = np.asarray(samples.conditions.slip), part.frozen.soil[:, own]
     of_soil = np.einsum("cni,ij,cnj->cn", soil, found.covariance[part.soil, part.soil], soil)
     return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
         numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},
-        predicted=dict(zip(part.frozen.channels, values, strict=True)),
+        predicted=dict(zip(part.frozen.channels, part.at_measured_slip(point, own), strict=True)),
         judged=slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
         slip=slip,
         variance=dict(zip(part.frozen.channels, part.noise_variance[:, own] + of_soil, strict=True)),

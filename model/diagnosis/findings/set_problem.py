@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from daq import FloatArray
+from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.linearise import (
@@ -26,6 +26,7 @@ from model.diagnosis.time_series.linearise import (
     at_speed,
     derivatives,
     linearise,
+    simulated,
 )
 from model.diagnosis.time_series.noise import variance
 from model.diagnosis.time_series.start import CampaignData
@@ -66,9 +67,20 @@ class Part:
         data = self.data
         return variance(self.frozen, data.samples, data.noise.values, data.speed_variance)
 
-    def columns(self, linear: Linear) -> Columns:
-        """Return the columns about a point, without catch-all."""
-        return columns_of(self.simulation, self.data.samples, linear, self.data.speed_variance, catch_all=False)
+    def at_measured_slip(self, point: Point, rows: BoolArray | None = None) -> FloatArray:
+        """Return what the model says of the samples, or of some of them, at the measured slip, shape (c, n).
+
+        Errors of sensors that all runs share are in it: a delay of the wheel speed, the zero of the sinkage.
+        """
+        rows, sensors = np.ones(len(self.data.samples), bool) if rows is None else rows, slice(-len(SENSORS), None)
+        samples = self.data.samples[rows]
+        measured = replace(point, speed_mps=np.zeros(len(samples)), acceleration_mps2=0.0)
+        by_sensors = self.frozen.soil[:, rows, sensors] @ point.soil[sensors]
+        return np.asarray(simulated(self.simulation, samples, measured) + by_sensors)
+
+    def columns(self, linear: Linear, *, catch_all: bool = False) -> Columns:
+        """Return the columns about a point."""
+        return columns_of(self.simulation, self.data.samples, linear, self.data.speed_variance, catch_all=catch_all)
 
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
@@ -140,11 +152,11 @@ class SetProblem:
         return replace(self, parts=tuple(parts))
 
     def grams(self) -> Grams:
-        """Return the Gram matrices about the point whose slopes whiten, without catch-all."""
+        """Return the Gram matrices about the point whose slopes whiten."""
         found = []
         for part in self.parts:
             data = part.data
-            columns = part.columns(part.frozen)
+            columns = part.columns(part.frozen, catch_all=True)
             matrices = run_grams(data.samples, part.frozen, columns, data.noise.values, data.speed_variance)
             found.append((data.campaign.name, data.samples.run_names, columns, matrices))
         return joined(found)

@@ -76,11 +76,12 @@ def posterior_with_usual_soil(
     usual = set(usual_effects(grams))
     excluded = linearised.excluded | usual
     best = tuple(key for key in linearised.best.keys if key not in usual)
-    for _ in range(_ROUNDS):
+    for rounds in range(_ROUNDS):
         found = best_set(with_usual_soil(grams), linearised.excluded, linearised.most_causes, best)
         best = found.keys
         points = linearisation_points(campaigns, grams, _in_columns_of(grams, found))
-        campaigns, _ = campaigns_at(linearised.starts, points, clock, fixed=True)
+        last = rounds == _ROUNDS - 1
+        campaigns, _ = campaigns_at(linearised.starts, points, clock, keep_noise=True, catch_all=last)
         grams = joined_grams(campaigns)
     return bagged(with_usual_soil(grams), rng, excluded, linearised.most_causes, factor)
 

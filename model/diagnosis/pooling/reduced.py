@@ -18,6 +18,7 @@ from scipy.special import chdtrc
 
 from daq import FloatArray
 from model.diagnosis.core.information import Information
+from model.diagnosis.time_series.linearise import SENSORS
 from model.effects.catalogue import EFFECTS
 
 OF_THE_TRANSDUCER = tuple(key for key, effect in EFFECTS.items() if effect.of_the_transducer())
@@ -138,9 +139,10 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
     With the laboratory's prior :math:`u \sim N(0, I)` the score h of the soil has the covariance
     :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
     """
-    information, q = one.information, len(one.information.soil)
-    first = 1 + q
-    others = [
+    information, first = one.information, 1 + len(one.information.soil)
+    soil = [at for at, label in enumerate(information.soil, 1) if label not in SENSORS]
+    others = [at for at in range(1, first) if at not in soil]
+    others += [
         first + i
         for i, key in enumerate(information.effects)
         if key in information.about and key not in OF_THE_TRANSDUCER
@@ -153,14 +155,16 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
                 shift[first + i] = known[OF_THE_TRANSDUCER.index(key)]
         matrix = matrix.copy()
         matrix[:, 0] -= matrix @ shift
-    precision, score = _without(matrix, others, range(1, first))
+    precision, score = _without(matrix, others, soil)
     size, axes = np.linalg.eigh(precision)
     seen = size > _NOTHING * max(float(size[-1]), 1.0)
     along = axes.T @ score
     statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
-    mean = np.linalg.solve(np.eye(q) + precision, score)
+    mean = np.linalg.solve(np.eye(len(soil)) + precision, score)
     p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
-    return SoilDeparture(one.campaign, dict(zip(information.soil, map(float, mean), strict=True)), p_value)
+    return SoilDeparture(
+        one.campaign, {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}, p_value
+    )
 
 
 def scales_of(observations: Sequence[Observation]) -> tuple[FloatArray, tuple[str, ...], tuple[str, ...]]:

@@ -233,7 +233,7 @@ def basis(samples: Samples, linear: Linear) -> Basis:
         heights[column] = error.height
     shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
     unit = np.array([amplitude_of(samples, channel) for channel in channels])[:, None]
-    together = float(np.mean(np.sum((columns[..., np.isnan(heights)] / unit[..., None]) ** 2, axis=-1)))
+    together = float(np.mean(np.sum((columns / unit[..., None]) ** 2, axis=-1)))
     form = FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0
     return Basis(CatchAll(shared.shapes, shared.order, heights, runs, float(form)), columns, own, rests)
 

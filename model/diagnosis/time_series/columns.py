@@ -120,7 +120,7 @@ class Grams:
         Ranks of these shapes among all, those of single runs included; in their order by default.
     own : tuple of OwnGram
         Shapes of single runs.
-    form : float
+    form : array, shape (b,), or float
         One-sigma of the coefficient of each of the b columns where they are the error of form.
     """
 
@@ -133,7 +133,7 @@ class Grams:
     basis: tuple[Shape, ...]
     order: IndexArray | None = None
     own: tuple[OwnGram, ...] = ()
-    form: float = 0.0
+    form: FloatArray | float = 0.0
 
     @property
     def soil_columns(self) -> slice:
@@ -170,7 +170,7 @@ class Grams:
     def without_form(self, total: FloatArray) -> FloatArray:
         """Integrate the error of form out of sums over runs: shape (..., m, m) to (..., 1 + q + k, same)."""
         kept, shapes = slice(0, self.cause_columns.stop), self.basis_columns
-        inner, across = self._form_precision(total), self.form * total[..., shapes, kept]
+        inner, across = self._form_precision(total), self._form_sigma[:, None] * total[..., shapes, kept]
         return np.asarray(total[..., kept, kept] - np.swapaxes(across, -1, -2) @ np.linalg.solve(inner, across))
 
     @property
@@ -180,7 +180,12 @@ class Grams:
 
     def _form_precision(self, total: FloatArray) -> FloatArray:
         shapes = self.basis_columns
-        return np.asarray(np.eye(len(self.basis)) + self.form**2 * total[..., shapes, shapes])
+        scale = self._form_sigma
+        return np.asarray(np.eye(len(self.basis)) + scale[:, None] * scale * total[..., shapes, shapes])
+
+    @property
+    def _form_sigma(self) -> FloatArray:
+        return np.broadcast_to(self.form, len(self.basis))
 
     def chosen(self, runs: BoolArray) -> Grams:
         """Return the Grams of some runs only."""

@@ -153,8 +153,8 @@ def relinearise(
     best: SetEstimate | None = None
     chosen_sets: list[tuple[str, ...]] = []
     while True:
-        fixed = keep_noise or not chosen_sets
-        campaigns, step = campaigns_at(starts, points, clock, fixed=fixed)
+        kept = keep_noise or not chosen_sets
+        campaigns, step = campaigns_at(starts, points, clock, keep_noise=kept, catch_all=not kept)
         grams = joined_grams(campaigns)
         with clock.stage("evidence"):
             found = choose(grams, best)
@@ -174,14 +174,21 @@ STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)
 
 
 def campaigns_at(
-    starts: Sequence[Start], points: Sequence[LinearisationPoint], clock: Clock, *, fixed: bool
+    starts: Sequence[Start],
+    points: Sequence[LinearisationPoint],
+    clock: Clock,
+    *,
+    keep_noise: bool,
+    catch_all: bool = True,
 ) -> tuple[tuple[CampaignData, ...], float]:
     """Linearise campaigns about points, or as near to them as no sample loses its answer, and whiten them.
 
     Parameters
     ----------
-    fixed : bool
-        Take the noise of the points as it is, and no shapes: nothing is judged by such a linearisation.
+    keep_noise : bool
+        Take the noise of the points as it is.
+    catch_all : bool
+        Whether to take up the catch-all's shapes: where anything is judged by the linearisation.
 
     Returns
     -------
@@ -198,17 +205,24 @@ def campaigns_at(
         if not any(at.loses(linear) for at, linear in zip(tried, models, strict=True)):
             break
     each = zip(starts, samples, models, tried, strict=True)
-    return tuple(_campaign_data(*one, clock, fixed=fixed) for one in each), step
+    return tuple(_campaign_data(*one, clock, keep_noise=keep_noise, catch_all=catch_all) for one in each), step
 
 
 def _campaign_data(
-    start: Start, samples: Samples, linear: Linear, at: LinearisationPoint, clock: Clock, *, fixed: bool
+    start: Start,
+    samples: Samples,
+    linear: Linear,
+    at: LinearisationPoint,
+    clock: Clock,
+    *,
+    keep_noise: bool,
+    catch_all: bool,
 ) -> CampaignData:
     """Whiten a campaign about a point; see `campaigns_at`."""
     variance, noise = at.speed_variance, at.noise
     with clock.stage("columns"):
-        columns = columns_of(start.simulation, samples, linear, variance, catch_all=not fixed)
-    if start.noise is None and not fixed:
+        columns = columns_of(start.simulation, samples, linear, variance, catch_all=catch_all)
+    if start.noise is None and not keep_noise:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)
             noise = estimated(blocks, hyper_priors(samples), noise.values)

@@ -217,10 +217,11 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     for row, c in enumerate(AT_REST):
         if c not in linear.channels:
             continue
-        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{OUTPUTS[c].role}_noise_time_s"]
-        scatter = np.fmin(samples.rests.spread[c], values[named(c, "noise")]) ** 2
-        averaged = scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
-        found[row] = averaged + values[named(c, "at_rest")] ** 2
+        found[row] = values[named(c, "at_rest")] ** 2
+        for what in ("noise", "slow_noise"):
+            length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{OUTPUTS[c].role}_{what}_time_s"]
+            scatter = np.fmin(samples.rests.spread[c], values[named(c, what)]) ** 2
+            found[row] += scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
     return found
 
 

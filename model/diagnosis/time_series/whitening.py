@@ -382,7 +382,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
     names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
-    matrices, order, own = [], [], []
+    matrices, order, own, form = [], [], [], []
     soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
     for name, _, columns, grams in parts:
         turn = np.zeros((columns.shared, width))
@@ -396,6 +396,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         soil_at, basis_at = soil_at + q, basis_at + b
         matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
         order.append(columns.catch_all.order + rank)
+        form.append(np.full(b, columns.catch_all.form))
         for one in grams.own:
             shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
             own.append(OwnGram(shapes, one.across @ turn, one.inner))
@@ -410,7 +411,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         basis=tuple(basis),
         order=np.concatenate(order),
         own=tuple(own),
-        form=max(columns.catch_all.form for _, _, columns, _ in parts),
+        form=np.concatenate(form),
     )
 
 
