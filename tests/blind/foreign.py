@@ -1,19 +1,16 @@
 """Foreign wheels: physics that Wong's model does not have, at full size.
 
 A new one needs a function (slip, vertical load) -> (drawbar pull, driving torque, sinkage) and a row in `FOREIGN`.
-`tests/blind/granular.py` (GranularWheel, RADIUS_M, WIDTH_M, LOADS_N, SOIL with the fields of `Ground`, and SLIPS where
-they are not 0 to .8) is taken where it is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
-from importlib.util import find_spec
 from itertools import product
 
 import numpy as np
+from blind.granular import LOADS_N, RADIUS_M, WIDTH_M, GranularWheel, ground_of_terrain
 from blind.ground import Ground
 from blind.soil_causes import hump_shear
 from blind.wheel import Physics, Resultants, Vehicle
@@ -192,17 +189,14 @@ def by_table(
 
 def _granular(rng: np.random.Generator) -> ForeignCampaign:
     """A granular simulation by its table; the wheel and the loads are the table's own."""
-    module = import_module("blind.granular")
-    loads = np.sort(np.asarray(module.LOADS_N, float))
-    slips = np.sort(np.asarray(getattr(module, "SLIPS", np.linspace(0.0, 0.8, 17)), float))
-    wheel = by_table(module.GranularWheel().resultants, loads, slips)
+    loads, slips = np.array(LOADS_N), np.linspace(GranularWheel.BRAKING_LIMIT, 0.8, 23)
+    wheel = by_table(GranularWheel().resultants, loads, slips)
     low, high = 1.25 * loads[0], loads[-1] / 1.25
     middle = float(np.sqrt(low * high))
     mass = float(middle * 0.45)
-    vehicle = Vehicle(module.RADIUS_M, module.WIDTH_M, 0.0, 0.0, mass, (float(low), middle, float(high)), 0.7)
-    soil = Ground(**{"name": "granular", **module.SOIL})
+    vehicle = Vehicle(RADIUS_M, WIDTH_M, 0.0, 0.0, mass, (float(low), middle, float(high)), 0.7)
     world = replace(drawn_noise_world(rng), vehicle=vehicle)
-    return ForeignCampaign(world, soil, wheel, (float(max(slips[0], -0.45)), float(min(slips[-1], 0.92))))
+    return ForeignCampaign(world, ground_of_terrain(), wheel, (slips[0], slips[-1]))
 
 
 FOREIGN = {
@@ -217,9 +211,4 @@ FOREIGN = {
         Foreign("granular", "table of a granular simulation", _granular, ("slip_sinkage",), True),
     )
 }
-"""Every foreign wheel; `present` says which of them can be driven."""
-
-
-def present() -> list[str]:
-    """Return the foreign wheels whose program is there."""
-    return [key for key in FOREIGN if key != "granular" or find_spec("blind.granular") is not None]
+"""Every foreign wheel."""

@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+from blind.ground import Ground
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
@@ -44,6 +45,15 @@ def soil_of_terrain(path: Path = STUDY / "terrain.toml") -> tuple[dict[str, floa
     sigma_phi = np.radians(float(sigmas[SOIL_KEYS.index("friction_angle_deg")]))
     relative["friction_angle_deg"] = float(sigma_phi / (np.cos(phi) ** 2 * np.tan(phi)))
     return values, relative
+
+
+def ground_of_terrain() -> Ground:
+    """Return the same soil as the generator has it."""
+    values, _ = soil_of_terrain()
+    c, phi, shear, exponent, cohesive, frictional = (values[key] for key in SOIL_KEYS)
+    return Ground(
+        "granular", 1e3 * c, float(np.tan(np.radians(phi))), shear, exponent, 1e3 * cohesive, 1e3 * frictional
+    )
 
 
 ROWS = table_rows()

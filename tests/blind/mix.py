@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from blind.causes import ALL, FAMILIES, OUTSIDE
 from blind.field import FieldDay, field_day
-from blind.foreign import FOREIGN, present
+from blind.foreign import FOREIGN
 from blind.prior import drawn_causes
 from blind.world import GRAVITY_MPS2, World, drawn_world
 
@@ -207,7 +207,7 @@ def _literal(mix: Mix) -> Iterator[Case]:
 
 
 def _foreign(mix: Mix) -> Iterator[Case]:
-    for key in present():
+    for key in FOREIGN:
         for seed in range(mix.foreign):
             yield Case("foreign", seed, ((key, 0.0, 1.0),))
 
