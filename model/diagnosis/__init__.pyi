@@ -15,6 +15,7 @@ from .core import Grounds as Grounds
 from .core import Inconsistent as Inconsistent
 from .core import Information as Information
 from .core import Kind as Kind
+from .core import LackOfFit as LackOfFit
 from .core import Linearisation as Linearisation
 from .core import Lugs as Lugs
 from .core import NextRun as NextRun

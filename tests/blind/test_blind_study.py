@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from blind.causes import FAMILIES, KNOWN
-from blind.field import driven
 from blind.figures import (
     ALL_NAMES_RIGHT,
     FALSE_UNEXPLAINED,
@@ -28,10 +27,8 @@ from blind.figures import (
     right_verdict,
     said,
 )
-from blind.folders import terrain_config
-from blind.granular import soil_of_terrain
 from blind.jsonl import append_line, read_lines
-from blind.mix import WHOLE, Case, Mix, cases, unlisted_share
+from blind.mix import WHOLE, Mix, cases, unlisted_share
 from blind.prior import SCALES, drawn_causes
 from blind.provenance import engine_of, engine_words, generator_of
 from blind.study import check_engine
@@ -288,15 +285,6 @@ def test_a_foreign_wheel_is_unexplained_or_akin(key: str, verdict: str, name: st
     one = line(verdict, name, 0.95) | {"kind": "foreign", "members": [{"key": key}]}
     one["causes"] = one["causes"] if name else []
     assert right_foreign_verdict(one) is right
-
-
-def test_the_granular_wheel_is_driven_on_the_soil_of_its_bevameter() -> None:
-    day = Case("foreign", 0, (("granular", 0.0, 1.0),)).day
-    first = driven(day, [])[0]
-    assert all(np.isfinite(channel.values).mean() > 0.9 for channel in first.values())
-    soil = terrain_config(day.laboratory).soil
-    known, _ = soil_of_terrain()
-    assert {key: getattr(soil, key) for key in known} == pytest.approx(known)
 
 
 def test_stated_probabilities_are_held_against_what_was_hidden() -> None:

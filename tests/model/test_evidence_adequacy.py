@@ -7,21 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gram_support import World, column, library, world
+from scipy.stats import multivariate_normal
 
+from model.diagnosis.core.result import Adequacy
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.adequacy import (
+    LIMIT,
     MOST_EXCESS,
-    SLACK,
-    _kinds,
+    UNLISTED,
     adequacy,
     excess,
     found_in,
+    kinds_of,
     left_over,
+    unlisted,
 )
 from model.diagnosis.findings.agreement import two_soils
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.time_series.basis import RunShapes
-from model.diagnosis.time_series.columns import OwnGram
+from model.diagnosis.time_series.columns import Grams, OwnGram
 from model.diagnosis.time_series.evidence import hypotheses, posterior
 
 UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))
@@ -32,69 +36,94 @@ def drawn() -> World:
     return world(4, library(10), n=80, strength=(3, 60))
 
 
-def test_noise_leaves_what_the_threshold_allows(drawn: World) -> None:
+def judged(grams: Grams, most: int = 3) -> Adequacy:
+    return adequacy(grams, (), unlisted(grams, most=most))
+
+
+def test_noise_is_nothing_unlisted(drawn: World) -> None:
     rng = np.random.default_rng(0)
-    judged = [adequacy(drawn.grams(np.zeros(len(drawn.columns)), rng), (), rng) for _ in range(60)]
-    statistics = np.array([j.statistic for j in judged])
-    assert 0.3 < statistics.mean() < 0.9
-    assert np.mean(statistics > judged[0].threshold / SLACK) < 0.05
-    assert all(j.ok for j in judged)
+    found = [judged(drawn.grams(np.zeros(len(drawn.columns)), rng), most=1) for _ in range(25)]
+    assert np.mean([one.statistic for one in found]) < UNLISTED
+    assert all(one.ok for one in found)
 
 
-@pytest.mark.parametrize(
-    "one", [Shape(Kind.SLIP), Shape(Kind.LOAD_DRIVING), Shape(Kind.TIME_IN_RUN, run="r1", campaign="clay")]
-)
+@pytest.mark.parametrize("with_own", [False, True])
+def test_the_probability_is_that_of_a_covariance_written_out(with_own: bool) -> None:
+    """Gaussian densities with all columns in the covariance; the square root of the Gram matrix is the data."""
+    drawn, rng = world(4, library(1), runs=3, n=40), np.random.default_rng(3)
+    kinds = [Shape(Kind.SLIP if i < 11 else Kind.LINE_POSITION, "dp") for i in range(drawn.basis.shape[2])]
+    extra = 1.2 * drawn.basis[..., 3]
+    dense = replace(drawn.grams(np.zeros(len(drawn.columns)), rng, extra=extra), basis=tuple(kinds), form=0.02)
+    columns = np.linalg.cholesky(dense.total + 1e-9 * np.eye(len(dense.total))).T
+    soil, shapes = columns[:, dense.soil_columns], columns[:, dense.basis_columns]
+    grams, own = dense, [np.zeros((len(columns), 0))]
+    if with_own:  # the last two shapes are a run's own
+        kept, last = slice(0, -2), slice(len(columns) - 2, None)
+        one = OwnGram(
+            RunShapes((Shape(Kind.TIME_IN_RUN, "dp", run="r"),) * 2), dense.total[last, kept], dense.total[last, last]
+        )
+        grams = replace(dense, matrices=dense.matrices[:, kept, kept], basis=dense.basis[kept], own=(one,))
+        own, shapes = [shapes[:, -2:]], shapes[:, :-2]
+
+    def log_density(sigmas: np.ndarray, scale_of_own: float) -> float:
+        covariance = np.eye(len(columns)) + soil @ soil.T + (shapes * sigmas**2) @ shapes.T
+        covariance += scale_of_own**2 * own[0] @ own[0].T
+        return float(multivariate_normal(np.zeros(len(columns)), covariance).logpdf(columns[:, 0]))
+
+    small = np.full(shapes.shape[1], 0.02)
+    slip = np.array([shape.kind == Kind.SLIP for shape in grams.basis])
+    larger = [log_density(np.where(mine, scale, small), 0.0) for mine in (slip, ~slip) for scale in (0.1, 0.3, 1.0)] + [
+        log_density(small, scale) for scale in (0.1, 0.3, 1.0) if with_own
+    ]
+    odds = 0.05 / 0.95 * np.mean(np.exp(np.array(larger) - log_density(small, 0.0)))
+    assert 0.02 < odds / (1.0 + odds) < 0.98
+    assert unlisted(grams, most=0).probability == pytest.approx(odds / (1.0 + odds), rel=1e-4)
+
+
+@pytest.mark.parametrize("one", [Shape(Kind.SLIP), Shape(Kind.LOAD_DRIVING)])
 def test_one_shape_of_few_counts_as_much_as_many_of_one_kind(drawn: World, one: Shape) -> None:
     shapes = drawn.basis.shape[2]
-    grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(4), extra=7.0 * drawn.basis[..., 3])
+    grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(4), extra=1.2 * drawn.basis[..., 3])
     places = [Shape(Kind.LINE_POSITION, "dp", (float(i), i + 1.0)) for i in range(shapes)]
-    alone = replace(grams, basis=(*places[:3], one, *places[4:]))
-    one_kind = replace(grams, basis=tuple(places))
-    rng = np.random.default_rng(0)
-    assert adequacy(alone, (), rng).statistic > adequacy(one_kind, (), rng).statistic > 1.0
+    alone = unlisted(replace(grams, basis=(*places[:3], one, *places[4:])), most=1)
+    one_kind = unlisted(replace(grams, basis=tuple(places)), most=1)
+    assert alone.probability > one_kind.probability > LIMIT
+    assert alone.shapes.tolist() == [3] and alone.run is None
 
 
 def test_only_the_kind_and_the_campaign_part_the_shapes() -> None:
     speeds = [Shape(Kind.GROUND_SPEED, channel, (i, i + 1.0), unit) for i, channel, unit in UNITS_AND_CHANNELS]
     several = [Shape(Kind.GROUND_SPEED, "dp", campaign="clay"), Shape(Kind.SLIP, "dp", campaign="clay")]
-    times = [Shape(Kind.TIME_IN_RUN, "dp", run=run, campaign=run[0]) for run in ("a 1", "a to 2 s", "b,")]
-    kinds = [kind.tolist() for kind in _kinds((*speeds, *several, *times))]
-    assert kinds == [[0, 1, 2], [3], [4], [5, 6, 7], list(range(8))]
-    assert [kind.tolist() for kind in _kinds(tuple(speeds))] == [[0, 1, 2]], "one kind is all there is"
+    kinds = [kind.tolist() for kind in kinds_of((*speeds, *several))]
+    assert kinds == [[0, 1, 2], [3], [4]]
 
 
 def test_without_a_shape_nothing_is_explained(drawn: World) -> None:
     grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(0))
-    bare = replace(grams, basis=(), matrices=grams.matrices[:, : grams.cause_columns.stop, : grams.cause_columns.stop])
-    judged = adequacy(bare, (), np.random.default_rng(0))
-    assert not judged.ok and np.isnan([judged.statistic, judged.threshold]).all()
+    blind = replace(grams, matrices=grams.matrices.copy())
+    blind.matrices[:, grams.basis_columns] = blind.matrices[:, :, grams.basis_columns] = 0.0
+    found = judged(blind, most=1)
+    assert not found.ok and np.isnan([found.statistic, found.threshold]).all()
 
 
-def test_what_is_in_no_cause_is_left_over(drawn: World) -> None:
-    rng = np.random.default_rng(1)
+def test_what_is_in_no_cause_is_unlisted(drawn: World) -> None:
     bump = 8.0 * drawn.basis[..., 5] * np.array([1.0, -1, 1, 1, -1, 1])[:, None]
-    grams = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=bump)
-    judged = adequacy(grams, posterior(grams).best(), rng)
-    assert not judged.ok
-    assert judged.statistic > judged.threshold
+    found = judged(drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(1), extra=bump))
+    assert not found.ok
+    assert found.statistic > 0.99 and found.threshold == LIMIT
 
 
-def test_a_cause_is_left_over_without_itself_and_not_with_it(drawn: World) -> None:
-    rng = np.random.default_rng(2)
-    coefficients = np.zeros(len(drawn.columns))
-    strongest = int(np.argmax([left_over_of(drawn, i) for i in range(9)]))
-    coefficients[strongest] = 40.0
-    grams = drawn.grams(coefficients, rng)
-    key = drawn.columns[strongest].key
-    assert adequacy(grams, (), rng).statistic > 1.5 * adequacy(grams, (key,), rng).statistic
+def test_a_cause_is_unlisted_without_itself_and_not_with_it(drawn: World) -> None:
+    def grams_of(at: int) -> Grams:
+        coefficients = np.zeros(len(drawn.columns))
+        coefficients[at] = 40.0
+        return drawn.grams(coefficients, np.random.default_rng(2))
+
+    strongest = max(range(9), key=lambda at: left_over(grams_of(at)).misfit)
+    grams, key = grams_of(strongest), drawn.columns[strongest].key
+    without = unlisted(grams, frozenset({key}), most=1).probability
+    assert without > 0.99 > 0.2 > unlisted(grams, most=1).probability
     assert left_over(grams, (key,)).misfit < left_over(grams).misfit
-
-
-def left_over_of(drawn: World, column_index: int) -> float:
-    coefficients = np.zeros(len(drawn.columns))
-    coefficients[column_index] = 40.0
-    grams = drawn.grams(coefficients, np.random.default_rng(2))
-    return adequacy(grams, (), np.random.default_rng(0)).statistic
 
 
 @pytest.mark.parametrize(("noise", "factor"), [(0.6, 1.0), (1.2, 1.44), (4.0, MOST_EXCESS)])

@@ -37,7 +37,7 @@ def test_about_its_own_point_the_problem_is_the_grams() -> None:
     problem = problem.refrozen(x)
     grams = problem.grams()
     by_run = [float(rows[:, 0] @ rows[:, 0]) for rows in problem.runs(x)]
-    v = np.concatenate([[1.0], -x])
+    v = np.concatenate([[1.0], -x, np.zeros(len(grams.basis))])
     np.testing.assert_allclose(by_run, np.einsum("i,rij,j->r", v, grams.matrices, v), rtol=1e-6)
 
 

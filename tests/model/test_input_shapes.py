@@ -11,7 +11,7 @@ from diagnosis_support import at_speed, linearised
 from daq.channels import INPUTS
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.shapes import Kind, Shape
-from model.diagnosis.findings.adequacy import _kinds
+from model.diagnosis.findings.adequacy import kinds_of
 from model.diagnosis.time_series.basis import SPEED_MPS, basis, input_shapes
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearise import Linear, Simulation
@@ -78,7 +78,7 @@ def test_kinds_of_inputs_and_forces_are_apart(seen: tuple[Simulation, Samples, L
     _, samples, linear = seen
     shapes = basis(samples, linear).catch_all.by_rank
     inputs = {i for i, shape in enumerate(shapes) if shape.channel in INPUTS}
-    kinds = [set(kind.tolist()) for kind in _kinds(shapes)[:-1]]
+    kinds = [set(kind.tolist()) for kind in kinds_of(shapes)]
     assert all(kind <= inputs or not kind & inputs for kind in kinds)
     assert sorted(len(kind) for kind in kinds if kind <= inputs) == [1, 1, 4]
 

@@ -72,7 +72,7 @@ def test_a_step_is_shortened_until_no_sample_is_lost(granular: LinearisedCampaig
     u = last.point.soil[5]
     steps = []
     for reach in (0.01, 1.6 * (-1.0 - u), -1e3):
-        [data], step = campaigns_at(granular.starts, [far(granular, reach)], Clock(), fixed=True)
+        [data], step = campaigns_at(granular.starts, [far(granular, reach)], Clock(), keep_noise=True, catch_all=False)
         assert data.linear.usable.sum() == last.usable.sum() == len(data.samples)
         stiffer = np.eye(len(last.point.soil))[5]
         np.testing.assert_allclose(data.linear.point.soil, last.point.soil + step * reach * stiffer)

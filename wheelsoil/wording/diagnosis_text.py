@@ -11,7 +11,7 @@ from daq import probability as as_probability
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
 from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import adequacy_words, sentence_of
 
 FINDING_NOTE = (
     "Median there: of measured - predicted. Size of the shape: the largest contribution of that shape "
@@ -265,10 +265,7 @@ def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
     if diagnosis.adequacy is None:
         return []
     found = diagnosis.adequacy
-    said = "leaves no more than noise" if found.ok else "leaves more than noise"
-    numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
-    text = f"{numbers}: the best explanation {said}." if isfinite(found.statistic) else "Lack of fit: not known."
-    return wrapped(text, width)
+    return wrapped(f"The best explanation is {'' if found.ok else 'not '}adequate: {adequacy_words(found)}.", width)
 
 
 def _linearisation(diagnosis: Diagnosis, width: int) -> list[str]:

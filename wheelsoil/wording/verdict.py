@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from daq import OUTPUTS, ROLES, Note, without_powers
+from daq import OUTPUTS, ROLES, Note, number, without_powers
 from model import LackCode
 from model.diagnosis import (
     Adequacy,
@@ -16,6 +16,7 @@ from model.diagnosis import (
     FormUsed,
     Gain,
     Grounds,
+    LackOfFit,
     ParameterEstimate,
     SoilEstimate,
 )
@@ -213,7 +214,7 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
         return [f"One of {names}: {channels} of these rows cannot separate them.{named}", *onward]
     if found.verdict == "unexplained":
-        left = found.grounds.lack_of_fit
+        left = found.grounds.lack_of_fit.worst
         where = [f"The most probable set is off most in {_findings(left)}."] if left else []
         return [
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
@@ -268,7 +269,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
 
 def unexplained_words(
     judged: Adequacy,
-    left: Sequence[Finding],
+    left: LackOfFit,
     best: Sequence[str],
     soils: tuple[Sequence[str], Sequence[str]] | None,
     why: Note | None = None,
@@ -277,8 +278,8 @@ def unexplained_words(
 
     Parameters
     ----------
-    left : sequence of Finding
-        Where the most probable set fails most.
+    left : LackOfFit
+        What the most probable set leaves.
     best : sequence of str
         Families of that set.
     soils : two sequences of str, optional
@@ -288,13 +289,15 @@ def unexplained_words(
     """
     tried = f", not even {_listed([plain_name(f) for f in best])}," if best else ""
     said = [
-        f"Neither the soil nor any set of causes in the library{tried} explains these runs: the lack of fit "
-        f"is {judged.statistic:.2f}, where noise leaves up to {judged.threshold:.2f}"
+        f"Neither the soil nor any set of causes in the library{tried} explains these runs: {adequacy_words(judged)}"
     ]
     if why:
         said = [f"These runs are not explained: {note_text(why)}"]
-    if left:
-        said.append(f"It is off most in {_findings(left)}")
+    if left.worst:
+        said.append(f"It is off most in {_findings(left.worst, sigmas=False)}")
+    if left.rms:
+        each = [f"{x:.3g} {ROLES[role].unit_text} of {ROLES[role].name}" for role, x in left.rms.items()]
+        said.append(f"What is left like this is, rms over all samples, {_listed(each)}")
     if soils:
         one, other = (_listed(runs) for runs in soils)
         said.append(
@@ -382,12 +385,21 @@ def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
     return each[0] if len(each) == 1 else f"one of {', '.join(each)}"
 
 
-def _findings(found: Sequence[Finding]) -> str:
+def _findings(found: Sequence[Finding], *, sigmas: bool = True) -> str:
     return "; ".join(
-        f"{ROLES[one.channel].name}, {place_text(one.place)}: "
-        f"{one.size:+.3g} {ROLES[one.channel].unit_text} ({abs(one.statistic):.1f} sigma)"
+        f"{ROLES[one.channel].name}, {place_text(one.place)}: {one.size:+.3g} {ROLES[one.channel].unit_text}"
+        + (f" ({abs(one.statistic):.1f} sigma)" if sigmas else "")
         for one in found[:_MOST_EXAMPLES]
     )
+
+
+def adequacy_words(judged: Adequacy) -> str:
+    """Return by how much an explanation is adequate or not, as it reads within a sentence."""
+    if not isfinite(judged.statistic):
+        return "whether anything explains them is not known"
+    if judged.measure == "probability":
+        return f"something that the library does not have acts with a probability of {chance(judged.statistic)}"
+    return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -24,6 +24,7 @@ from .result import FormUsed as FormUsed
 from .result import Gain as Gain
 from .result import Grounds as Grounds
 from .result import Inconsistent as Inconsistent
+from .result import LackOfFit as LackOfFit
 from .result import Linearisation as Linearisation
 from .result import NextRun as NextRun
 from .result import ParameterEstimate as ParameterEstimate

@@ -103,7 +103,7 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         left = _more_than_noise(gain)
         return Judgement("unexplained" if left else "nothing_detectable", barred=left)
-    sure = [family for family, p in found.families().items() if p > name_at]
+    sure = [family for family, p in found.families().items() if p * judged.listed > name_at]
     barred = _barred(found, gain) or cancelling
     if sure and not barred:
         named = tuple(family for family in sure if family not in (not_identifiable or {}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -175,11 +176,42 @@ class Inconsistent:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """Whether the best explanation leaves no more than noise; both numbers are NaN where nothing can be judged."""
+    """Whether the best explanation leaves no more than noise.
+
+    Attributes
+    ----------
+    statistic, threshold : float
+        NaN where nothing can be judged.
+    measure : "probability" or "lack of fit"
+        What the statistic is: of driven runs the probability that something acts that no cause of the library
+        describes; of single-wheel tables their lack of fit.
+    """
 
     statistic: float
     threshold: float
     ok: bool
+    measure: Literal["probability", "lack of fit"] = "lack of fit"
+
+    @property
+    def listed(self) -> float:
+        """Probability that nothing unlisted acts, as far as it is known."""
+        return 1.0 - self.statistic if self.measure == "probability" and isfinite(self.statistic) else 1.0
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """What the most probable set of causes leaves.
+
+    Attributes
+    ----------
+    worst : tuple of Finding
+        Of runs the largest members of the kind of shapes that tells it best; or the worst rows of a table.
+    rms : mapping role -> float
+        Of the curve that all of them make, over all samples, in the channel's unit; empty for tables.
+    """
+
+    worst: tuple[Finding, ...] = ()
+    rms: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -318,8 +350,8 @@ class Grounds:
         Families of the most probable set.
     terrains : two tuples of str, optional
         Runs that ask for one soil, and those that ask for another.
-    lack_of_fit : tuple of Finding
-        Where it is off most, of "unexplained": the largest members of the worst kind of shape, or the worst rows.
+    lack_of_fit : LackOfFit
+        Of "unexplained".
     prior_shifts : tuple of PriorShift
         Changes of one family's prior that change the verdict.
     cautions : tuple of Note
@@ -338,7 +370,7 @@ class Grounds:
     confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
-    lack_of_fit: tuple[Finding, ...] = ()
+    lack_of_fit: LackOfFit = LackOfFit()
     prior_shifts: tuple[PriorShift, ...] = ()
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()

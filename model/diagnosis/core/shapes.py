@@ -66,11 +66,6 @@ class Shape:
     campaign: str = ""
 
     @property
-    def group(self) -> tuple[str, str]:
-        """Shapes with the same one are judged together: kind and campaign; the times of all runs are one group."""
-        return self.kind, "" if self.run else self.campaign
-
-    @property
     def slips(self) -> tuple[float, float] | None:
         """Slip that a hat over slip covers; the outer ones go on to no slip and to all of it."""
         if self.range is None or self.kind not in (Kind.SLIP, Kind.BRAKING_SLIP):

@@ -1,18 +1,13 @@
-r"""Lack of fit: whether soil and causes leave more than noise, and where the simulation is off.
+"""Whether soil and listed causes explain the data, or something that nobody lists does; and where a simulation is off.
 
-**Whether**: what the catch-all's shapes still explain, all together and by kind.
-With soil and the set's causes integrated out, shapes of one kind (over slip, load, speed, place, time, direction,
-rate, an error of an input) have score v and information K, and
-
-.. math:: T = v'(I + K)^{-1}v, \qquad T \sim \sum_i w_i \chi^2_1, \quad w_i = \lambda_i/(1 + \lambda_i)
-
-if the noise model holds, with :math:`\lambda_i` the eigenvalues of K: a shape that the data can hardly show counts for
-little. Each T is taken over a far quantile of its own distribution; the statistic is the largest of these ratios. What
-noise makes of it is drawn for the campaign at hand; the threshold is a high quantile of that, times what a noise model
-that was itself estimated is off by (`SLACK`). A formula that is right in kind may miss nature's by `FORM` of its size:
-that share of what the causes take off each T is no lack of fit.
-
-`SLACK` is from campaigns of a generator that shares no numerics with this engine: see docs/diagnosis.md.
+**Whether**: a posterior probability.
+Beside each set of causes, the empty one too, stand hypotheses of what the formulas leave: only the error of form
+(`model.diagnosis.time_series.basis.FORM_ERROR`); or shapes of one kind (over slip, load, speed, place, direction, rate,
+time in one run, an error of an input) that are larger, by something that no cause describes. The coefficients of such a
+kind are N(0, s^2), with s one of `SCALES` alike. That one kind is larger has the probability `UNLISTED`, whatever the
+causes; kinds share it alike, runs that of the times in a run. All are weighed with all sets at once: a misfit that
+a set explains as well speaks for neither. With shapes of all kinds larger at once, 140 of them, only a misfit of
+hundreds of nats would be seen; one kind at a time sees what a test of its worst kind would.
 
 **Where**: residuals by channel, slip, load, speed, place, time and direction. The catch-all's shapes are tested one
 after the other: the one that stands out most is reported and taken out, and the rest are tested again, so that one
@@ -23,29 +18,28 @@ simulated there. A statistic is that height over its one-sigma by the noise mode
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gammaincinv
+from scipy.special import expit, logsumexp
 
 from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
-from model.diagnosis.core.result import Adequacy, Finding
+from model.diagnosis.core.result import Adequacy, Finding, LackOfFit
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.columns import Grams
+from model.diagnosis.time_series.evidence import log_evidence, weighed, without_soil
 from model.diagnosis.time_series.start import CampaignData
 
-LEVEL = 0.995
-"""Quantile of the statistic where the noise model is exact."""
-SLACK = 1.3
-"""Factor on that quantile."""
-FORM = 0.1
-"""Share of its size by which a cause's formula may miss nature's; of two causes half of it, of three a third: a formula
-that is right in kind needs no others to make up for it."""
+UNLISTED = 0.05
+"""Probability that something acts that no cause of the library describes."""
+SCALES = (0.1, 0.3, 1.0)
+"""One-sigma of the coefficients of a kind of shape then: shares of `basis.AMPLITUDE`, 2 % of the load."""
+LIMIT = 0.5
+"""Probability of something unlisted from which on nothing is explained."""
 MOST_EXCESS = 2.0
-_FAR = 0.9998
-"""Quantile that each kind is measured in, so that kinds of few shapes and of many are alike."""
-_DRAWS = 2000
+BEAM = 40
+"""Pairs whose sets of three are weighed; sets of three of which no pair is among them are taken as nothing."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +59,6 @@ class LeftOver:
     information: FloatArray
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """Shapes of one kind: their places, (I + K)^-1, and the far quantile of T."""
-
-    shapes: IndexArray
-    inverse: FloatArray
-    far: float
-
-    def statistic(self, scores: FloatArray) -> FloatArray:
-        """Return T of scores of shape (..., b)."""
-        own = scores[..., self.shapes]
-        return np.asarray((own @ self.inverse * own).sum(axis=-1))
-
-
 def left_over(grams: Grams, keys: tuple[str, ...] = ()) -> LeftOver:
     """Integrate soil and a set of causes out of the catch-all's cross products; its shapes by rank."""
     _, total = grams.all_shapes()
@@ -95,64 +75,158 @@ def _uncertain(grams: Grams, keys: tuple[str, ...]) -> IndexArray:
     return np.array([*range(1, 1 + len(grams.soil)), *(p for key in keys for p in grams.columns_of(key))], np.intp)
 
 
-def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> Adequacy:
-    """Judge whether a set of causes is an explanation; where no shape could show that it is none, it is none.
+@dataclass(frozen=True)
+class Unlisted:
+    """What no cause describes, as far as shapes of one kind show it.
+
+    Attributes
+    ----------
+    probability : float
+        That something of any kind acts.
+    shapes : int array
+        Positions of the most probable kind's among the shapes that every run may show, or among a run's own.
+    run : int or None
+        Whose own shapes they are.
+    scale : float
+        One-sigma of their coefficients, the most probable one.
+    """
+
+    probability: float
+    shapes: IndexArray
+    run: int | None
+    scale: float
+
+
+def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3) -> Unlisted:
+    """Weigh what no cause describes against all sets of causes, the noise model taken at its word.
+
+    Parameters
+    ----------
+    excluded : set of str
+        Families or keys that leave no trace.
+    most : int
+        Causes in the largest set.
+    """
+    sums = {"samples": grams.samples.sum(keepdims=True), "log_determinants": grams.log_determinants.sum(keepdims=True)}
+    grams = replace(grams, matrices=grams.total[None], run_names=("all",), **sums)
+
+    def evidence(of: Grams) -> float:
+        listed, found = weighed(of, without_soil(of, of.total), excluded, most, BEAM)
+        return log_evidence(of) + float(logsumexp(found + listed.log_prior))
+
+    kinds = list(_kinds(grams))
+    shares = np.log(UNLISTED / len(SCALES)) + np.array([share for _, _, share in kinds])
+    found = [
+        [evidence(_with_larger(grams, shapes, run, scale)) + share for scale in SCALES]
+        for (shapes, run, _), share in zip(kinds, shares, strict=True)
+    ]
+    together = float(logsumexp(found))
+    against = evidence(replace(grams, own=())) + np.log1p(-UNLISTED)
+    kind, scale = np.unravel_index(int(np.argmax(found)), (len(kinds), len(SCALES)))
+    shapes, run, _ = kinds[int(kind)]
+    return Unlisted(float(expit(together - against)), shapes, run, SCALES[int(scale)])
+
+
+def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
+    """Yield the shapes of each kind, the run whose own they are, and the logarithm of the kind's share of all."""
+    groups, runs = kinds_of(grams.basis), [run for run, one in enumerate(grams.own) if len(one.inner)]
+    share = -float(np.log(len(groups) + bool(runs)))
+    for shapes in groups:
+        yield shapes, None, share
+    for run in runs:
+        yield np.arange(len(grams.own[run].inner)), run, share - float(np.log(len(runs)))
+
+
+def kinds_of(shapes: Sequence[Shape]) -> list[IndexArray]:
+    """Return the positions of the shapes of each kind; several campaigns have kinds of their own."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, shape in enumerate(shapes):
+        groups.setdefault((shape.kind, shape.campaign), []).append(i)
+    return [np.array(positions, np.intp) for positions in groups.values()]
+
+
+def _with_larger(grams: Grams, shapes: IndexArray, run: int | None, scale: float) -> Grams:
+    """Return the Gram matrices where some shapes are larger than the error of form; other runs' own are left out."""
+    if run is None:
+        form = np.array(np.broadcast_to(grams.form, len(grams.basis)))
+        form[shapes] = np.maximum(form[shapes], scale)
+        return replace(grams, own=(), form=form)
+    own = grams.own[run]
+    inner, across = np.eye(len(own.inner)) + scale**2 * own.inner, scale * own.across
+    taken = across.T @ np.linalg.solve(inner, across)
+    more = float(np.linalg.slogdet(inner)[1])
+    return replace(grams, own=(), matrices=grams.matrices - taken, log_determinants=grams.log_determinants + more)
+
+
+def adequacy(grams: Grams, keys: tuple[str, ...], found: Unlisted) -> Adequacy:
+    """Judge whether causes of the library explain the data; where no shape could show that none does, none does.
 
     Parameters
     ----------
     keys : tuple of str
-        Of the set's effects.
-    rng : Generator
-        For the threshold.
+        Of the most probable set's effects.
     """
-    left = left_over(grams, keys)
-    if not left.information.any():
-        return Adequacy(float("nan"), float("nan"), ok=False)
-    spread = _spread(grams, left.information)
-    kinds = [_kind(left.information, spread, shapes) for shapes in _kinds(grams.all_shapes()[0])]
-    ratios = _ratios(grams, keys, left, kinds)
-    values, vectors = np.linalg.eigh(spread)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T  # whatever signs a processor gives the vectors
-    drawn = rng.normal(size=(_DRAWS, values.size)) @ root
-    largest = np.max([k.statistic(drawn) / k.far for k in kinds], axis=0)
-    threshold = SLACK * float(np.quantile(largest, LEVEL))
-    return Adequacy(max(ratios), threshold, ok=max(ratios) <= threshold)
-
-
-def _ratios(grams: Grams, keys: tuple[str, ...], left: LeftOver, kinds: Sequence[_Kind]) -> list[float]:
-    """Return T of each kind over its far quantile and what the causes' formulas may miss."""
-    before = left_over(grams)
-    form = FORM / max(len(keys), 1)
-    ratios = []
-    for kind in kinds:
-        found = float(kind.statistic(left.score))
-        alone = replace(kind, inverse=_inverse(before.information, kind.shapes))
-        explained = float(alone.statistic(before.score)) - found
-        ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
-    return ratios
+    if not left_over(grams, keys).information.any():
+        return Adequacy(float("nan"), float("nan"), ok=False, measure="probability")
+    return Adequacy(found.probability, LIMIT, ok=found.probability <= LIMIT, measure="probability")
 
 
 def lack_of_fit(
-    grams: Grams, campaigns: tuple[CampaignData, ...], keys: tuple[str, ...], excess: float = 1.0
-) -> tuple[Finding, ...]:
-    """Return the three largest members of the kind of shapes by which a set of causes fails most.
+    grams: Grams, campaigns: tuple[CampaignData, ...], keys: tuple[str, ...], found: Unlisted, excess: float = 1.0
+) -> LackOfFit:
+    """Return what the most probable kind of unlisted shapes says is left, fitted all together.
 
     Parameters
     ----------
     campaigns : tuple of CampaignData
-        For the shapes' heights.
+        For the shapes' columns.
+    keys : tuple of str
+        Of the set of causes that leaves it.
     excess : float
         Factor on the noise's variance.
     """
     shapes, left = grams.all_shapes()[0], left_over(grams, keys)
-    if not shapes:
-        return ()
-    spread = _spread(grams, left.information)
-    kinds = [_kind(left.information, spread, group) for group in _kinds(shapes)]
-    worst = kinds[int(np.argmax(_ratios(grams, keys, left, kinds)))].shapes
-    heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
-    own = LeftOver(left.misfit, left.score[worst], left.information[np.ix_(worst, worst)])
-    return tuple(found_in(own, tuple(shapes[i] for i in worst), heights[worst], excess, least=0.0, most=3))
+    first = 0 if found.run is None else len(grams.basis) + sum(len(one.inner) for one in grams.own[: found.run])
+    ranks = grams.places[first + found.shapes]
+    information = left.information[np.ix_(ranks, ranks)] / excess
+    covariance = np.linalg.inv(information + np.eye(ranks.size) / found.scale**2)
+    size = covariance @ left.score[ranks] / excess
+    heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])[ranks]
+    statistic = size / np.sqrt(np.diag(covariance))
+    worst = np.argsort(-np.abs(statistic))[:_WORST]
+    return LackOfFit(
+        tuple(
+            Finding(_role(shapes[ranks[i]]), shapes[ranks[i]], float(size[i] * heights[i]), float(statistic[i]))
+            for i in worst
+        ),
+        _rms(campaigns, found, size),
+    )
+
+
+def _role(shape: Shape) -> str:
+    return {**INPUTS, **OUTPUTS}[shape.channel].role
+
+
+def _rms(campaigns: Sequence[CampaignData], found: Unlisted, size: FloatArray) -> dict[str, float]:
+    """Return the root mean square of the fitted curve over the samples of the campaign that shows it most."""
+    first_shape = first_run = 0
+    largest: dict[str, float] = {}
+    for data in campaigns:
+        columns, of_run = data.columns, data.columns.catch_all.of_run
+        rows = columns.rows[..., columns.shared - len(columns.catch_all.shapes) : columns.shared]
+        own = found.shapes - first_shape
+        if found.run is not None:
+            local = found.run - first_run
+            inside = 0 <= local < len(of_run)
+            rows = columns.rows[:, data.samples.run == local, columns.shared : columns.varying]
+            own = found.shapes if inside else found.shapes[:0]
+        mine = (own >= 0) & (own < rows.shape[-1])
+        curve = rows[..., own[mine]] @ size[: len(own)][mine] if mine.any() else np.zeros((len(rows), 1))
+        for channel, x in zip(data.linear.channels, curve, strict=True):
+            role = OUTPUTS[channel].role
+            largest[role] = max(largest.get(role, 0.0), float(np.sqrt(np.mean(x**2))))
+        first_shape, first_run = first_shape + len(columns.catch_all.shapes), first_run + len(of_run)
+    return {role: x for role, x in largest.items() if x > 0.0}
 
 
 def excess(grams: Grams, keys: tuple[str, ...]) -> float:
@@ -183,37 +257,11 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     return float(np.clip(found / max(expected, 1e-9), 1.0, MOST_EXCESS))
 
 
-def _kinds(basis: tuple[Shape, ...]) -> list[IndexArray]:
-    """Return the shapes of each kind, and all of them."""
-    groups: dict[tuple[str, str], list[int]] = {}
-    for i, shape in enumerate(basis):
-        groups.setdefault(shape.group, []).append(i)
-    several = list(groups.values()) if len(groups) > 1 else []
-    return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(basis)))]]
-
-
-def _spread(grams: Grams, information: FloatArray) -> FloatArray:
-    """Return the covariance of the scores of a right model: noise, and the error of form of the shared shapes."""
-    shared = grams.shared_places
-    return information + np.square(grams.form) * information[:, shared] @ information[shared]
-
-
-def _inverse(information: FloatArray, shapes: IndexArray) -> FloatArray:
-    return np.asarray(np.linalg.inv(np.eye(shapes.size) + information[np.ix_(shapes, shapes)]))
-
-
-def _kind(information: FloatArray, spread: FloatArray, shapes: IndexArray) -> _Kind:
-    inverse = _inverse(information, shapes)
-    weights = inverse @ spread[np.ix_(shapes, shapes)]
-    mean, variance = float(np.trace(weights)), 2.0 * float(np.sum(weights * weights.T))
-    shape = mean**2 / max(variance, 1e-12)
-    far = variance / max(mean, 1e-12) * float(gammaincinv(shape, _FAR)) if mean > 0 else np.inf
-    return _Kind(shapes, inverse, far if far > 0 else np.inf)
-
-
 LEAST = 3.5
 """Size of a statistic from which on a shape is said: one of 140 shapes exceeds it by chance in one of 15 campaigns."""
 MOST = 8
+_WORST = 3
+"""Shapes of lack of fit that are said."""
 _LEAST_SHARE_LEFT = 0.05
 """Share of a shape's information that soil and earlier findings must have left."""
 
@@ -280,7 +328,7 @@ def found_in(
             break
         shape = shapes[worst]
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding({**INPUTS, **OUTPUTS}[shape.channel].role, shape, size, float(z[worst])))
+        found.append(Finding(_role(shape), shape, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

@@ -34,7 +34,7 @@ from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.naming import LEAST_NATS, REMAINDER
 from model.diagnosis.core.result import Gain
-from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.adequacy import BEAM, excess
 from model.diagnosis.findings.set_fit import SetFit, fit_sets
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
@@ -52,8 +52,6 @@ from model.notes import DiagnosisCode, LackCode
 REPLICATES = 64
 FEWEST_RUNS = 3
 """Runs below which drawing anew says nothing."""
-BEAM = 40
-"""Pairs whose sets of three are weighed; sets of three of which no pair is among them are taken as nothing."""
 
 
 def bagged(

@@ -14,7 +14,7 @@ from model.diagnosis.core.clock import OF_TABLES, Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
-from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
+from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, LackOfFit, Verdict, undecided
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
@@ -85,10 +85,11 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
             after, turned = steady(base, lambda factor: _again(weighing, known, options, factor))
             if after != verdict:
                 verdict, causes = after, _causes(weighing, after.families, rng)
+    worst = findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else ()
     grounds = Grounds(
         barred=verdict.barred,
         beside=verdict.beside,
-        lack_of_fit=findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else (),
+        lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
         cautions=mixed_repeats(problem),
         table_channels=problem.channels,

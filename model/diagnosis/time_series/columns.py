@@ -223,7 +223,7 @@ class Grams:
         total : array, shape (1 + q + k + all shapes, same)
         """
         start, shared = self.cause_columns.stop, len(self.basis)
-        place = start + self._places
+        place = start + self.places
         shapes = (*self.basis, *(shape for one in self.own for shape in one.shapes.shapes))
         total = np.zeros((start + len(shapes),) * 2)
         kept = np.r_[np.arange(start), place[:shared]]
@@ -235,15 +235,10 @@ class Grams:
             total[np.ix_(kept, rows)] = one.across.T
             total[np.ix_(rows, rows)] = one.inner
             at += len(one.inner)
-        return tuple(shapes[i] for i in np.argsort(self._places)), total
+        return tuple(shapes[i] for i in np.argsort(self.places)), total
 
     @property
-    def shared_places(self) -> IndexArray:
-        """Places of the b shapes that every run may show among all, by rank; shape (b,)."""
-        return self._places[: len(self.basis)]
-
-    @property
-    def _places(self) -> IndexArray:
+    def places(self) -> IndexArray:
         """Places of all shapes by rank: the shared ones, then those of single runs."""
         order = np.arange(len(self.basis)) if self.order is None else self.order
         ranks = np.concatenate([order, *(one.shapes.order for one in self.own)])

@@ -26,11 +26,12 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Grounds,
+    LackOfFit,
     NextRun,
     PriorShift,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, findings, lack_of_fit
+from model.diagnosis.findings.adequacy import Unlisted, adequacy, excess, findings, lack_of_fit, unlisted
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -47,7 +48,6 @@ from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
-from model.diagnosis.time_series.evidence import posterior
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
@@ -113,16 +113,16 @@ class _Weighed:
     gain: Gain | None
     verdict: Judgement
     wrong: list[Finding]
-    lack: tuple[Finding, ...]
+    lack: LackOfFit
     shifts: tuple[PriorShift, ...]
 
 
 def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
     clock, rng = Clock(), np.random.default_rng(options.seed)
     with clock.stage("adequacy"):
-        judged, factor = _judged(linearised, rng)
+        judged, factor, other = _judged(linearised)
     fits = Fits(linearised, "several" if judged.ok else "one")
-    weighed, remarks = _weighed(fits, judged, factor, options.name_at, clock, rng)
+    weighed, remarks = _weighed(fits, judged, other, factor, options.name_at, clock, rng)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -175,19 +175,20 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     )
 
 
-def _judged(linearised: LinearisedCampaign, rng: np.random.Generator) -> tuple[Adequacy, float]:
-    """Judge the most probable set under realistic instrument noise; return also the factor on the noise's variance."""
-    judged = adequacy(linearised.grams, linearised.best.keys, rng)
-    factor = excess(linearised.grams, linearised.best.keys)
-    grams = plausible_grams(linearised)
-    if judged.ok and grams is not linearised.grams:
-        judged = adequacy(grams, posterior(grams, linearised.excluded, linearised.most_causes).best(), rng)
-    return judged, factor
+def _judged(linearised: LinearisedCampaign) -> tuple[Adequacy, float, Unlisted]:
+    """Judge the explanation under realistic instrument noise; return also the factor on the noise's variance."""
+    keys, grams, most = linearised.best.keys, plausible_grams(linearised), linearised.most_causes
+    found = unlisted(linearised.grams, linearised.excluded, most)
+    if grams is not linearised.grams:
+        strict = unlisted(grams, linearised.excluded, most)
+        found = max(found, strict, key=lambda one: one.probability)
+    return adequacy(linearised.grams, keys, found), excess(linearised.grams, keys), found
 
 
 def _weighed(
     fits: Fits,
     judged: Adequacy,
+    other: Unlisted,
     factor: float,
     name_at: float,
     clock: Clock,
@@ -220,7 +221,7 @@ def _weighed(
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = linearised.best.keys if unnamed else ()
-        lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, factor) if unnamed else ()
+        lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, other, factor) if unnamed else LackOfFit()
         wrong = findings(linearised.grams, linearised.campaigns, left_by, factor, inputs=unnamed)
     return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts), remarks
 

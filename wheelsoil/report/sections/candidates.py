@@ -13,6 +13,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_name
 from wheelsoil.wording.names import parameter_name, plain_name
+from wheelsoil.wording.verdict import adequacy_words
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
@@ -113,11 +114,11 @@ def _meaning(cause: Cause) -> str:
 def _adequacy(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
     if found.adequacy and isfinite(found.adequacy.statistic):
-        numbers = f"Lack of fit {number(found.adequacy.statistic)}, threshold {number(found.adequacy.threshold)}"
+        said = adequacy_words(found.adequacy)
         if found.adequacy.ok:
-            blocks.append(Text(f"{numbers}: the best explanation leaves no more than noise.", "good"))
+            blocks.append(Text(f"The best explanation leaves no more than noise: {said}.", "good"))
         else:
-            text = f"{numbers}: the best explanation leaves more than noise, so do not rely on the probabilities."
+            text = f"The best explanation leaves more than noise: {said}. Do not rely on the probabilities of causes."
             blocks.append(Text(text, "warning"))
     if found.proposal:
         text = (

@@ -20,7 +20,7 @@ from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.diagnosis_text import COVERED
 from wheelsoil.wording.names import chance, family_of, plain_name
 from wheelsoil.wording.notes import note_text, step_text
-from wheelsoil.wording.verdict import details_of, headline_of, sentences_of
+from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, sentences_of
 from wheelsoil.workflows.grading import Grade
 
 _STEPS = 3
@@ -130,7 +130,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     if found.verdict == "nothing_detectable":
         return Tile(title, *_share(chances.get("none", float("nan"))), "that no cause acts")
     fit = found.adequacy
-    why = f"lack of fit {number(fit.statistic)}, threshold {number(fit.threshold)}" if fit else "nothing was decided"
+    why = adequacy_words(fit) if fit else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why
     return Tile(title, "none", "", why)
 

@@ -35,6 +35,7 @@ from wheelsoil.report.words import count, form_name, interval, letter, listed, m
 from wheelsoil.wording.diagnosis_text import set_name
 from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.verdict import adequacy_words
 from wheelsoil.workflows.traction import Traction, traction_of
 
 _SIGMAS = 1.959964
@@ -134,9 +135,9 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
     judged = found.adequacy
-    text = f"Lack of fit {number(judged.statistic)}, threshold {number(judged.threshold)}"
-    said = "no more than noise is left." if judged.ok else "more than noise is left; do not rely on the probabilities."
-    return [Check(judged.ok, f"{text}: {said}")]
+    left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
+    said = adequacy_words(judged)
+    return [Check(judged.ok, f"{said[0].upper()}{said[1:]}: {left}.")]
 
 
 def _parameters(material: ReportInputs) -> Table | None:

@@ -11,7 +11,7 @@ from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Tex
 from wheelsoil.report.figures import MEASURED, Trace, axes, dots, marked_line, set_axis_range, style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import form_error_words, sentence_of
+from wheelsoil.wording.verdict import adequacy_words, form_error_words, sentence_of
 from wheelsoil.workflows.sinkage import agreement_sentence, growth_sentence, sinkage_as_json, sinkage_of_table
 from wheelsoil.workflows.tables import BenchFiles
 
@@ -34,8 +34,8 @@ def verdict(material: ReportInputs) -> Contents:
         blocks.append(Text(f"The verdict depends on it: {note_text(found.grounds.form_matters)}.", "warning"))
     if found.adequacy is not None:
         kind = "good" if found.adequacy.ok else "warning"
-        limits = f"lack of fit {number(found.adequacy.statistic, 3)}, threshold {number(found.adequacy.threshold, 3)}"
-        blocks.append(Text(f"The best explanation is {'' if found.adequacy.ok else 'not '}adequate: {limits}.", kind))
+        grade = "adequate" if found.adequacy.ok else "not adequate"
+        blocks.append(Text(f"The best explanation is {grade}: {adequacy_words(found.adequacy)}.", kind))
     blocks += [Text(f"Inconsistent: {note_text(item.why)}.", "warning") for item in found.inconsistent]
     blocks += [Text(f"{note_text(note)}.", "warning") for note in found.grounds.cautions]
     return blocks, {"sentence": sentence_of(found), "verdict": found.verdict}
