@@ -113,7 +113,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             chosen=(("vasilev",), ()),
         ),
         inconsistent=(Inconsistent("driving_torque", 14, BROKEN_BOUND),),
-        adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
+        adequacy=Adequacy(0.97 if verdict == "unexplained" else 0.02, 0.5, verdict != "unexplained", "probability"),
         linearisation=Linearisation(1214, 1210, 5, converged=verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={

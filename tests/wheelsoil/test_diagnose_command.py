@@ -59,7 +59,7 @@ def check_shape(found: dict[str, Any]) -> None:
     for item in found["inconsistent"]:
         assert set(item) == {"channel", "rows", "why", "lines", "slips"}
     if found["adequacy"] is not None:
-        assert set(found["adequacy"]) == {"statistic", "threshold", "ok"}
+        assert set(found["adequacy"]) == {"statistic", "threshold", "ok", "measure"}
     if found["linearisation"] is not None:
         assert set(found["linearisation"]) == {"samples", "used", "iterations", "converged"}
         assert 0 < found["linearisation"]["used"] <= found["linearisation"]["samples"]

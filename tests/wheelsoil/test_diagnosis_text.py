@@ -64,7 +64,7 @@ def test_everything_is_said():
         "driving torque: 14 rows",
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
-        "Lack of fit 1.03, threshold 1.77: the best explanation leaves no more than noise",
+        "The best explanation is adequate: something that the library does not have acts with a probability of 2 %.",
         "Samples used: 1210 of 1214. The linearisation converged after 5 iterations.",
         "Not detectable (1) slope: all runs go one way",
         "Detectable, not identifiable (1) speed bias: all runs go one way",
@@ -119,7 +119,7 @@ def test_an_empty_score_and_no_convergence_are_said():
     grounds = Grounds(barred=Note(LackCode.NOTHING_JUDGED))
     found = replace(diagnosis("unexplained"), adequacy=Adequacy(np.nan, np.nan, ok=False), grounds=grounds)
     text = squeezed(text_of(found))
-    assert "Lack of fit: not known." in text and "nan" not in text
+    assert "not adequate: whether anything explains them is not known." in text and "nan" not in text
     assert "The linearisation did not converge in 5 iterations." in text
 
 

@@ -19,6 +19,7 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Grounds,
+    LackOfFit,
     NextRun,
     ParameterEstimate,
     Scores,
@@ -139,10 +140,13 @@ REASONS = {
 
 
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
-    found = [Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)]
-    left = " ".join(unexplained_words(Adequacy(3.0, 1.8, ok=False), found, ("slope",), (("r1",), ("r2", "r3"))))
-    assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
-    assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
+    worst = Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)
+    found = LackOfFit((worst,), {"drawbar_pull": 31.4, "driving_torque": 2.0})
+    judged = Adequacy(0.9876, 0.5, ok=False, measure="probability")
+    left = " ".join(unexplained_words(judged, found, ("slope",), (("r1",), ("r2", "r3"))))
+    assert "something that the library does not have acts with a probability of 98.8 %" in left
+    assert "off most in drawbar pull, slip 0.4 to 0.9: -120 N. " in left
+    assert "rms over all samples, 31.4 N of drawbar pull and 2 N m of driving torque" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     for why, words in REASONS.items():
         said = unexplained_words(Adequacy(nan, nan, ok=False), found, (), None, why)
@@ -150,7 +154,7 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
         assert said[-1].startswith("Next: check zeros")
     unsure = " ".join(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
     assert unsure.startswith("No cause is distinguishable from chance (no cause: 30 %). The most probable one is slope")
-    nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found))
+    nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
     assert "no cause: 93 %" in nothing
     assert "slip sinkage from H_m = 0.0034 m on would be detected in half of such campaigns" in nothing
 
