@@ -45,8 +45,8 @@ LEAST_NATS = 3.0
 """Rise of the held-out log score that a name needs."""
 MOST_ERROR = 1.5
 """Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
-_OF_A_RUN, _BY_CHANCE = 2.0, 0.999
-"""Errors that a held-out run is worth, and how certainly few of them have to exceed `MOST_ERROR`."""
+_BY_CHANCE = 0.001
+"""Chance of so large an error of few runs. A run is worth one error: its own soil is one value."""
 REMAINDER = 0.5
 """Share of the smaller of two causes below which what they leave together is a small remainder."""
 
@@ -125,8 +125,8 @@ def _more_than_noise(gain: Gain | None) -> Note | None:
     """Return which held-out error soil and noise do not explain; None where they do, or none is known."""
     if gain is None:
         return None
-    errors = _OF_A_RUN * len(gain.chosen)
-    most = max(MOST_ERROR, float(np.sqrt(chdtri(errors, 1.0 - _BY_CHANCE) / errors)))
+    runs = len(gain.chosen)
+    most = max(MOST_ERROR, float(np.sqrt(chdtri(runs, _BY_CHANCE) / runs)))
     for channel, expected in gain.expected.items():
         error = gain.base[channel].R0
         if not error <= most * expected:

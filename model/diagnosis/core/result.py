@@ -356,6 +356,8 @@ class Grounds:
         Changes of one family's prior that change the verdict.
     cautions : tuple of Note
         What speaks against diagnosing these runs or rows together.
+    free_form : (family, Kind), optional
+        A cause that acts by another formula than the listed ones, and over what it departs from them.
     table_channels : tuple of str
         Channels that were used, of single-wheel tables; empty for driven runs.
     form_errors : tuple of FormUsed
@@ -373,6 +375,7 @@ class Grounds:
     lack_of_fit: LackOfFit = LackOfFit()
     prior_shifts: tuple[PriorShift, ...] = ()
     cautions: tuple[Note, ...] = ()
+    free_form: tuple[str, str] | None = None
     table_channels: tuple[str, ...] = ()
     form_errors: tuple[FormUsed, ...] = ()
     form_matters: Note | None = None

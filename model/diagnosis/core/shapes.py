@@ -55,6 +55,8 @@ class Shape:
         Where a hat is one.
     run, campaign : str
         Where the shape is one run's own, or one campaign's among several.
+    cause : str
+        Key of the effect whose formula it changes.
     """
 
     kind: str
@@ -64,6 +66,7 @@ class Shape:
     knot: float = float("nan")
     run: str = ""
     campaign: str = ""
+    cause: str = ""
 
     @property
     def slips(self) -> tuple[float, float] | None:

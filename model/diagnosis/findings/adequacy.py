@@ -81,7 +81,7 @@ class Unlisted:
 
     Attributes
     ----------
-    probability : float
+    log_odds : float
         That something of any kind acts.
     shapes : int array
         Positions of the most probable kind's among the shapes that every run may show, or among a run's own.
@@ -91,10 +91,15 @@ class Unlisted:
         One-sigma of their coefficients, the most probable one.
     """
 
-    probability: float
+    log_odds: float
     shapes: IndexArray
     run: int | None
     scale: float
+
+    @property
+    def probability(self) -> float:
+        """That something of any kind acts."""
+        return float(expit(self.log_odds))
 
 
 def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3) -> Unlisted:
@@ -111,8 +116,7 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
     grams = replace(grams, matrices=grams.total[None], run_names=("all",), **sums)
 
     def evidence(of: Grams) -> float:
-        listed, found = weighed(of, without_soil(of, of.total), excluded, most, BEAM)
-        return log_evidence(of) + float(logsumexp(found + listed.log_prior))
+        return log_evidence_of_sets(of, excluded, most)
 
     kinds = list(_kinds(grams))
     shares = np.log(UNLISTED / len(SCALES)) + np.array([share for _, _, share in kinds])
@@ -124,12 +128,26 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
     against = evidence(replace(grams, own=())) + np.log1p(-UNLISTED)
     kind, scale = np.unravel_index(int(np.argmax(found)), (len(kinds), len(SCALES)))
     shapes, run, _ = kinds[int(kind)]
-    return Unlisted(float(expit(together - against)), shapes, run, SCALES[int(scale)])
+    return Unlisted(together - against, shapes, run, SCALES[int(scale)])
+
+
+def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key: str | None = None) -> float:
+    """Return the log density of all whitened data over all sets of causes by their prior, nats.
+
+    Parameters
+    ----------
+    key : str, optional
+        Only sets with this effect.
+    """
+    listed, found = weighed(grams, without_soil(grams, grams.total), excluded, most, BEAM)
+    among = np.ones(len(listed), bool) if key is None else listed.has_effect[:, listed.effects.index(key)]
+    return log_evidence(grams) + float(logsumexp((found + listed.log_prior)[among]))
 
 
 def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
     """Yield the shapes of each kind, the run whose own they are, and the logarithm of the kind's share of all."""
-    groups, runs = kinds_of(grams.basis), [run for run, one in enumerate(grams.own) if len(one.inner)]
+    groups = [shapes for shapes in kinds_of(grams.basis) if not grams.basis[shapes[0]].cause]
+    runs = [run for run, one in enumerate(grams.own) if len(one.inner)]
     share = -float(np.log(len(groups) + bool(runs)))
     for shapes in groups:
         yield shapes, None, share
@@ -138,10 +156,10 @@ def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
 
 
 def kinds_of(shapes: Sequence[Shape]) -> list[IndexArray]:
-    """Return the positions of the shapes of each kind; several campaigns have kinds of their own."""
-    groups: dict[tuple[str, str], list[int]] = {}
+    """Return the positions of the shapes of each kind; every campaign and every cause's formula has its own."""
+    groups: dict[tuple[str, str, str], list[int]] = {}
     for i, shape in enumerate(shapes):
-        groups.setdefault((shape.kind, shape.campaign), []).append(i)
+        groups.setdefault((shape.kind, shape.campaign, shape.cause), []).append(i)
     return [np.array(positions, np.intp) for positions in groups.values()]
 
 
@@ -290,7 +308,7 @@ def findings(
     """
     heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
     shapes, _ = grams.all_shapes()
-    asked = [i for i, shape in enumerate(shapes) if inputs or shape.channel not in INPUTS]
+    asked = [i for i, s in enumerate(shapes) if not s.cause and (inputs or s.channel not in INPUTS)]
     left = left_over(grams, keys)
     left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
     return found_in(left, tuple(shapes[i] for i in asked), heights[asked], excess)

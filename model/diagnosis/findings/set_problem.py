@@ -80,7 +80,9 @@ class Part:
 
     def columns(self, linear: Linear, *, catch_all: bool = False) -> Columns:
         """Return the columns about a point."""
-        return columns_of(self.simulation, self.data.samples, linear, self.data.speed_variance, catch_all=catch_all)
+        data = self.data
+        freed = data.columns.catch_all.freed
+        return columns_of(self.simulation, data.samples, linear, data.speed_variance, catch_all=catch_all, freed=freed)
 
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""

@@ -14,7 +14,7 @@ between runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from math import exp
@@ -125,6 +125,9 @@ every run: more runs do not average them out. What our own simulator's instrumen
 about as large (docs/decisions/diagnosis-adequacy.md).
 """
 
+FREE = 0.3
+"""One-sigma of a curve that a formula is multiplied by where it is set free, at each of its knots."""
+
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
 _BRAKE_KNOTS = (0.05, 0.15, 0.3, 0.6)
 _PLACES = 13
@@ -141,6 +144,9 @@ class RunShapes:
     order: IndexArray = field(default_factory=lambda: np.arange(0))
 
 
+Freed = frozenset[tuple[str, str]]
+
+
 @dataclass(frozen=True)
 class CatchAll:
     """What the shapes of a campaign are.
@@ -153,17 +159,21 @@ class CatchAll:
         Their ranks among all shapes, those of single runs included: channel after channel.
     input_heights : array, shape (b,)
         Largest error of an input, m/s or N; NaN for a shape of a channel.
-    form : float
-        One-sigma of each shape's coefficient where they are the error of form: of all together it is `FORM_ERROR`.
     of_run : tuple of RunShapes
         Of every run.
+    form : array, shape (b,)
+        One-sigma of each shape's coefficient where they are the error of form: of all together it is `FORM_ERROR`; of
+        a formula that is set free, 1.
+    freed : set of (key, Kind)
+        Effects whose formulas are set free, and over what.
     """
 
     shapes: tuple[Shape, ...]
     order: IndexArray
     input_heights: FloatArray
     of_run: tuple[RunShapes, ...]
-    form: float = 0.0
+    form: FloatArray
+    freed: Freed = frozenset()
 
     @property
     def by_rank(self) -> tuple[Shape, ...]:
@@ -195,12 +205,28 @@ class Basis:
     rests: FloatArray
 
 
-def basis(samples: Samples, linear: Linear) -> Basis:
-    """Return the shapes of the channels, then the zeros that standstills show, then those of the inputs."""
+def basis(
+    samples: Samples, linear: Linear, changes: Mapping[str, FloatArray] | None = None, freed: Freed = frozenset()
+) -> Basis:
+    """Return the shapes of the channels, the zeros that standstills show, the inputs' and the formulas'.
+
+    Parameters
+    ----------
+    changes : mapping key -> array, shape (c, n)
+        What effects at the point change; of those in `freed`.
+    freed : set of (key, Kind)
+        Effects whose formulas are set free: times a curve over a kind of shape.
+    """
     before, after = ([(s, x) for s, x in of(samples, linear) if np.std(x) > 0] for of in (_placed, _driven))
+    formulas = [
+        (replace(shape, cause=key), FREE * x * change)
+        for key, change in (changes or {}).items()
+        for shape, x in before
+        if (key, shape.kind) in freed
+    ]
     in_time, zeros, inputs = _in_time(samples), _channels_with_zeros(samples, linear), list(input_shapes(linear))
     channels = linear.channels
-    width = (len(before) + len(after)) * len(channels) + len(zeros) + len(inputs)
+    width = (len(before) + len(after)) * len(channels) + len(zeros) + len(inputs) + len(formulas)
     columns, rests = np.zeros((*linear.value.shape, width)), np.zeros((len(AT_REST), len(samples.rests), width))
     own = np.zeros((*linear.value.shape, len(channels) * max(map(len, in_time), default=0)))
     heights = np.full(width, np.nan)
@@ -231,11 +257,14 @@ def basis(samples: Samples, linear: Linear) -> Basis:
         column = place(error.shape)
         columns[..., column] = error.columns
         heights[column] = error.height
-    shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
     unit = np.array([amplitude_of(samples, channel) for channel in channels])[:, None]
     together = float(np.mean(np.sum((columns / unit[..., None]) ** 2, axis=-1)))
-    form = FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0
-    return Basis(CatchAll(shared.shapes, shared.order, heights, runs, float(form)), columns, own, rests)
+    form = np.full(width, FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0)
+    for shape, x in formulas:
+        column = place(shape)
+        columns[..., column], form[column] = x, 1.0
+    shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
+    return Basis(CatchAll(shared.shapes, shared.order, heights, runs, form, freed), columns, own, rests)
 
 
 def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:
@@ -245,7 +274,7 @@ def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:
 def no_basis(samples: Samples, linear: Linear) -> Basis:
     """Return no shapes at all, for a fit that has no use for them."""
     none = np.zeros((*linear.value.shape, 0))
-    catch_all = CatchAll((), np.arange(0), np.zeros(0), (RunShapes(),) * samples.runs)
+    catch_all = CatchAll((), np.arange(0), np.zeros(0), (RunShapes(),) * samples.runs, np.zeros(0))
     return Basis(catch_all, none, none, np.zeros((len(AT_REST), len(samples.rests), 0)))
 
 

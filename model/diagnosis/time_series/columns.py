@@ -18,7 +18,7 @@ import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.basis import CatchAll, RunShapes, basis, no_basis
+from model.diagnosis.time_series.basis import CatchAll, Freed, RunShapes, basis, no_basis
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
 from model.diagnosis.time_series.samples import Samples
@@ -332,7 +332,13 @@ def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[Cau
 
 
 def columns_of(
-    simulation: Simulation, samples: Samples, linear: Linear, speed_variance: FloatArray, *, catch_all: bool = True
+    simulation: Simulation,
+    samples: Samples,
+    linear: Linear,
+    speed_variance: FloatArray,
+    *,
+    catch_all: bool = True,
+    freed: Freed = frozenset(),
 ) -> Columns:
     """Put the columns together.
 
@@ -346,11 +352,14 @@ def columns_of(
         P of each sample.
     catch_all : bool
         Whether to take up the catch-all's shapes.
+    freed : set of (key, Kind)
+        Effects whose formulas are set free, and over what.
     """
     causes = cause_columns(simulation, linear.point.causes)
     scale = np.array([c.scale for c in causes])
     at = np.array([(c.centre - c.neutral) / c.scale for c in causes])
-    shapes = basis(samples, linear) if catch_all else no_basis(samples, linear)
+    changes = _changes(causes, linear) if freed else {}
+    shapes = basis(samples, linear, changes, freed) if catch_all else no_basis(samples, linear)
     measured = np.stack([_compensated(samples, linear) if c == "dp" else samples.measured[c] for c in linear.channels])
     own = linear.causes * scale
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
@@ -373,6 +382,15 @@ def columns_of(
         catch_all=shapes.catch_all,
         constants=tuple(name for name, _ in by_run),
     )
+
+
+def _changes(causes: tuple[CauseColumn, ...], linear: Linear) -> dict[str, FloatArray]:
+    """Return what each effect at the point changes in every channel, to first order, shape (c, n)."""
+    found: dict[str, FloatArray] = {}
+    for i, cause in enumerate(causes):
+        if (size := cause.centre - cause.neutral) != 0.0:
+            found[cause.key] = found.get(cause.key, 0.0) + linear.causes[..., i] * size
+    return found
 
 
 def _compensated(samples: Samples, linear: Linear) -> FloatArray:

@@ -42,6 +42,7 @@ from model.diagnosis.findings.explained import (
     explain,
     plot_data_of,
 )
+from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
@@ -121,6 +122,12 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     clock, rng = Clock(), np.random.default_rng(options.seed)
     with clock.stage("adequacy"):
         judged, factor, other = _judged(linearised)
+    with clock.stage("free form"):
+        freed = None if judged.ok else with_free_form(linearised, other)
+        if freed is not None:
+            linearised, other = freed.linearised, freed.unlisted
+            factor = excess(linearised.grams, linearised.best.keys)
+            judged = adequacy(linearised.grams, linearised.best.keys, other)
     fits = Fits(linearised, "several" if judged.ok else "one")
     weighed, remarks = _weighed(fits, judged, other, factor, options.name_at, clock, rng)
     verdict, found = weighed.verdict, weighed.found
@@ -149,6 +156,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             lack_of_fit=weighed.lack,
             prior_shifts=weighed.shifts,
             cautions=disputes,
+            free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
     return Diagnosis(

@@ -396,7 +396,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         soil_at, basis_at = soil_at + q, basis_at + b
         matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
         order.append(columns.catch_all.order + rank)
-        form.append(np.full(b, columns.catch_all.form))
+        form.append(columns.catch_all.form)
         for one in grams.own:
             shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
             own.append(OwnGram(shapes, one.across @ turn, one.inner))
