@@ -111,6 +111,8 @@ def _told(said: Diagnosis) -> dict[str, Any]:
         "what_is_wrong",
         "gain",
         "adequacy",
+        "lack_of_fit_rms",
+        "free_form",
         "noise",
         "stages_s",
     )

@@ -12,7 +12,9 @@ from daq.notes import Note
 from model.diagnosis.findings.held_out import held_out, predict_held_out
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
+from model.diagnosis.time_series.linearise import SENSORS
 from model.notes import DiagnosisCode
+from processing.processed_run import ProcessedRun
 
 DIGGING = "vasilev:H_m=0.04"
 
@@ -54,6 +56,25 @@ def test_a_held_out_run_does_not_change_its_prediction() -> None:
     np.testing.assert_allclose(one.predicted["dp"], other.predicted["dp"], rtol=1e-12)
     assert one.log_likelihood > other.log_likelihood
     assert one.log_likelihood == pytest.approx(log_likelihood_of_run(grams, 2, ("vasilev",)))
+
+
+def test_a_sinkage_sensor_that_is_off_is_predicted_off() -> None:
+    """Its zero is one number of the campaign, which the other runs know."""
+
+    def off(run: ProcessedRun) -> ProcessedRun:
+        return replace(run, sinkage_m=np.full(len(run), 0.1), sinkage_sigma_m=np.full(len(run), 0.003))
+
+    campaign = driven()
+    seen = looked(replace(campaign, runs=tuple(map(off, campaign.runs))))
+    fit = fit_set(seen, ())
+    part, point = fit.problem.parts[0], fit.problem.points(fit.estimate)[0]
+    sensors = np.array([0.5, -0.3, 1.2])
+    moved = replace(point, soil=np.r_[point.soil[:-3], point.soil[-3:] + sensors])
+    change = part.at_measured_slip(moved) - part.at_measured_slip(point)
+    np.testing.assert_allclose(change, part.frozen.soil[..., -3:] @ sensors, atol=1e-9)
+    assert change[part.frozen.channels.index("z")] == pytest.approx(1.2 * SENSORS["sinkage_zero_m"], rel=0.02)
+    few = np.arange(len(part.data.samples)) % 7 == 0
+    np.testing.assert_allclose(part.at_measured_slip(point, few), part.at_measured_slip(point)[:, few])
 
 
 def test_few_runs_are_said() -> None:

@@ -181,6 +181,14 @@ def test_what_did_not_converge_is_not_explained(grams: Grams) -> None:
         assert unsettled == Judgement("unexplained", barred=Note(LackCode.NOT_SETTLED))
 
 
+@pytest.mark.parametrize(("unlisted", "named"), [(0.05, True), (0.06, False)])
+def test_a_name_is_as_sure_as_that_nothing_unlisted_acts(grams: Grams, unlisted: float, named: bool) -> None:
+    judged = Adequacy(unlisted, 0.5, ok=True, measure="probability")
+    said = judgement(made(grams, {("a",): 0.95, (): 0.05}), judged, gain(9.0))
+    assert said.verdict == ("named" if named else "one_of")
+    assert judgement(made(grams, {("a",): 0.95, (): 0.05}), replace(judged, measure="lack of fit"), gain(9.0)).families
+
+
 def test_nothing_to_judge_by_explains_nothing(grams: Grams) -> None:
     empty = Adequacy(np.nan, np.nan, ok=False)
     said = judgement(made(grams, {(): 1.0}), empty, gain(0.0))

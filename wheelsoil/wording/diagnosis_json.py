@@ -16,6 +16,7 @@ _PLAN_SCHEMA = "wheelsoil/plan/1"
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as plain mappings; NaN stays NaN, for the writer to turn into null."""
+    free = found.grounds.free_form
     return {
         "schema": _SCHEMA,
         "verdict": found.verdict,
@@ -38,9 +39,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "soils": [{**vars(soil), "off_laboratory_sigmas": soil.off_laboratory} for soil in found.soils],
         "lack_of_fit": [_finding(one, found.median_there(one)) for one in found.grounds.lack_of_fit.worst],
         "lack_of_fit_rms": found.grounds.lack_of_fit.rms,
-        "free_form": dict(zip(("family", "over"), found.grounds.free_form, strict=True))
-        if found.grounds.free_form
-        else None,
+        "free_form": None if free is None else {"family": free[0], "over": free[1]},
         "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),

@@ -230,9 +230,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
     said = [" and ".join(_cause(cause) for cause in found.causes)]
     if found.grounds.free_form:
         family, over = found.grounds.free_form
-        said.append(
-            f"{plain_name(family).capitalize()} acts by another formula than any listed: it departs over {over}"
-        )
+        said.append(f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}")
     if worth := gain_words(found.gain):
         said.append(f"On held-out runs {worth}")
     if found.grounds.beside:

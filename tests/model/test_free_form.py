@@ -1,0 +1,64 @@
+"""A formula set free: its columns, and a cause that acts by a formula that the engine does not have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blind.engine import asked, campaign_from_channels
+from blind.mix import Case
+from blind.study import truth_of
+from short_campaign import driven, looked
+
+from model.diagnosis.core.shapes import Kind
+from model.diagnosis.findings.adequacy import kinds_of, unlisted
+from model.diagnosis.findings.free_form import with_free_form
+from model.diagnosis.time_series.basis import FREE
+from model.diagnosis.time_series.columns import columns_of
+
+
+def test_a_curve_multiplies_what_the_cause_changes() -> None:
+    [data] = looked(driven("vasilev:H_m=0.04"), "vasilev", "torque_zero").campaigns
+    freed = frozenset({("vasilev", Kind.SLIP)})
+    plain, curved = (
+        columns_of(data.simulation, data.samples, data.linear, data.speed_variance, freed=chosen)
+        for chosen in (frozenset(), freed)
+    )
+    shapes = curved.catch_all.shapes
+    own = [i for i, shape in enumerate(shapes) if shape.cause]
+    assert own == list(range(len(plain.catch_all.shapes), len(shapes))) and len(own) == 5
+    assert {shapes[i].kind for i in own} == {Kind.SLIP} and {shapes[i].cause for i in own} == {"vasilev"}
+    np.testing.assert_array_equal(curved.catch_all.form, np.r_[plain.catch_all.form, np.ones(5)])
+    assert len(kinds_of(shapes)) == len(kinds_of(plain.catch_all.shapes)) + 1
+    [at] = [i for i, cause in enumerate(curved.causes) if cause.key == "vasilev"]
+    change = data.linear.causes[..., at] * curved.causes[at].centre
+    driving = np.asarray(data.linear.conditions.slip) > 0
+    columns = curved.rows[..., curved.shared - 5 : curved.shared]
+    together = np.where(driving & curved.present, FREE * change, 0.0)  # the hats of driving add up to one
+    np.testing.assert_allclose(columns.sum(axis=-1), together, atol=1e-9)
+
+
+def test_without_a_cause_no_formula_is_set_free() -> None:
+    seen = looked(driven(), "vasilev")
+    assert seen.best.keys == () and with_free_form(seen, unlisted(seen.grams)) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("key", "family"), [("skid_hyperbola", "skid_sinkage"), ("hump", "shear_softening")])
+def test_a_cause_by_another_formula_is_no_longer_unexplained(key: str, family: str) -> None:
+    """Skid sinkage that levels off, softening with a hump: twelve times the noise, by the study's own formulas."""
+    case = Case("single", 0, ((key, 12.0, 1.0),))
+    truth = truth_of(case)
+    said = asked(campaign_from_channels(case.day, [(m["key"], m["size"]) for m in truth["members"]]), case, truth)
+    assert said["verdict"] in ("named", "one_of")
+    assert said["free_form"]["family"] == family == said["causes"][0]["name"]
+    assert said["adequacy"]["ok"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["brake_asymmetry", "bridge_gain_drift"])
+def test_what_no_cause_does_stays_unexplained(key: str) -> None:
+    case = Case("outside", 0, ((key, 5.0, 1.0),))
+    truth = truth_of(case)
+    said = asked(campaign_from_channels(case.day, [(m["key"], m["size"]) for m in truth["members"]]), case, truth)
+    assert said["verdict"] == "unexplained" and said["adequacy"]["statistic"] > 0.9
+    assert said["free_form"] is None and said["lack_of_fit_rms"]
