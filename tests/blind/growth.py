@@ -250,7 +250,7 @@ def page(lines: Sequence[Line]) -> str:
         "|---|---|---|",
         *(f"| {what} | {aim} | {hits} of {len(of)} |" for (what, hits, of), aim in zip(figures, _AIMS, strict=True)),
         "",
-        "Each cell: verdict, lack of fit of its threshold, samples, CPU seconds.",
+        "Each cell: verdict, probability of something unlisted, samples, CPU seconds.",
         "",
         "| seed | soil | hidden | " + " | ".join(f"{n} runs" for n in counts) + " | stays right |",
         "|---|---|---|" + "---|" * len(counts) + "---|",
@@ -275,7 +275,7 @@ def _row(own: Sequence[Line], counts: Sequence[int]) -> str:
 def _cell(line: Line) -> str:
     said = " ".join([line["verdict"], *(cause["name"] for cause in line["causes"])])
     fit = line["adequacy"]
-    judged = f"{fit['statistic']:.2f} of {fit['threshold']:.2f}" if fit else "-"
+    judged = f"{fit['statistic']:.3f}" if fit else "-"
     soils = ", two soils" if line["two_soils"] else ""
     return f"{said}{soils}, {judged}, {line['samples']}, {line['cpu_s']:.0f} s"
 

@@ -27,7 +27,7 @@ def line(runs: int, verdict: str, *names: str, seed: int = 0, **other: Any) -> d
         "verdict": verdict,
         "causes": causes,
         "stages_s": dict.fromkeys((*stages, "held_out"), 0.1),
-        "adequacy": {"statistic": 0.6, "threshold": 1.3},
+        "adequacy": {"statistic": 0.02, "threshold": 0.5},
         "samples": 100,
         "two_soils": False,
         "cpu_s": 1.0,
@@ -103,7 +103,7 @@ def test_the_page_counts_lost_names_and_two_soils() -> None:
     assert "| 0 | 1 of 4 |" in text
     assert "| 18 of 20 | 1 of 1 |" in text
     assert "model aaaaaaaaaaaa, processing bbbbbbbbbbbb." in text
-    assert "| 20 | clay | nothing | nothing_detectable, 0.60 of 1.30, 100, 1 s | unexplained, two soils," in text
+    assert "| 20 | clay | nothing | nothing_detectable, 0.020, 100, 1 s | unexplained, two soils," in text
 
 
 @pytest.mark.slow
