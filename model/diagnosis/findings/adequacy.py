@@ -119,6 +119,8 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
         return log_evidence_of_sets(of, excluded, most)
 
     kinds = list(_kinds(grams))
+    if not kinds:
+        return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
     shares = np.log(UNLISTED / len(SCALES)) + np.array([share for _, _, share in kinds])
     found = [
         [evidence(_with_larger(grams, shapes, run, scale)) + share for scale in SCALES]
@@ -148,7 +150,7 @@ def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
     """Yield the shapes of each kind, the run whose own they are, and the logarithm of the kind's share of all."""
     groups = [shapes for shapes in kinds_of(grams.basis) if not grams.basis[shapes[0]].cause]
     runs = [run for run, one in enumerate(grams.own) if len(one.inner)]
-    share = -float(np.log(len(groups) + bool(runs)))
+    share = -float(np.log(max(len(groups) + bool(runs), 1)))
     for shapes in groups:
         yield shapes, None, share
     for run in runs:
