@@ -34,7 +34,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, Note
+from daq import BoolArray, FloatArray, Note
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
@@ -100,8 +100,8 @@ def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
     )
 
 
-MOST_ROUNDS, _FREE_ROUNDS = 8, 2
-"""Linearisations, and how many of them are about the last one's explanation itself, not halfway to it."""
+MOST_ROUNDS = 8
+"""Linearisations, each about the last one's explanation; once these swing, halfway to it."""
 _STILL = 0.25
 """Change of a cause in its one-sigma, and of the soil in the laboratory's, below which the iteration has converged."""
 _FINEST = 0.005
@@ -151,6 +151,8 @@ def relinearise(
         Iterations.
     """
     best: SetEstimate | None = None
+    last: SetEstimate | None = None
+    share = 1.0
     chosen_sets: list[tuple[str, ...]] = []
     while True:
         kept = keep_noise or not chosen_sets
@@ -159,13 +161,14 @@ def relinearise(
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and step == 1.0 and _same(best, found)
-        swings = len(chosen_sets) > _FREE_ROUNDS and best is not None and best.keys == found.keys
-        best = found
+        if best is not None and _swings(last, best, found):
+            share = 0.5
+        last, best = best, found
         chosen_sets.append(best.keys)
         if converged or not step or len(chosen_sets) == most:
             return Relinearised(grams, campaigns, best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
-            points = linearisation_points(campaigns, grams, best, 0.5 if swings else 1.0)
+            points = linearisation_points(campaigns, grams, best, share)
         del campaigns, grams  # as large as those that come
 
 
@@ -238,15 +241,26 @@ def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
 
 def _same(one: SetEstimate, other: SetEstimate) -> bool:
     """Return whether two explanations are equal within their uncertainty."""
-    if one.keys != other.keys:
+    return one.keys == other.keys and bool((np.abs(_change(one, other)) < _STILL).all())
+
+
+def _swings(first: SetEstimate | None, one: SetEstimate, other: SetEstimate) -> bool:
+    """Return whether an explanation goes back: to a set of before the last, or against the last step."""
+    if first is None:
         return False
+    if one.keys != other.keys:
+        return first.keys == other.keys
+    return first.keys == one.keys and float(_change(one, other) @ _change(first, one)) < 0.0
+
+
+def _change(one: SetEstimate, other: SetEstimate) -> FloatArray:
+    """Return how far two explanations by the same causes are apart, in their uncertainty, shape (q + c,)."""
     change = np.concatenate([one.soil - other.soil, (one.coefficients - other.coefficients)[list(other.columns)]])
-    sigma = np.concatenate([np.ones(len(other.soil)), np.maximum(other.sigmas, _FINEST)])
-    return bool((np.abs(change) < _STILL * sigma).all())
+    return np.asarray(change / np.concatenate([np.ones(len(other.soil)), np.maximum(other.sigmas, _FINEST)]))
 
 
 MOST_TRIED = 4
-_ROUNDS = 3
+_ROUNDS = 6
 
 
 def converged_alternative(
