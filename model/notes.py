@@ -64,6 +64,8 @@ class DiagnosisCode(StrEnum):
     TWO_RUNS = "two_runs"
     NO_POSITIONS = "no_positions"
     POSITIONS_STILL = "positions_still"
+    OUTLIERS = "outliers"
+    """samples, runs, limit"""
     WHEEL_ORDER = "wheel_order"
     """channel, size"""
     ZEROS_DIFFER = "zeros_differ"

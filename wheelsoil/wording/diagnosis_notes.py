@@ -60,6 +60,13 @@ def _of_campaign(v: Values) -> str:
     return f"{v['campaign']}: " if "campaign" in v else ""
 
 
+def _outliers(v: Values) -> str:
+    return (
+        f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "
+        "sigma, are left out: look at the ground speed and the forces there"
+    )
+
+
 def _wheel_order(v: Values) -> str:
     channel = v["channel"]
     why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
@@ -272,6 +279,7 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.POSITIONS_STILL: (
         "the positions do not change: where on the line a run lies is taken from its distance"
     ),
+    DiagnosisCode.OUTLIERS: _outliers,
     DiagnosisCode.WHEEL_ORDER: _wheel_order,
     DiagnosisCode.ZEROS_DIFFER: _zeros,
     DiagnosisCode.DISAGREEMENT: _disagreement,

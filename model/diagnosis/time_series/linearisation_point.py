@@ -87,13 +87,10 @@ def linearisation_points(
         own = len(data.columns.soil)
         soil = best.soil[soil_at : soil_at + own]
         soil_at += own
-        coefficient = {
-            (c.key, c.parameter): float(x) for c, x in zip(grams.causes, best.coefficients, strict=True) if x != 0.0
-        }
-        scale = {(c.key, c.parameter): c.scale for c in grams.causes}
-        causes, at = {}, np.zeros(len(data.columns.causes))
+        sizes = cause_coefficients(data, grams, best)
+        causes, at = {}, np.zeros(len(sizes))
         for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
-            size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
+            size = sizes[i] * c.scale
             size = (1.0 - step) * (data.linear.point.causes.get(name, c.neutral) - c.neutral) + step * size
             if size != 0.0:
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
@@ -109,6 +106,12 @@ def linearisation_points(
         point = Point(soil, causes, np.clip(speed, -farthest, farthest), acceleration)
         found.append(LinearisationPoint(point, data.noise, variance, before=last, answered=data.linear.usable))
     return found
+
+
+def cause_coefficients(data: CampaignData, grams: Grams, best: SetEstimate) -> FloatArray:
+    """Return an explanation's coefficients by a campaign's own causes, whose scales may differ, shape (k,)."""
+    size = {(c.key, c.parameter): x * c.scale for c, x in zip(grams.causes, best.coefficients, strict=True)}
+    return np.array([size.get((c.key, c.parameter), 0.0) / c.scale for c in data.columns.causes])
 
 
 def _moved_speed(data: CampaignData, causes: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -130,9 +133,24 @@ def _speed_and_slope(at: Conditions) -> FloatArray:
 
 def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the smoothed error of the ground speed under a soil and causes, its slope, and its variance."""
+    noise, left = data.noise.values, coefficients_of(data, soil, causes)
+    return smoothed_speed(data.samples, data.linear, data.columns, noise, data.speed_variance, left)
+
+
+def coefficients_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> FloatArray:
+    """Return the coefficient of each column in each run that leaves what an estimate does not explain.
+
+    Parameters
+    ----------
+    soil : array, shape (q,)
+    causes : array, shape (k,)
+
+    Returns
+    -------
+    array, shape (runs, 1 + q + k + b + o + l)
+    """
     columns = data.columns
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
     by_run = data.grams.constants @ shared
     scale = np.array([data.noise.values[name] for name in columns.constants])
-    coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
-    return smoothed_speed(data.samples, data.linear, columns, data.noise.values, data.speed_variance, coefficients)
+    return np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)

@@ -46,6 +46,7 @@ from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
+from model.diagnosis.time_series.outliers import without_outliers
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
@@ -432,6 +433,12 @@ def linearise_campaigns(
         relinearise(starts, [first_point(s, causes) for s in starts], choose, clock) for causes in first_causes(starts)
     ]
     best_found = most_probable(found)
+    if cleaned := without_outliers(starts, best_found.campaigns, best_found.grams, best_found.best):
+        starts = list(cleaned)
+        points = linearisation_points(best_found.campaigns, best_found.grams, best_found.best)
+        again = relinearise(starts, points, choose, clock)
+        best_found = replace(again, chosen_sets=(*best_found.chosen_sets, *again.chosen_sets))
+        found = [best_found]
     if not best_found.converged:
         chosen_sets = tuple(dict.fromkeys(keys for f in found for keys in f.chosen_sets))
         best_found = converged_alternative(starts, best_found, chosen_sets, choose, clock)

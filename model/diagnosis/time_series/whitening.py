@@ -27,7 +27,7 @@ from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, slope_loading, white_variance
-from model.diagnosis.time_series.samples import Samples, block_steps, places_of, steps_of
+from model.diagnosis.time_series.samples import Places, Samples, block_steps, places_of, steps_of
 
 
 @dataclass(frozen=True)
@@ -352,15 +352,47 @@ def smoothed_speed(
     coefficients : array, shape (runs, 1 + q + k + b + o + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
-    at = places_of(samples.run, samples.runs)
-    space = state_space(samples, linear, columns.present, values, speed_variance)
-    left = np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])
-    means, covariances = smoothed(space, at.padded(left))
+    at, space, left = _left(samples, linear, columns, values, speed_variance, coefficients)
+    means, covariances = smoothed(space, left)
     now, slope = np.zeros(len(space.variance)), np.zeros(len(space.variance))
     if near := space.neighbours:
         now[near.now] = 1.0
         slope[near.later], slope[near.before] = 0.5 / samples.block_s, -0.5 / samples.block_s
     return at.flat(means @ now), at.flat(means @ slope), at.flat(covariances @ now @ now)
+
+
+def innovations(
+    samples: Samples,
+    linear: Linear,
+    columns: Columns,
+    values: Mapping[str, float],
+    speed_variance: FloatArray,
+    coefficients: FloatArray,
+) -> FloatArray:
+    """Return the largest whitened residual of each sample over its channels, in one-sigma, shape (n,).
+
+    Parameters
+    ----------
+    coefficients
+        As of `smoothed_speed`.
+    """
+    at, space, left = _left(samples, linear, columns, values, speed_variance, coefficients)
+    found = whiten(space, left[..., None]).columns.reshape(left.shape)
+    return np.asarray(np.abs(at.flat(found)).max(axis=-1))
+
+
+def _left(
+    samples: Samples,
+    linear: Linear,
+    columns: Columns,
+    values: Mapping[str, float],
+    speed_variance: FloatArray,
+    coefficients: FloatArray,
+) -> tuple[Places, StateSpace, FloatArray]:
+    """Return where samples stand, the noise, and what an estimate leaves of the residual, shape (runs, longest, c)."""
+    at = places_of(samples.run, samples.runs)
+    space = state_space(samples, linear, columns.present, values, speed_variance)
+    return at, space, at.padded(np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run]))
 
 
 def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> Grams:
