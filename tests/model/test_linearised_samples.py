@@ -24,6 +24,7 @@ from model.diagnosis.time_series.linearised_campaign import (
     STEPS,
     LinearisedCampaign,
     Relinearised,
+    _swings,
     campaigns_at,
     joined_grams,
     most_probable,
@@ -129,3 +130,23 @@ def test_a_set_is_fitted_from_where_no_sample_is_lost(granular: LinearisedCampai
     moved, start = set_fit._answered(problem, -3.0 * np.eye(len(granular.grams.soil))[5])
     assert moved.parts[0].frozen.usable.all()
     assert -1.0 < start[5] < 0.0 and start[5] == moved.parts[0].frozen.point.soil[5]
+
+
+def explanation(keys: tuple[str, ...], soil: float) -> SetEstimate:
+    return SetEstimate(keys, (), np.zeros(2), np.array([soil, 0.0]), np.eye(2))
+
+
+@pytest.mark.parametrize(
+    ("steps", "back"),
+    [
+        ((("a", 0.0), ("a", 1.0), ("a", 0.4)), True),
+        ((("a", 0.0), ("a", 1.0), ("a", 1.4)), False),
+        ((("a", 0.0), ("b", 1.0), ("a", 1.4)), True),
+        ((("a", 0.0), ("b", 1.0), ("c", 0.4)), False),
+        ((("a", 0.0), ("b", 1.0), ("b", 0.4)), False),
+    ],
+)
+def test_an_explanation_goes_back_by_its_step_or_its_set(steps: tuple[tuple[str, float], ...], back: bool) -> None:
+    first, one, other = (explanation((key,), soil) for key, soil in steps)
+    assert _swings(first, one, other) is back
+    assert not _swings(None, one, other)
