@@ -10,6 +10,7 @@ from short_campaign import driven, looked
 
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.time_series.outliers import AROUND_S, LIMIT
+from model.diagnosis.time_series.samples import samples_of
 from model.notes import DiagnosisCode
 
 
@@ -46,3 +47,13 @@ def test_a_misfit_of_many_seconds_is_none(sound: Campaign) -> None:
     seen = looked(with_torque(sound, 1, 5.0, 12.0, 400.0), "vasilev", "torque_zero")
     assert not [note for note in seen.notes if note.code == DiagnosisCode.OUTLIERS]
     assert seen.linearisation.used == seen.linearisation.samples
+
+
+def test_a_receiver_that_lags_behind_a_stop_is_no_locked_wheel(sound: Campaign) -> None:
+    """One sample at slip -1 sent the linearisation of a campaign without a cause where three causes cancel."""
+    own = sound.runs[1]
+    time = own.time_s - own.time_s[0]
+    stopped = replace(own, wheel_speed_radps=np.where((time >= 6.0) & (time < 6.6), 0.0, own.wheel_speed_radps))
+    before, after = (samples_of(replace(sound, runs=(one,))) for one in (own, stopped))
+    assert 1 <= len(before) - len(after) <= 5
+    assert np.asarray(after.conditions.slip).min() > -0.99

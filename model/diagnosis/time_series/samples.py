@@ -367,12 +367,16 @@ def _joined_across_holes(x: FloatArray) -> FloatArray:
 
 
 def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> BoolArray:
-    """Return which blocks are used: not where the slip is small, or changes too fast within a block."""
+    """Return which blocks are used: not where the slip is small, or changes too fast within a block.
+
+    Nor where ground or wheel stand: a receiver that lags behind a stop looks like a locked wheel.
+    """
     size = np.abs(found["slip"])
     at = slip_of(run.wheel_radius_m * found["instants.wheel_speed_radps"], found["instants.ground_speed_mps"], 0.0)
     with np.errstate(invalid="ignore"):
         small = size < LITTLE_SLIP
-        quick = (np.ptp(at, axis=0) > _QUICK_SLIP) | ~(found["instants.ground_speed_mps"] > 0).all(axis=0)
+        stands = (~(found[f"instants.{name}"] > 0).all(axis=0) for name in ("ground_speed_mps", "wheel_speed_radps"))
+        quick = np.logical_or.reduce([np.ptp(at, axis=0) > _QUICK_SLIP, *stands])
         odd = ~(size <= 1.0) | ~(found["vertical_load_n"] > 0)
     odd |= _at_a_hole(found["ground_jerk_mps3"])
     left_out.update({"little_slip": int(small.sum()), "slip_changes_fast": int((quick & ~small).sum())})
