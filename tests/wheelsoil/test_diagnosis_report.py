@@ -151,7 +151,7 @@ def test_what_cannot_be_shown_is_said(plain_material):
     unexplained = built(plain_material, diagnosis("unexplained"))
     assert "No cause of the library" in text(unexplained, "evidence")
     assert "not a named cause" in text(unexplained, "candidates")
-    assert "so do not rely on the probabilities" in text(unexplained, "candidates")
+    assert "Do not rely on the probabilities" in text(unexplained, "candidates")
     nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), plot_data=()))
     assert "No cause can be seen" in text(nothing, "evidence")
     assert "at least two runs" in text(nothing, "gain")
