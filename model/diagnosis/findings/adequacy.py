@@ -28,7 +28,7 @@ from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.result import Adequacy, Finding, LackOfFit
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import log_evidence, weighed, without_soil
+from model.diagnosis.time_series.evidence import log_evidence_of_none, weighed, without_soil
 from model.diagnosis.time_series.start import CampaignData
 
 UNLISTED = 0.05
@@ -141,9 +141,10 @@ def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key:
     key : str, optional
         Only sets with this effect.
     """
-    listed, found = weighed(grams, without_soil(grams, grams.total), excluded, most, BEAM)
+    reduced = without_soil(grams, grams.total)
+    listed, found = weighed(grams, reduced, excluded, most, BEAM)
     among = np.ones(len(listed), bool) if key is None else listed.has_effect[:, listed.effects.index(key)]
-    return log_evidence(grams) + float(logsumexp((found + listed.log_prior)[among]))
+    return log_evidence_of_none(grams, reduced) + float(logsumexp((found + listed.log_prior)[among]))
 
 
 def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:

@@ -329,16 +329,27 @@ def best_set(
 
 def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
     """Return the log density of all whitened data under a set of causes, constants included; nats."""
-    soil = grams.soil_columns
-    inner = grams.net[soil, soil] + np.eye(len(grams.soil))
     reduced = without_soil(grams, grams.total)
-    constant = float(grams.samples.sum()) * np.log(2 * np.pi) + float(grams.log_determinants.sum())
-    constant += grams.form_log_determinant
-    base = float(-0.5 * (reduced[0, 0] + np.linalg.slogdet(inner)[1] + constant))
+    base = log_evidence_of_none(grams, reduced)
     if not keys:
         return base
     listed = hypotheses(grams, frozenset(c.key for c in grams.causes if c.key not in keys), len(keys))
     return base + float(log_evidences(grams, reduced, listed)[listed.index_of(keys)])
+
+
+def log_evidence_of_none(grams: Grams, reduced: FloatArray) -> float:
+    """Return the log density of all whitened data without a cause, constants included; nats.
+
+    Parameters
+    ----------
+    reduced : array, shape (1 + k, 1 + k)
+        From `without_soil`, of the sum over all runs.
+    """
+    soil = grams.soil_columns
+    inner = grams.net[soil, soil] + np.eye(len(grams.soil))
+    constant = float(grams.samples.sum()) * np.log(2 * np.pi) + float(grams.log_determinants.sum())
+    constant += grams.form_log_determinant
+    return float(-0.5 * (reduced[0, 0] + np.linalg.slogdet(inner)[1] + constant))
 
 
 def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) -> float:

@@ -17,7 +17,7 @@ from model.diagnosis.time_series.evidence import SetEstimate
 from model.diagnosis.time_series.linearise import DELAY, Linear, Point
 from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.start import CampaignData, Start
-from model.diagnosis.time_series.whitening import smoothed_speed
+from model.diagnosis.time_series.whitening import Remainder, remainder, smoothed_speed
 from model.wheel_soil.conditions import Conditions
 
 _LONGEST_STEP = 2.0
@@ -90,13 +90,13 @@ def linearisation_points(
         sizes = cause_coefficients(data, grams, best)
         causes, at = {}, np.zeros(len(sizes))
         for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
-            size = sizes[i] * c.scale
-            size = (1.0 - step) * (data.linear.point.causes.get(name, c.neutral) - c.neutral) + step * size
+            now = data.linear.point.causes.get(name, c.neutral) - c.neutral
+            size = (1.0 - step) * now + step * sizes[i] * c.scale
             if size != 0.0:
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
         soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        *estimated, variance = _speed(data, soil, at)
+        *estimated, variance = smoothed_speed(remainder_of(data, soil, at), data.samples.block_s)
         by_line, moved = _moved_speed(data, causes)
         last = data.linear.point
         before = np.stack(np.broadcast_arrays(last.speed_mps, last.acceleration_mps2))
@@ -131,26 +131,17 @@ def _speed_and_slope(at: Conditions) -> FloatArray:
     return np.stack([np.asarray(at.ground_speed_mps), np.asarray(at.ground_acceleration_mps2)])
 
 
-def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the smoothed error of the ground speed under a soil and causes, its slope, and its variance."""
-    noise, left = data.noise.values, coefficients_of(data, soil, causes)
-    return smoothed_speed(data.samples, data.linear, data.columns, noise, data.speed_variance, left)
-
-
-def coefficients_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> FloatArray:
-    """Return the coefficient of each column in each run that leaves what an estimate does not explain.
+def remainder_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> Remainder:
+    """Return what a soil and causes leave of a campaign's residual, with what is one value a run at its mean.
 
     Parameters
     ----------
     soil : array, shape (q,)
     causes : array, shape (k,)
-
-    Returns
-    -------
-    array, shape (runs, 1 + q + k + b + o + l)
     """
-    columns = data.columns
+    columns, noise = data.columns, data.noise.values
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
     by_run = data.grams.constants @ shared
-    scale = np.array([data.noise.values[name] for name in columns.constants])
-    return np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
+    scale = np.array([noise[name] for name in columns.constants])
+    coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
+    return remainder(data.samples, data.linear, columns, noise, data.speed_variance, coefficients)

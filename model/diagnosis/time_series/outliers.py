@@ -16,7 +16,7 @@ import numpy as np
 from daq import BoolArray, FloatArray, Note
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate
-from model.diagnosis.time_series.linearisation_point import cause_coefficients, coefficients_of
+from model.diagnosis.time_series.linearisation_point import cause_coefficients, remainder_of
 from model.diagnosis.time_series.start import CampaignData, Start
 from model.diagnosis.time_series.whitening import innovations
 from model.notes import DiagnosisCode
@@ -49,9 +49,7 @@ def without_outliers(
 
 
 def _outliers(data: CampaignData, soil: FloatArray, grams: Grams, best: SetEstimate) -> BoolArray:
-    samples, noise = data.samples, data.noise.values
-    left = coefficients_of(data, soil, cause_coefficients(data, grams, best))
-    size = innovations(samples, data.linear, data.columns, noise, data.speed_variance, left)
+    samples, size = data.samples, innovations(remainder_of(data, soil, cause_coefficients(data, grams, best)))
     out, large = np.zeros(len(samples), bool), np.flatnonzero(size > LIMIT)
     for i in large if len(large) <= max(MOST_SHARE * len(samples), ALWAYS) else ():
         out |= (samples.run == samples.run[i]) & (np.abs(samples.time_s - samples.time_s[i]) <= AROUND_S)

@@ -337,62 +337,59 @@ def run_grams(
     )
 
 
-def smoothed_speed(
+@dataclass(frozen=True)
+class Remainder:
+    """What an estimate leaves of the residual.
+
+    Attributes
+    ----------
+    places : Places
+        Of the samples.
+    space : StateSpace
+        The noise.
+    values : array, shape (runs, longest, c)
+    """
+
+    places: Places
+    space: StateSpace
+    values: FloatArray
+
+
+def remainder(
     samples: Samples,
     linear: Linear,
     columns: Columns,
     values: Mapping[str, float],
     speed_variance: FloatArray,
     coefficients: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the error of the measured ground speed that the data ask for, its slope, and its variance; (n,) each.
+) -> Remainder:
+    """Return what an estimate leaves of the residual.
 
     Parameters
     ----------
     coefficients : array, shape (runs, 1 + q + k + b + o + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
-    at, space, left = _left(samples, linear, columns, values, speed_variance, coefficients)
-    means, covariances = smoothed(space, left)
-    now, slope = np.zeros(len(space.variance)), np.zeros(len(space.variance))
-    if near := space.neighbours:
+    at = places_of(samples.run, samples.runs)
+    space = state_space(samples, linear, columns.present, values, speed_variance)
+    return Remainder(at, space, at.padded(np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])))
+
+
+def smoothed_speed(left: Remainder, block_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the error of the measured ground speed that the data ask for, its slope, and its variance; (n,) each."""
+    means, covariances = smoothed(left.space, left.values)
+    now, slope = np.zeros(len(left.space.variance)), np.zeros(len(left.space.variance))
+    if near := left.space.neighbours:
         now[near.now] = 1.0
-        slope[near.later], slope[near.before] = 0.5 / samples.block_s, -0.5 / samples.block_s
+        slope[near.later], slope[near.before] = 0.5 / block_s, -0.5 / block_s
+    at = left.places
     return at.flat(means @ now), at.flat(means @ slope), at.flat(covariances @ now @ now)
 
 
-def innovations(
-    samples: Samples,
-    linear: Linear,
-    columns: Columns,
-    values: Mapping[str, float],
-    speed_variance: FloatArray,
-    coefficients: FloatArray,
-) -> FloatArray:
-    """Return the largest whitened residual of each sample over its channels, in one-sigma, shape (n,).
-
-    Parameters
-    ----------
-    coefficients
-        As of `smoothed_speed`.
-    """
-    at, space, left = _left(samples, linear, columns, values, speed_variance, coefficients)
-    found = whiten(space, left[..., None]).columns.reshape(left.shape)
-    return np.asarray(np.abs(at.flat(found)).max(axis=-1))
-
-
-def _left(
-    samples: Samples,
-    linear: Linear,
-    columns: Columns,
-    values: Mapping[str, float],
-    speed_variance: FloatArray,
-    coefficients: FloatArray,
-) -> tuple[Places, StateSpace, FloatArray]:
-    """Return where samples stand, the noise, and what an estimate leaves of the residual, shape (runs, longest, c)."""
-    at = places_of(samples.run, samples.runs)
-    space = state_space(samples, linear, columns.present, values, speed_variance)
-    return at, space, at.padded(np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run]))
+def innovations(left: Remainder) -> FloatArray:
+    """Return the largest whitened residual of each sample over its channels, in one-sigma, shape (n,)."""
+    found = whiten(left.space, left.values[..., None]).columns.reshape(left.values.shape)
+    return np.asarray(np.abs(left.places.flat(found)).max(axis=-1))
 
 
 def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> Grams:
