@@ -55,6 +55,10 @@ from .formatting import probability as probability
 from .formatting import table_lines as table_lines
 from .formatting import without_powers as without_powers
 from .host_clock import UncertainTimestamps as UncertainTimestamps
+from .machine import check_logging as check_logging
+from .machine import limit_memory as limit_memory
+from .machine import machine_memory_bytes as machine_memory_bytes
+from .machine import peak_memory_bytes as peak_memory_bytes
 from .notes import Note as Note
 from .notes import RecordingCode as RecordingCode
 from .notes import Severity as Severity

@@ -22,6 +22,7 @@ from typing import IO, Any
 
 from daq.errors import RecordingError, WheelsoilError
 from daq.limits import LIBRARY_BYTES_PER_S, LIBRARY_MEMORY_BYTES, LIBRARY_PATIENCE_S
+from daq.machine import limit_memory
 
 
 class _BrokenError(Exception):
@@ -98,16 +99,6 @@ def _memory_bytes(path: str) -> int:
     return LIBRARY_MEMORY_BYTES + 4 * Path(path).stat().st_size
 
 
-def _limit_memory(path: str) -> None:
-    """Let this process have no more than its share of memory, where the system can do that."""
-    try:
-        import resource
-    except ImportError:
-        return
-    most = _memory_bytes(path)
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
 def _serve(task: str, path: str, arguments: list[str], out: IO[bytes]) -> None:
     def say(answer: Any) -> None:
         pickle.dump(answer, out, protocol=5)
@@ -130,7 +121,7 @@ def _main() -> None:
     _, task, path, *arguments = sys.argv
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    _limit_memory(path)
+    limit_memory(_memory_bytes(path), addresses=True)
     _serve(task, path, arguments, out)
 
 

@@ -1,4 +1,5 @@
 from .cores import available_cores as available_cores
+from .cores import can_copy_processes as can_copy_processes
 from .cores import in_parallel as in_parallel
 from .cores import one_thread as one_thread
 from .cores import processes as processes

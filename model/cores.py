@@ -49,6 +49,11 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def can_copy_processes() -> bool:
+    """Whether work can be given to copies of this process: only Linux copies one safely."""
+    return sys.platform == "linux" and "fork" in multiprocessing.get_all_start_methods()
+
+
 @contextmanager
 def processes(count: int) -> Iterator[None]:
     """Let `in_parallel` use so many processes; without this it uses none but its own."""
@@ -74,7 +79,7 @@ def in_parallel(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
     """
     listed = list(items)
     count = min(_count.get(), len(listed))
-    if count < 2 or sys.platform != "linux":
+    if count < 2 or not can_copy_processes():
         return map(function, listed)
     return _in_processes(function, listed, count)
 
@@ -94,10 +99,10 @@ def spread(objects: Sequence[Any]) -> Iterator[Ask]:
     WheelsoilError
         See `in_parallel`, as of exceptions.
     """
-    count = min(_count.get(), len(objects)) if sys.platform == "linux" else 1
-    context = multiprocessing.get_context("fork")
+    count = min(_count.get(), len(objects)) if can_copy_processes() else 1
     lines, helpers = [], []
     for i in range(1, count):
+        context = multiprocessing.get_context("fork")
         line, far = context.Pipe()
         helper = context.Process(target=_serve, args=(far, objects[i::count]), daemon=True)
         with _without_fork_warning():

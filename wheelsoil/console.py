@@ -48,8 +48,8 @@ def printable_addresses(addresses: Iterable[str], token: str | None) -> tuple[st
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON (stdout); NaN becomes null."""
-    print(to_json(value))
+    """Print a value as JSON (stdout); NaN becomes null, and nothing is lost where stdout takes no UTF-8."""
+    print(to_json(value, escaped=not (sys.stdout.encoding or "utf-8").lower().startswith("utf")))
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:

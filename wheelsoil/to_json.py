@@ -48,6 +48,6 @@ def _plain_object(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain form")
 
 
-def to_json(value: Any, *, indent: int | None = 2) -> str:
-    """Return `value` as strict JSON text (see `plain`)."""
-    return json.dumps(plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+def to_json(value: Any, *, indent: int | None = 2, escaped: bool = False) -> str:
+    """Return `value` as strict JSON text (see `plain`); `escaped` where only ASCII can be written."""
+    return json.dumps(plain(value), indent=indent, ensure_ascii=escaped, allow_nan=False)

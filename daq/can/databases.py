@@ -272,13 +272,12 @@ def _read(path: Path) -> bytes:
 
 def _parse(text: str, *, strict: bool, kind: str = "dbc") -> tuple[Any, str]:
     """Return cantools' database, or None and its complaint."""
-    import cantools.database
-    from cantools.database.errors import UnsupportedDatabaseFormatError
+    from daq.can.library import database, errors
 
     logging.getLogger("cantools").addHandler(_SILENT)
     try:
-        return cantools.database.load_string(text, kind, strict=strict), ""
-    except UnsupportedDatabaseFormatError as error:
+        return database.load_string(text, kind, strict=strict), ""
+    except errors.UnsupportedDatabaseFormatError as error:
         return None, str(error.e_dbc or error)
 
 
@@ -341,13 +340,13 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
 
 def _let_pass(parsed: Any) -> list[str]:
     """Return what a strict load would have refused beyond syntax: one note for each message it is found in."""
-    from cantools.database.errors import Error
+    from daq.can.library import errors
 
     notes = []
     for message in parsed.messages:
         try:
             message.refresh(strict=True)
-        except Error as error:
+        except errors.Error as error:
             notes.append(f"let pass: {str(error).rstrip('.')}")
     return notes
 

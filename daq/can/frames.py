@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    import can
+    from daq.can.library import can
 
 FrameArray = NDArray[np.void]
 
@@ -193,7 +193,7 @@ def frames_from_messages(
 
 def messages_from_frames(frames: FrameArray) -> list[can.Message]:
     """Turn frames into python-can messages with their time stamps in seconds (the bus is left to the caller)."""
-    import can
+    from daq.can.library import can
 
     room = frames["data"].shape[1]
     data = np.ascontiguousarray(frames["data"]).tobytes()

@@ -28,12 +28,14 @@ from daq.logger.recorder import Recorder, RecorderOptions
 from daq.logger.run_files import SUFFIX, RunFiles, folder_lock, named_run, new_run, safe_name, unfinished_run
 from daq.logger.session import Session
 from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
+from daq.machine import check_logging
 from daq.recording.sink import make_folder
 from daq.sources.can_source import Source
 from daq.sources.interfaces import open_source
 from daq.sources.reconnect import ReconnectingSource
 
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_CLOSED_TERMINAL = getattr(signal, "SIGHUP", None)  # Windows has none
+_ENDING = (signal.SIGINT, signal.SIGTERM, *([_CLOSED_TERMINAL] if _CLOSED_TERMINAL else []))
 
 SWITCH_S = 0.0005
 
@@ -56,7 +58,7 @@ def caught_signals() -> Iterator[list[int]]:
         del frame
         caught.append(number)
 
-    wanted = [number for number in _ENDING if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    wanted = [number for number in _ENDING if number != _CLOSED_TERMINAL or signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, catch) for number in wanted}
     try:
         yield caught
@@ -131,12 +133,14 @@ def log(
     Raises
     ------
     ConfigError
-        If the vehicle names no bus, or an interface that python-can does not know, or the folder cannot be written to.
+        If the vehicle names no bus, or an interface that python-can does not know, the folder cannot be written to, or
+        this system cannot log (Windows).
     HardwareError
         If a source cannot be opened, another logger records into the folder, or the disk is full from the beginning.
     RecordingError
         If the recording is there already.
     """
+    check_logging()
     if not vehicle.bus:
         raise ConfigError.of("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml")
     known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)

@@ -82,9 +82,8 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
         with draft_of(target) as draft, draft.open("wb") as file:
             write(file, first, checked, units)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
-        raise ConfigError.of(
-            "the table cannot be made", target, error.strerror or str(error), next_step="check the folder"
-        ) from None
+        step = "check the folder, and whether another program holds the file"
+        raise ConfigError.of("the table cannot be made", target, error.strerror or str(error), next_step=step) from None
     except OSError as error:
         raise HardwareError.of(
             "the table cannot be written", target, error.strerror or str(error), next_step="free the disk"

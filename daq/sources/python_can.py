@@ -30,7 +30,7 @@ from daq.host_clock import HostClock
 from daq.sources.can_source import SourceCounters
 
 if TYPE_CHECKING:
-    import can
+    from daq.can.library import can
 
 
 HOST_STAMPED = frozenset({"socketcan", "udp_multicast", "virtual", "slcan", "robotell", "neousys"})
@@ -167,7 +167,7 @@ def open_bus(bus: BusSection) -> can.BusABC:
     Raises ConfigError if python-can knows no such interface, HardwareError if it is not there, must not be opened, or
     lacks its driver.
     """
-    import can
+    from daq.can.library import can
 
     for name in _NOISY_LOGGERS:
         logging.getLogger(name).setLevel(logging.ERROR)
@@ -198,7 +198,7 @@ def _hear_only_its_group(bus: can.BusABC) -> None:
 
 
 def _next_step(interface: str, channel: str, error: Exception) -> str:
-    import can
+    from daq.can.library import can
 
     if isinstance(error, can.CanInterfaceNotImplementedError | ImportError | NameError):
         if interface in _EXTRAS:
@@ -252,7 +252,7 @@ class PythonCanSource(_OpenBus):
 
     def read(self, timeout_s: float) -> FrameBatch:
         """See `daq.sources.can_source.Source`."""
-        import can
+        from daq.can.library import can
 
         messages: list[can.Message] = []
         arrived_ns: list[int] = []
@@ -281,7 +281,7 @@ class PythonCanSink(_OpenBus):
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
         """See `daq.sources.can_source.Sink`."""
-        import can
+        from daq.can.library import can
 
         deadline = time.monotonic() + timeout_s
         for message in messages_from_frames(frames):

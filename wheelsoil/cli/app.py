@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -25,6 +26,7 @@ class Entry(NamedTuple):
 
 COMMANDS: dict[str, Entry] = {
     "demo": Entry("simulation", "Simulate a vehicle and process its CAN frames end to end, up to a report."),
+    "sample": Entry("recordings", "Write a sample campaign of six runs, to try the other commands on."),
     "doctor": Entry("logger", "Check whether this machine is ready to log the vehicle."),
     "log": Entry("logger", "Record the vehicle's buses until the time is up or Ctrl-C."),
     "zero": Entry("zero", "Determine a transducer's zero from a lifted wheel, and its drift."),
@@ -133,7 +135,10 @@ def run(args: Sequence[str] | None = None) -> int:
 
 
 def main() -> None:
-    """Run the command line and exit with its exit code."""
+    """Run the command line and exit with its exit code; a character that the output cannot show becomes "?"."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     sys.exit(run())
 
 
@@ -179,5 +184,6 @@ def _from_system(error: OSError) -> WheelsoilError:
     if isinstance(
         error, FileNotFoundError | FileExistsError | PermissionError | IsADirectoryError | NotADirectoryError
     ):
-        return ConfigError.of(what, where, next_step="check the path and its permissions")
+        step = "check the path and its permissions, and whether another program holds it open"
+        return ConfigError.of(what, where, next_step=step)
     return HardwareError.of(what, where, next_step="check the disk and the device")

@@ -129,9 +129,13 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
     targets = model_targets(output, [one.name for one in given], force=force) if output else []
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
-    _print(diagnosis, json=json)
-    for path, model in zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False):
-        path.write_text(model_toml(model), encoding="utf-8")
+    written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
+    try:
+        for path, model in written:
+            path.write_text(model_toml(model), encoding="utf-8")
+    finally:
+        _print(diagnosis, json=json)
+    for path, model in written:
         say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
 
 
@@ -157,13 +161,15 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
     from wheelsoil.wording.diagnosis_json import plan_json
     from wheelsoil.wording.plan_text import matrix_csv, plan_lines
 
-    if json:
-        print_json(plan_json(plan))
-    else:
-        for line in plan_lines(plan, terminal_width()):
-            print(line)
+    try:
+        if target:
+            target.write_text(matrix_csv(plan), encoding="utf-8")
+    finally:
+        if json:
+            print_json(plan_json(plan))
+        else:
+            print("\n".join(plan_lines(plan, terminal_width())))
     if target:
-        target.write_text(matrix_csv(plan), encoding="utf-8")
         say(f"wrote {target}")
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, DataError, Fault, HardwareError
+from daq import ConfigError, DataError, Fault, HardwareError, check_logging
 from wheelsoil.cli import options
 from wheelsoil.console import print_json, print_pairs, printable_addresses, say
 
@@ -112,6 +112,7 @@ def log_command(
     from daq.logger import log
     from daq.runs import LENIENT_KEY
 
+    check_logging()
     known = options.configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
     _check_run_id(run_id)
@@ -142,7 +143,7 @@ def log_command(
             panel=panel,
             progress=progress,
         )
-        if summary.signal_number == signal.SIGHUP:
+        if summary.signal_number is not None and signal.Signals(summary.signal_number).name == "SIGHUP":
             _detach_from_terminal()
     _print_summary(summary, json)
     _exit(summary, known.vehicle)

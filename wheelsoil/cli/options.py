@@ -13,7 +13,7 @@ import typer
 from daq import ConfigError, Fault, VehicleConfig, parse_toml
 from daq.can import Database, load_database, messages_by_bus
 from daq.runs import VEHICLE_FILE, Collected, Configuration, terrain_from_file, vehicle_from_file
-from wheelsoil.console import say_folded
+from wheelsoil.console import say, say_folded
 
 if TYPE_CHECKING:
     from daq import RunInfo
@@ -64,9 +64,12 @@ ZeroFile = Annotated[
 
 def use_cores(context: typer.Context, jobs: int | None) -> int | None:
     """Let a command use so many processes while it runs; without a number all cores."""
-    from model import available_cores, processes
+    from model import available_cores, can_copy_processes, processes
 
-    context.with_resource(processes(jobs or available_cores()))
+    count = jobs or available_cores()
+    if count > 1 and not can_copy_processes():
+        say("one core is used: this system cannot copy a process")
+    context.with_resource(processes(count))
     return jobs
 
 

@@ -66,7 +66,8 @@ def report_command(
 
     With --table the page is of single-wheel tests.
 
-    A section whose channel is missing is omitted, with the reason; the other sections are complete.
+    A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
+    fault has cost a section or the diagnosis.
     """
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of, report_of_tables
@@ -103,12 +104,16 @@ def report_command(
                 "numbers": numbers,
                 "left_out": report.left_out,
                 "not_fitted": report.not_fitted,
+                "failed": report.failed,
                 "result": report.sentence,
             }
         )
     else:
         print_pairs([("report", str(page)), ("numbers", str(numbers))])
         say(report.sentence)
+    if report.failed:
+        say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
+        raise typer.Exit(1)
 
 
 def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:

@@ -1,7 +1,8 @@
-"""``wheelsoil info``, ``wheelsoil export`` and ``wheelsoil recover``."""
+"""``wheelsoil info``, ``wheelsoil export``, ``wheelsoil recover`` and ``wheelsoil sample``."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from enum import StrEnum
 from math import isnan
@@ -351,3 +352,31 @@ def recover_command(
         print_pairs(
             [("recording", str(done.path)), ("chunks saved", str(done.chunk_count)), *(("lost", text) for text in loss)]
         )
+
+
+class Sample(StrEnum):
+    """Sample campaigns that an installed wheel carries."""
+
+    clay = "clay"
+
+
+def sample_command(
+    name: Annotated[Sample, typer.Argument(metavar="NAME", help="Which one: clay.")] = Sample.clay,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write. [default: NAME here]")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write a sample campaign: recordings of six runs, vehicle.toml, terrain.toml, runs.toml and DBCs.
+
+    Its hidden effect is in manifest.toml only, which no command reads.
+    """
+    target = output or Path(name.value)
+    if target.exists() and not (target.is_dir() and (force or not any(target.iterdir()))):
+        raise ConfigError.of("the output exists already", target, next_step="choose another folder, or --force")
+    package = Path(__file__).parents[1]
+    places = (package / "_samples", package.parent / "recordings")  # in a wheel, in a checkout
+    source = next(place for place in places if place.is_dir()) / name.value
+    shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    print(target)
+    say(f'six runs; next: wheelsoil diagnose "{target}"')

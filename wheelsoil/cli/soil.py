@@ -116,10 +116,12 @@ def soil_command(
         WindowOptions(zero.value, sinkage_from, float("inf") if sinkage_to is None else sinkage_to),
         shear_to_m=float("inf") if shear_to is None else shear_to,
     )
-    _print(result, json=json)
+    try:
+        if target:
+            target.write_text(terrain_text(result, name or target.stem, known), encoding="utf-8")
+    finally:
+        _print(result, json=json)
     if target:
-        title = name or target.stem
-        target.write_text(terrain_text(result, title, known), encoding="utf-8")
         say(f"wrote {target}")
 
 

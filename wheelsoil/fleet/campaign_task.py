@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import resource
 import threading
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from daq import ConfigError, Fault, WheelsoilError
+from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, open_runs
 from model import one_thread, processes
 from processing import LOOK
@@ -103,7 +102,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
             rows={name: len(rows) for name, rows in tables.items()},
             options=asdict(options),
             cpu_s=round(time.process_time() - start_s, 3),
-            peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+            peak_bytes=peak_memory_bytes(),
         )
         store.put(manifest, tables)
         return Done(manifest)

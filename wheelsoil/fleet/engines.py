@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import resource
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -17,7 +16,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
-from daq import ConfigError, HardwareError, not_installed
+from daq import ConfigError, HardwareError, limit_memory, not_installed
 from wheelsoil import __version__
 
 S = TypeVar("S")
@@ -51,7 +50,7 @@ def in_processes(
     jobs : int
         Number of processes.
     memory_bytes : int
-        Most that a process may use.
+        Most that a process may use; 0: all.
     """
     tries = dict.fromkeys(range(len(items)), 0)
     while tries:
@@ -100,7 +99,7 @@ def _pooled(
 
 def _begin(memory_bytes: int) -> None:
     if memory_bytes:
-        resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
+        limit_memory(memory_bytes)
 
 
 def on_dask(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -11,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from daq import ConfigError
+from daq import ConfigError, machine_memory_bytes
 from model import available_cores
 from wheelsoil import __version__
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
@@ -52,9 +51,8 @@ class Workers:
 
     @property
     def memory(self) -> int:
-        """Most that each may use, in bytes."""
-        whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        return self.memory_bytes or int(_MEMORY_SHARE * whole / self.count)
+        """Most that each may use, in bytes; 0 where the system does not say how much there is."""
+        return self.memory_bytes or int(_MEMORY_SHARE * machine_memory_bytes() / self.count)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from daq import ConfigError, WheelsoilError
+from daq import ConfigError, DataError, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
@@ -171,6 +171,8 @@ class Report:
         Sections that could not be built; the page shows the reason in their place.
     not_fitted : str
         Runs without a needed signal, if others were fitted; a text.
+    failed : tuple of str
+        What a fault has cost, and not the measurement: keys of sections, "diagnosis".
     """
 
     head: Head
@@ -178,6 +180,7 @@ class Report:
     left_out: dict[str, str]
     made_at: datetime
     not_fitted: str = ""
+    failed: tuple[str, ...] = ()
 
     def numbers(self) -> dict[str, Any]:
         """Return every number of the report as JSON values: those of tables, texts and figures."""
@@ -188,6 +191,7 @@ class Report:
             "made_at": self.made_at.isoformat(timespec="seconds"),
             "left_out": self.left_out,
             "not_fitted": self.not_fitted,
+            "failed": self.failed,
             "sections": {section.key: plain(section.numbers) for section in self.sections},
             "texts": {section.key: texts_of(section) for section in self.sections},
             "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
@@ -234,6 +238,7 @@ class Report:
 def build_report(material: ReportInputs) -> Report:
     """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
     left_out: dict[str, str] = {}
+    failed = ["diagnosis"] if material.diagnosis_failed else []
     sections = []
     for builder in _asked_for(material):
         key = builder.key
@@ -241,9 +246,11 @@ def build_report(material: ReportInputs) -> Report:
             section = builder.build(material)
         except WheelsoilError as error:
             left_out[key] = "; ".join(fault.what for fault in error.faults)
+            failed += [] if isinstance(error, DataError) else [key]
         except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
+            failed.append(key)
         if key in left_out:
             section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
         sections.append(section)
@@ -253,6 +260,7 @@ def build_report(material: ReportInputs) -> Report:
         left_out=left_out,
         made_at=datetime.now(UTC),
         not_fitted=material.not_fitted,
+        failed=tuple(failed),
     )
 
 

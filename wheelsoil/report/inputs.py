@@ -170,6 +170,8 @@ class ReportInputs:
     versions : mapping program -> version
     no_diagnosis : str
         Why there is none; empty where none was asked for, and then the page says nothing of it.
+    diagnosis_failed : bool
+        Whether a fault, and not the measurement, is why.
     tables : tuple of BenchFiles
         Single-wheel tables in place of runs.
     """
@@ -185,6 +187,7 @@ class ReportInputs:
     versions: dict[str, str] = field(default_factory=dict)
     diagnosed: Diagnosis | None = None
     no_diagnosis: str = ""
+    diagnosis_failed: bool = False
     tables: tuple[BenchFiles, ...] = ()
 
     @property

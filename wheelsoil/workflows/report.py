@@ -31,10 +31,11 @@ from wheelsoil.workflows.tables import BenchFiles
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A diagnosis, or why there is none; neither where none was asked for."""
+    """A diagnosis, or why there is none, and whether a fault cost it; nothing of these where none was asked for."""
 
     diagnosis: Diagnosis | None = None
     why_not: str = ""
+    failed: bool = False
 
 
 NOT_DIAGNOSED = Diagnosed()
@@ -110,6 +111,7 @@ def report_of_processed(
         versions=versions(),
         diagnosed=diagnosed.diagnosis,
         no_diagnosis=diagnosed.why_not,
+        diagnosis_failed=diagnosed.failed,
     )
     return build_report(material)
 
@@ -156,6 +158,7 @@ def report_of_tables(
         versions=versions(),
         diagnosed=found.diagnosis,
         no_diagnosis=found.why_not,
+        diagnosis_failed=found.failed,
         tables=tuple(benches),
     )
     return build_report(material)
@@ -166,7 +169,8 @@ def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) 
         with computing("diagnosing"):
             return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
     except WheelsoilError as error:
-        return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
+        why = "; ".join(fault.what for fault in error.faults)
+        return Diagnosed(why_not=why, failed=not isinstance(error, DataError))
 
 
 def _plain(choices: FitChoices) -> dict[str, object]:
@@ -175,7 +179,7 @@ def _plain(choices: FitChoices) -> dict[str, object]:
 
 
 def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoices, soil: str | None) -> Diagnosed:
-    """Diagnose the runs of a report; what goes wrong is noted on the page and costs nothing else.
+    """Diagnose the runs of a report; what goes wrong is noted on the page and costs no other section.
 
     Runs that are too poor get a verdict that says so; an error is a file that is wrong, or a fault of ours.
     """
@@ -185,7 +189,9 @@ def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoi
         options = diagnosis_options(choices.reading)
         return Diagnosed(diagnose_campaigns(campaigns_of(paths, processed, soil), options))
     except WheelsoilError as error:
-        return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
+        why = "; ".join(fault.what for fault in error.faults)
+        return Diagnosed(why_not=why, failed=not isinstance(error, DataError))
     except Exception as error:  # noqa: BLE001 - the boundary of the report's sections: it must not take the report
         _log.debug("diagnosis", exc_info=True)
-        return Diagnosed(why_not=f"a fault in the diagnosis ({type(error).__name__}: {error}); please report it")
+        why = f"a fault in the diagnosis ({type(error).__name__}: {error}); please report it"
+        return Diagnosed(why_not=why, failed=True)

@@ -105,7 +105,7 @@ def can_links() -> list[str]:
 
 def stamp_age_s(channel: str, wait_s: float) -> float | None:
     """Return how old the kernel's time stamp of the next frame is; NaN without a stamp, None without a frame."""
-    with suppress(OSError), socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as made:
+    with suppress(OSError, AttributeError), socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as made:
         made.bind((channel,))
         made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         made.settimeout(wait_s)
@@ -121,6 +121,8 @@ def stamp_age_s(channel: str, wait_s: float) -> float | None:
 
 def _kernel_has_can() -> bool:
     """Return whether SocketCAN's sockets can be made; the kernel loads its module where there is one."""
+    if not hasattr(socket, "AF_CAN"):  # macOS
+        return False
     try:
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW):
             return True

@@ -18,6 +18,7 @@ from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
 from daq.logger.doctor.links import Link, Reception, is_socketcan, listen, read_link
 from daq.logger.health.watched_messages import usable_roles
+from daq.machine import check_logging
 from daq.recording import RecordingWriter
 from daq.recording.decoded_topics import DecodedWriter
 
@@ -137,8 +138,9 @@ def gather(
     Raises
     ------
     ConfigError
-        There is no such file. Faults inside it are reported by the checks.
+        There is no such file, or this system cannot log (Windows). Faults inside the file are reported by the checks.
     """
+    check_logging()
     if not vehicle_file.is_file():
         raise ConfigError.of("no such file", vehicle_file, next_step="check the path")
     try:

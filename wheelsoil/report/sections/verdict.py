@@ -57,7 +57,10 @@ def verdict(material: ReportInputs) -> Contents:
     if found is None:
         blocks, numbers = _of_the_fit(material)
         if material.no_diagnosis:
-            blocks.insert(0, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
+            without = f"No diagnosis: {material.no_diagnosis}."
+            blocks.insert(0, Text(without, "warning"))
+            fitted = numbers["sentence"]
+            numbers = {**numbers, "fit_sentence": fitted, "sentence": f"{without} {fitted}"}
         return blocks, numbers
     try:
         blocks, numbers = _of_the_fit(material, found)
