@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shutil
 import signal
@@ -80,6 +81,31 @@ def test_help_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"
+
+
+EXTRAS = ("arviz_base", "asammdf", "distributed", "duckdb", "h5py", "isal", "nptdms", "numba", "rosbags", "s3fs")
+
+
+def test_no_command_loads_an_extra_that_it_does_not_need(campaign: Path, tmp_path: Path) -> None:
+    """python-can would import asammdf, and with it pandas."""
+    for name in EXTRAS:
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('{name} is imported')\n", encoding="utf-8")
+    path = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); "
+    code = f"{path}from wheelsoil.cli.app import run; sys.exit(run(sys.argv[1:]))"
+    for command in ("info", "process"):
+        arguments = [sys.executable, "-c", code, command, str(campaign / "run-1.mcap"), "--json"]
+        done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and json.loads(done.stdout), done
+
+
+def test_a_sample_is_the_recorded_one_and_overwrites_nothing(tmp_path: Path) -> None:
+    kept = Path(__file__).parents[2] / "recordings" / "clay"
+    ok("sample", "-o", tmp_path / "clay")
+    names = sorted(path.name for path in kept.iterdir())
+    assert sorted(path.name for path in (tmp_path / "clay").iterdir()) == names
+    assert all((tmp_path / "clay" / name).read_bytes() == (kept / name).read_bytes() for name in names)
+    again = invoke("sample", "-o", tmp_path / "clay")
+    assert again.code == 2 and "exists already" in again.err
 
 
 def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:

@@ -179,6 +179,14 @@ def test_a_failed_diagnosis_costs_its_sections_and_nothing_else(plain_material):
     assert set(report.left_out.values()) == {"too few samples"}
     assert "No diagnosis: too few samples" in text(report, "verdict")
     assert "model follows the drawbar pull best" in report.sentence
+    assert report.failed == ()
+
+
+def test_a_diagnosis_lost_through_a_fault_is_no_success(plain_material):
+    lost = replace(plain_material, no_diagnosis="a fault in the program", diagnosis_failed=True)
+    report = build_report(lost)
+    assert report.failed == ("diagnosis",) and list(report.numbers()["failed"]) == ["diagnosis"]
+    assert report.sentence.startswith("No diagnosis: a fault in the program")
 
 
 def test_where_none_was_asked_for_the_page_is_silent(plain_material):

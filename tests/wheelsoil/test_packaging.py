@@ -45,6 +45,8 @@ def test_the_built_wheel_finds_its_files(python: Path, tmp_path: Path) -> None:
         "from wheelsoil.web import serving\n"
         "assert (files('wheelsoil.web') / 'static' / 'tokens.css').is_file()\n"
         "server.make_app(hub.Hub('x'), lambda command: True, serving.Rules.of('localhost', '127.0.0.1', None))\n"
+        "from wheelsoil.cli.app import run\n"
+        "assert not run(['sample', 'clay', '-o', 'clay']) and not run(['process', 'clay'])\n"
     )
     done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -107,7 +107,7 @@ def test_a_replacement_that_fails_leaves_nothing_behind(view: View, folder: Path
     view.post("/api/choose", campaign="c1", choice={})
     path = Path(view.post("/api/save", campaign="c1", name="mine.toml")["path"])
     before = path.read_bytes()
-    (folder / f".mine.toml.{view.process.pid}").write_bytes(b"of a replacement that failed")
+    (folder / f".wheelsoil-{view.process.pid}.toml").write_bytes(b"of a replacement that failed")
     view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
     view.post("/api/save", campaign="c1", name="mine.toml", replace=True)
     assert path.read_bytes() != before

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from daq import ConfigError
+from daq.series import draft_of
 from wheelsoil.view.campaigns import ViewedCampaign
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.workflows.recordings import sha256_of
@@ -33,21 +32,19 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     if path.name.lower() in _OURS or (replace_it and _is_another(path)):
         raise ConfigError.of("this file is not a choice", path, next_step="choose another name")
     text = complete(campaign).to_toml().encode("utf-8", "replace")
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with (beside if replace_it else path).open("wb" if replace_it else "xb") as file:
-            file.write(text)
         if replace_it:
-            beside.replace(path)
+            with draft_of(path) as draft:
+                draft.write_bytes(text)
+        else:
+            with path.open("xb") as file:
+                file.write(text)
     except FileExistsError:
         raise ConfigError.of("the file exists already", path, next_step="choose another name, or replace it") from None
     except OSError as error:
         why = error.strerror or str(error)
-        raise ConfigError.of("the choice cannot be written", path, why, next_step="check the folder") from None
-    finally:
-        if replace_it:
-            with suppress(OSError):
-                beside.unlink()
+        step = "check the folder, and whether another program holds the file"
+        raise ConfigError.of("the choice cannot be written", path, why, next_step=step) from None
     return path
 
 

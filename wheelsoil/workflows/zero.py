@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -33,6 +32,7 @@ from daq import (
 )
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
 from daq.runs import Collected, Run, open_runs
+from daq.series import draft_of
 from processing import ZeroCode, in_order, merge_equal_stamps, seconds_since
 from processing.pipeline import latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
@@ -402,9 +402,14 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
         See `check_place`.
     """
     zeros = check_place(path).plus(*(one.determination for one in found))
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    draft.write_bytes(zeros_toml(zeros))
-    draft.replace(path)
+    try:
+        with draft_of(path) as draft:
+            draft.write_bytes(zeros_toml(zeros))
+    except OSError as error:
+        step = "check the folder, and whether another program holds the file"
+        raise ConfigError.of(
+            "the zeros cannot be written", path, error.strerror or str(error), next_step=step
+        ) from None
     return zeros
 
 
