@@ -53,6 +53,14 @@ def test_the_built_wheel_finds_its_files(python: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_page_on_a_package_index_has_no_link_to_a_file_of_the_source(python: Path) -> None:
+    [metadata] = python.parents[1].glob("lib/python*/site-packages/wheelsoil-*.dist-info/METADATA")
+    text = metadata.read_text(encoding="utf-8")
+    assert "# wheelsoil" in text and "how to read it (`docs/report.md`)" in text
+    assert not re.findall(r"\]\((?!https?:)", text)
+
+
+@pytest.mark.slow
 def test_the_example_of_the_public_api_is_typed_for_who_installs_the_wheel(python: Path, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     [example] = re.findall(r"```python\n(.*?)```", page, re.S)

@@ -327,7 +327,9 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
             f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
         )
     if found.verdict == "named":
-        return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
+        return (
+            "take the extended model: `wheelsoil diagnose FOLDER -o model.toml` keeps it for fit, simulate and report."
+        )
     return "no further run is asked for; see the minimum detectable effect."
 
 
