@@ -10,7 +10,7 @@ from gram_support import column, world
 
 from daq.notes import Note
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.naming import Judgement, asked_again, judgement, prior_shifts
+from model.diagnosis.core.naming import Judgement, asked_again, judgement, prior_shifts, unshown
 from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
@@ -157,6 +157,23 @@ def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01})
     said = judgement(found, FINE, gain(9.0), {"a": Note(LackCode.ONE_DIRECTION)})
     assert said == Judgement("one_of", ("a",), barred=Note(LackCode.ONE_DIRECTION))
+
+
+@pytest.mark.parametrize(
+    ("chance", "unlisted", "code", "shown"),
+    [
+        (0.98, 0.0, LackCode.NOT_AT_STANDSTILL, True),
+        (0.98, 0.02, LackCode.NOT_AT_STANDSTILL, False),
+        (0.96, 0.0, LackCode.NOT_AT_STANDSTILL, False),
+        (0.98, 0.0, LackCode.ONE_LOAD, False),
+    ],
+)
+def test_driving_alone_shows_a_zero_that_is_nearly_certain(
+    grams: Grams, chance: float, unlisted: float, code: LackCode, shown: bool
+) -> None:
+    found = made(grams, {("a",): chance, (): 1.0 - chance})
+    judged = Adequacy(unlisted, 0.5, True, "probability")
+    assert unshown({"a": Note(code), "b": Note(code)}, found, judged).keys() == ({"b"} if shown else {"a", "b"})
 
 
 def test_a_set_is_as_short_as_the_data_allow(grams: Grams) -> None:

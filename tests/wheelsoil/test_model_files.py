@@ -64,6 +64,9 @@ def test_only_a_named_cause_is_put_into_it(verdict):
     (model,) = models_of(diagnosis(verdict), [CAMPAIGN], "balanced", "")
     assert model.effects == ()
     assert "No cause is named" in model_toml(model)
+    assert not [fact for fact in model.provenance if fact.startswith("held_out")], (
+        "the gain of causes that are not in it"
+    )
     assert model.soil.cohesion_pa == (4100.0 if verdict == "nothing_detectable" else CLAY.cohesion_pa)
     assert model.soil.source == ("re-calibrated with clay" if verdict == "nothing_detectable" else CLAY.source)
 

@@ -80,7 +80,7 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "sentence": sentence_of(diagnosis),
         "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),
     }
-    if diagnosis.gain is not None:
+    if diagnosis.gain is not None and diagnosis.verdict == "named":  # of the causes that are in the file, else of none
         facts["held_out_log_likelihood_gain"] = float(diagnosis.gain.log_likelihood_gain)
         facts["held_out_R0_reduction_percent"] = float(diagnosis.gain.reduction_percent)
     return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN

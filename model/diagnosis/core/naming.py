@@ -9,7 +9,8 @@
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`;
    - the held-out error of no measured channel grows for certain, also where the channel was not used;
    - the named causes do not cancel each other to a small remainder that one of them less explains as well;
-   - the data identify the family (what stands in ``not_identifiable`` may be a member of a set only);
+   - the data identify the family (what stands in ``not_identifiable`` may be a member of a set only); a zero that no
+     standstill shows may be shown by driving, see `unshown`;
    - its value bears the name, see `confirmed`;
    - it is no physical cause that loses its name once the stress peak may lie ahead of the bottom, as it does in nature
      (`model.diagnosis.findings.usual_soil`).
@@ -47,6 +48,9 @@ MOST_ERROR = 1.5
 """Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
 _BY_CHANCE = 0.001
 """Chance of so large an error of few runs. A run is worth one error: its own soil is one value."""
+SHOWN_AT = 0.97
+"""Probability from which a zero is named though no standstill shows it. Of 18 such in blind campaigns all were right;
+the largest probability of a wrong one was .94 (docs/decisions/standstill.md)."""
 REMAINDER = 0.5
 """Share of the smaller of two causes below which what they leave together is a small remainder."""
 
@@ -111,6 +115,22 @@ def judgement(
             return Judgement("named", named, short_set(found, named))
         barred = (not_identifiable or {})[sure[0]]
     return one_of(found, barred if sure else None)
+
+
+def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adequacy) -> dict[str, Note]:
+    """Return the families that the data do not identify, without the zeros that are above `SHOWN_AT` by driving alone.
+
+    Parameters
+    ----------
+    not_identifiable : mapping family -> why
+        By what was driven and recorded.
+    """
+    chances = found.families()
+    return {
+        family: why
+        for family, why in not_identifiable.items()
+        if why.code is not LackCode.NOT_AT_STANDSTILL or chances.get(family, 0.0) * judged.listed <= SHOWN_AT
+    }
 
 
 def one_of(found: Posterior, barred: Note | None) -> Judgement:

@@ -17,7 +17,7 @@ from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
-from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
+from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts, unshown
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -170,7 +170,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         proposal=offered,
         minimum_detectable=weighed.sizes,
         next_run=onward,
-        not_identifiable=linearised.not_identifiable,
+        not_identifiable=unshown(linearised.not_identifiable, found, weighed.judged),
         notes=tuple(dict.fromkeys((*notes, *linearised.notes, *few, *remarks, *disputes))),
         sets=likely_sets(found),
         noise=_noise(linearised),
@@ -215,9 +215,8 @@ def _weighed(
             gain, remarks = held_out(linearised, fits.known)
 
     def judge(other: Posterior) -> Judgement:
-        return judgement(
-            *(other, judged, gain, linearised.not_identifiable, name_at, linearised.converged), cancelling(linearised)
-        )
+        lacking = unshown(linearised.not_identifiable, other, judged)
+        return judgement(*(other, judged, gain, lacking, name_at, linearised.converged), cancelling(linearised))
 
     verdict = judge(found)
     shifts = prior_shifts(found, verdict, judge)
