@@ -112,7 +112,7 @@ def test_a_name_needs_three_nats_on_held_out_runs(grams: Grams) -> None:
 def test_parts_that_cancel_are_not_named(grams: Grams) -> None:
     why = Note(LackCode.PARTS_CANCEL, values={"families": ("a", "b"), "without": "b"})
     found = made(grams, {("a", "b"): 0.99, (): 0.01})
-    assert judgement(found, FINE, gain(9.0), cancelling=why) == Judgement("one_of", short_set(found), barred=why)
+    assert judgement(found, FINE, gain(9.0), cancelling=why) == Judgement("one_of", ("a", "b"), barred=why)
 
 
 def test_a_lone_family_that_is_not_named_stands_beside_its_nearest_rival(grams: Grams) -> None:
@@ -174,6 +174,13 @@ def test_driving_alone_shows_a_zero_that_is_nearly_certain(
     found = made(grams, {("a",): chance, (): 1.0 - chance})
     judged = Adequacy(unlisted, 0.5, True, "probability")
     assert unshown({"a": Note(code), "b": Note(code)}, found, judged).keys() == ({"b"} if shown else {"a", "b"})
+
+
+def test_all_that_are_nearly_certain_stand_in_a_set_that_has_no_name(grams: Grams) -> None:
+    found = made(grams, {("a", "b"): 0.99, (): 0.01})
+    judged = Adequacy(0.2, 0.5, True, "probability")
+    assert short_set(found) == ("a",)
+    assert judgement(found, judged, gain(9.0)) == Judgement("one_of", ("a", "b"))
 
 
 def test_a_set_is_as_short_as_the_data_allow(grams: Grams) -> None:

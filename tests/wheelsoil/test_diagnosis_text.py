@@ -151,3 +151,10 @@ def test_no_probability_is_written_as_certain(probability):
 def test_any_sentence_fits(sentence, width):
     lines = diagnosis_lines(replace(diagnosis(), causes=(replace(diagnosis().causes[0], name=sentence),)), width)
     assert max(map(len, lines)) <= max(80, min(width, 100))
+
+
+def test_a_program_reads_what_acts_beside_the_named_cause_and_what_bars_its_name() -> None:
+    named = replace(diagnosis("named"), grounds=Grounds(beside=("slope", "bulldozing")))
+    slope, pushing = diagnosis_json(named)["further_causes"]
+    assert (slope["name"], slope["probability"], slope["barred"]["code"]) == ("slope", 1e-5, "one_direction")
+    assert pushing == {"name": "bulldozing", "probability": 0.03, "barred": None}

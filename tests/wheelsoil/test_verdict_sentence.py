@@ -120,6 +120,15 @@ def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     assert "Grouser would fit almost as well" in barred
 
 
+@pytest.mark.parametrize("families", [("slope",), ("slope", "bulldozing")])
+def test_what_is_unlisted_is_the_reason_where_it_keeps_a_name_back(families: tuple[str, ...]) -> None:
+    doubted = replace(BARE, causes=causes(*families), adequacy=Adequacy(0.16, 0.5, True, "probability"))
+    said = " ".join(one_of_words(doubted, CHANCES, 0.0))
+    assert "sure enough for a name: something that the library does not have may act (16 %)." in said
+    surely = replace(doubted, adequacy=Adequacy(0.01, 0.5, True, "probability"))
+    assert "library" not in " ".join(one_of_words(surely, CHANCES, 0.0))
+
+
 def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
     sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))

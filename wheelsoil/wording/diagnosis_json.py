@@ -22,6 +22,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "verdict": found.verdict,
         "sentence": sentence_of(found),
         "causes": [_cause_json(cause) for cause in found.causes],
+        "further_causes": [_further(family, found) for family in found.grounds.beside],
         "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
         "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
         "what_is_wrong": [_finding(one, found.median_there(one)) for one in found.what_is_wrong],
@@ -73,6 +74,13 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
         },
         "turned": {how: list(verdict) for how, verdict in turned.values.items()} if turned else {},
     }
+
+
+def _further(family: str, found: Diagnosis) -> dict[str, Any]:
+    """Return a family that probably acts beside the named ones, and what bars its name; None: its probability."""
+    chances = {one.name: one.probability for one in found.candidates}
+    why = found.not_identifiable.get(family)
+    return {"name": family, "probability": chances.get(family), "barred": None if why is None else _reason(why)}
 
 
 def _finding(found: Finding, median: float) -> dict[str, Any]:

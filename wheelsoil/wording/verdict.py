@@ -36,6 +36,8 @@ _NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
+_UNLISTED_AT = 0.05
+"""Probability of something unlisted from which on it is said to keep a name back."""
 _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
 """What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
 
@@ -253,9 +255,11 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         one = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
         said = [f"A cause acts ({likely}), most probably {one}"]
         if barred is None:
-            said.append("That is not sure enough for a name")
+            said.append(f"That is not sure enough for a name{_unlisted_words(found.adequacy)}")
     else:
         said = [f"A cause acts ({likely}): {_one_of(families, chances)}"]
+        if barred is None and (why := _unlisted_words(found.adequacy)):
+            said.append(f"None is sure enough for a name{why}")
     together = [one for one in found.sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
     if together:
         pairs = [f"{_listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
@@ -268,6 +272,13 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if found.next_run:
         said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
+
+
+def _unlisted_words(judged: Adequacy | None) -> str:
+    """Return that something unlisted may act, where that is what keeps a name back."""
+    if judged is None or 1.0 - judged.listed < _UNLISTED_AT:
+        return ""
+    return f": something that the library does not have may act ({chance(1.0 - judged.listed)})"
 
 
 def unexplained_words(

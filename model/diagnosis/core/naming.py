@@ -114,7 +114,8 @@ def judgement(
         if named:
             return Judgement("named", named, short_set(found, named))
         barred = (not_identifiable or {})[sure[0]]
-    return one_of(found, barred if sure else None)
+    likely = tuple(family for family, p in found.families().items() if p > name_at)
+    return one_of(found, barred if sure else None, likely)
 
 
 def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adequacy) -> dict[str, Note]:
@@ -133,9 +134,15 @@ def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adeq
     }
 
 
-def one_of(found: Posterior, barred: Note | None) -> Judgement:
-    """Return the verdict that one of a set of families acts; one that is alone and barred with its nearest rival."""
-    families = short_set(found)
+def one_of(found: Posterior, barred: Note | None, likely: Sequence[str] = ()) -> Judgement:
+    """Return the verdict that one of a set of families acts; one that is alone and barred with its nearest rival.
+
+    Parameters
+    ----------
+    likely : sequence of str
+        Families that would be named but for a rule; they stand in the set, needed or not.
+    """
+    families = tuple(dict.fromkeys((*short_set(found), *likely)))
     if barred is not None and len(families) == 1:
         families = (*families, *nearest_rival(found, families[0]))
     return Judgement("one_of", families, barred=barred)
@@ -176,7 +183,7 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
         Of the verdict, with their values.
     """
     if verdict.verdict == "named" and (why := doubtful(causes)):
-        return one_of(found, why)
+        return one_of(found, why, verdict.families)
     return verdict
 
 
