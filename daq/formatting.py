@@ -104,9 +104,14 @@ def _pieces(text: str, width: int) -> list[str]:
     return [piece.rstrip() for piece in pieces if piece.strip()]
 
 
-def file_name(name: str) -> str:
-    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot; else "run"."""
-    return re.sub(r"[^\w.@-]+", "-", name).strip(".-") or "run"
+# Names that Windows keeps for devices, whatever follows a dot.
+_OF_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+def file_name(name: str, otherwise: str = "run") -> str:
+    """Return a name that stays in its folder on every system: letters, digits, ``_ . - @``, no leading dot."""
+    plain = re.sub(r"[^\w.@-]+", "-", name).strip(".-") or otherwise
+    return f"_{plain}" if _OF_DEVICES.fullmatch(plain) else plain
 
 
 def numbered(name: str, taken: Collection[str], joint: str = "_") -> str:

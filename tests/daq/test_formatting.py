@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.formatting import number, table_lines, without_powers
+from daq.formatting import file_name, number, table_lines, without_powers
 
 words = st.text(string.ascii_letters + "_./ ", max_size=40).map(str.strip)
 
@@ -53,3 +53,19 @@ def test_a_number_that_is_none():
 )
 def test_a_text_has_no_powers_of_ten(text: str, written: str) -> None:
     assert without_powers(text) == written
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("run 1", "run-1"),
+        ("../a", "a"),
+        ("..", "run"),
+        ("CON", "_CON"),
+        ("nul.x", "_nul.x"),
+        ("com10", "com10"),
+        ("a:b", "a-b"),
+    ],
+)
+def test_a_file_name_is_one_on_every_system(text: str, name: str) -> None:
+    assert file_name(text) == name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import tomli_w
 
-from daq import read_toml
+from daq import file_name, read_toml
 from model import ExtendedModel, Fact, extended_model
 from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
@@ -33,14 +32,9 @@ def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Pa
     """
     if len(names) == 1:
         return [check_output(output, force=force)]
-    paths = [output.with_stem(f"{output.stem}-{_safe(name)}") for name in names]
+    paths = [output.with_stem(f"{output.stem}-{file_name(name, 'campaign')}") for name in names]
     apart = [p if paths.count(p) == 1 else p.with_stem(f"{p.stem}-{i}") for i, p in enumerate(paths, 1)]
     return [check_output(path, force=force) for path in apart]
-
-
-def _safe(name: str) -> str:
-    """Return a name as a file may bear it."""
-    return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "campaign"
 
 
 def models_of(
