@@ -46,8 +46,8 @@ from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
-from model.diagnosis.time_series.outliers import without_outliers
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
+from model.diagnosis.time_series.selection import without_near_cut, without_outliers
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
 
@@ -114,6 +114,8 @@ class Relinearised:
 
     Attributes
     ----------
+    starts : tuple of Start
+        Of the campaigns.
     best : SetEstimate
         Chosen from `grams`.
     converged : bool
@@ -122,6 +124,7 @@ class Relinearised:
         The best of each iteration.
     """
 
+    starts: tuple[Start, ...]
     grams: Grams
     campaigns: tuple[CampaignData, ...]
     best: SetEstimate
@@ -135,6 +138,7 @@ def relinearise(
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
     *,
+    before: Relinearised | None = None,
     keep_noise: bool = False,
     most: int = MOST_ROUNDS,
 ) -> Relinearised:
@@ -146,15 +150,17 @@ def relinearise(
         Where to begin.
     choose : callable
         Picks the explanation from cross products, given the one before.
+    before : Relinearised, optional
+        Iterations that this goes on with.
     keep_noise : bool
         Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
     most : int
-        Iterations.
+        Iterations, those before included.
     """
-    best: SetEstimate | None = None
+    best = before.best if before else None
     last: SetEstimate | None = None
     share = 1.0
-    chosen_sets: list[tuple[str, ...]] = []
+    chosen_sets = list(before.chosen_sets) if before else []
     while True:
         kept = keep_noise or not chosen_sets
         campaigns, step = campaigns_at(starts, points, clock, keep_noise=kept, catch_all=not kept)
@@ -167,7 +173,7 @@ def relinearise(
         last, best = best, found
         chosen_sets.append(best.keys)
         if converged or not step or len(chosen_sets) == most:
-            return Relinearised(grams, campaigns, best, converged, tuple(chosen_sets))
+            return Relinearised(tuple(starts), grams, campaigns, best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
             points = linearisation_points(campaigns, grams, best, share)
         del campaigns, grams  # as large as those that come
@@ -429,10 +435,9 @@ def linearise_campaigns(
             for i, c in enumerate(campaigns)
         ]
     choose = _choice(options.most_causes)
-    found = [
-        relinearise(starts, [first_point(s, causes) for s in starts], choose, clock) for causes in first_causes(starts)
-    ]
+    found = [_from_first(starts, causes, choose, clock) for causes in first_causes(starts)]
     best_found = most_probable(found)
+    starts = list(best_found.starts)
     if cleaned := without_outliers(starts, best_found.campaigns, best_found.grams, best_found.best):
         starts = list(cleaned)
         points = linearisation_points(best_found.campaigns, best_found.grams, best_found.best)
@@ -455,6 +460,22 @@ def linearise_campaigns(
         notes=tuple(note for data in best_found.campaigns for note in notes_of(data, named=len(starts) > 1)),
         stages_s=clock.stages_s,
     )
+
+
+_NOISE_KNOWN = 2
+"""Iterations after which the noise is estimated, and samples near the cut at little slip can be told."""
+
+
+def _from_first(
+    starts: Sequence[Start],
+    causes: dict[str, float],
+    choose: Callable[[Grams, SetEstimate | None], SetEstimate],
+    clock: Clock,
+) -> Relinearised:
+    """Iterate from the laboratory's soil and some causes; once the noise is known, without samples near the cut."""
+    rough = relinearise(starts, [first_point(s, causes) for s in starts], choose, clock, most=_NOISE_KNOWN)
+    points = linearisation_points(rough.campaigns, rough.grams, rough.best)
+    return relinearise(without_near_cut(starts, points), points, choose, clock, before=rough)
 
 
 def notes_of(data: CampaignData, *, named: bool = False) -> tuple[Note, ...]:

@@ -1,5 +1,11 @@
-"""Seconds that no noise model describes: a receiver that jumps, a wheel that strikes a stone.
+"""Samples that are left out once the noise is known: near the cut at little slip, and outliers.
 
+**Near the cut.** Samples of little measured slip are not used (`LITTLE_SLIP`). Of those just beyond it, whose true slip
+is small, only those are used whose ground speed happens to be off outwards: their mean error is as large as its
+one-sigma, in every run, and looks like too much pull and torque where the wheel brakes a little. So samples whose
+smoothed slip is within some one-sigmas of the cut are left out: beyond, the cut has hardly chosen by the error.
+
+**Outliers.** Seconds that no noise model describes: a receiver that jumps, a wheel that strikes a stone.
 The noise is Gaussian. One second in which the ground speed is off by five times its usual error outweighs a whole run:
 it is taken for a torque that grows with the pull, or keeps the linearisation from settling. So samples whose whitened
 residual about the explanation exceeds `LIMIT`, and those within `AROUND_S` of them, are left out, if they are few: of a
@@ -16,16 +22,36 @@ import numpy as np
 from daq import BoolArray, FloatArray, Note
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate
-from model.diagnosis.time_series.linearisation_point import cause_coefficients, remainder_of
+from model.diagnosis.time_series.linearisation_point import LinearisationPoint, cause_coefficients, remainder_of
+from model.diagnosis.time_series.linearise import at_point, at_speed
+from model.diagnosis.time_series.samples import FEWEST, LITTLE_SLIP
 from model.diagnosis.time_series.start import CampaignData, Start
 from model.diagnosis.time_series.whitening import innovations
 from model.notes import DiagnosisCode
 
+NEAR_SIGMAS = 2.0
+"""How far from the cut, in one-sigmas of the measured slip: of samples beyond, one in 44 is chosen by its error."""
+MOST_NEAR = 0.5
+"""Share of a campaign's samples that may be near the cut; where more are, little would be left, and all are used."""
 LIMIT = 5.0
 """One-sigmas: by chance one of a million samples has as many."""
 AROUND_S = 0.5
 MOST_SHARE, ALWAYS = 0.005, 3
 """Of a campaign's samples that may exceed the limit, and how many may in the shortest; more are a misfit."""
+
+
+def without_near_cut(starts: Sequence[Start], points: Sequence[LinearisationPoint]) -> list[Start]:
+    """Return the campaigns without the samples whose slip at the points is near the cut at little slip."""
+    return [_measured_beyond_cut(start, at) for start, at in zip(starts, points, strict=True)]
+
+
+def _measured_beyond_cut(start: Start, at: LinearisationPoint) -> Start:
+    conditions, noise = at_speed(at_point(start.samples, at.point), at.point), at.noise.values
+    rim_mps = start.samples.wheel_radius_m * np.asarray(conditions.wheel_speed_radps)
+    sigma = np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]) / rim_mps
+    near = np.abs(np.asarray(conditions.slip)) < LITTLE_SLIP + NEAR_SIGMAS * sigma
+    few = len(near) - int(near.sum()) < FEWEST or near.mean() > MOST_NEAR
+    return start if few else _not_measured(start, near)
 
 
 def without_outliers(
@@ -57,11 +83,17 @@ def _outliers(data: CampaignData, soil: FloatArray, grams: Grams, best: SetEstim
 
 
 def _without(start: Start, out: BoolArray) -> Start:
-    """Return a campaign with some samples as not measured, and a note that says so."""
+    """Return a campaign without its outliers, and with a note that says so."""
     if not out.any():
         return start
-    samples = start.samples
-    measured = {channel: np.where(out, np.nan, x) for channel, x in samples.measured.items()}
+    found = _not_measured(start, out)
+    samples = found.samples
     runs = tuple(samples.run_names[run] for run in np.unique(samples.run[out]))
     note = Note(DiagnosisCode.OUTLIERS, values={"samples": int(out.sum()), "runs": runs, "limit": LIMIT})
-    return replace(start, samples=replace(samples, measured=measured, notes=(*samples.notes, note)))
+    return replace(found, samples=replace(samples, notes=(*samples.notes, note)))
+
+
+def _not_measured(start: Start, out: BoolArray) -> Start:
+    samples = start.samples
+    measured = {channel: np.where(out, np.nan, x) for channel, x in samples.measured.items()}
+    return replace(start, samples=replace(samples, measured=measured))

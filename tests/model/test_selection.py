@@ -9,7 +9,7 @@ import pytest
 from short_campaign import driven, looked
 
 from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.time_series.outliers import AROUND_S, LIMIT
+from model.diagnosis.time_series.selection import AROUND_S, LIMIT
 from model.diagnosis.time_series.samples import samples_of
 from model.notes import DiagnosisCode
 
