@@ -223,7 +223,7 @@ class Linearisation:
     samples : int
         Usable ones of the recordings.
     used : int
-        Those for which the model has an answer.
+        Those that are not near the cut at little slip, are no outliers, and for which the model has an answer.
     iterations : int
     converged : bool
     """
