@@ -463,7 +463,7 @@ def linearise_campaigns(
 
 
 _NOISE_KNOWN = 2
-"""Iterations after which the noise is estimated, and samples near the cut at little slip can be told."""
+"""Iterations after which the noise is estimated, and with it which samples are near the cut at little slip."""
 
 
 def _from_first(
