@@ -22,6 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
+from model import compiled
+from model.core_library import library
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
@@ -82,6 +84,13 @@ class StateSpace:
         near = replace(near, shares=near.shares[own]) if near else None
         return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own], near)
 
+    def positions(self) -> tuple[IndexArray, IndexArray, IndexArray, FloatArray]:
+        """Return `Neighbours.later`, `now`, `before` and `shares`, of none where there are none."""
+        if near := self.neighbours:
+            return near.later, near.now, near.before, near.shares
+        nobody = np.zeros(0, np.intp)
+        return nobody, nobody, nobody, np.zeros((*self.decay.shape[:2], 3, 0))
+
     def stationary(self) -> FloatArray:
         """Return the covariance of the states before any data, shape (S, S)."""
         found = np.diag(self.variance)
@@ -128,6 +137,10 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
     """
     runs, count, channels, width = columns.shape
     states, stationary = len(space.variance), space.stationary()
+    if core := library():
+        noise = (space.loadings, space.decay, stationary, space.white)
+        out, log_determinants = compiled.whiten(core, noise, space.positions(), columns)
+        return Whitened(out.reshape(runs, count * channels, width), log_determinants)
     covariance = np.repeat(stationary[None], runs, axis=0)
     state = np.zeros((runs, states, width))
     out = np.zeros_like(columns)

@@ -1,0 +1,183 @@
+"""Calls of the compiled core (model/compiled.c), which believes what it is given.
+
+So the type, size and order of every array are checked here, and every position that it uses as an index.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from daq import FloatArray, IndexArray
+
+RESULTANTS, ENTRIES = 6, 13
+"""Numbers of a patch: what is integrated, and what decides it."""
+
+
+def contact(
+    core: ctypes.CDLL, entries: Sequence[Any], count: int, rules: FloatArray, wanted: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return Eq. 7-9 of patches, and their derivatives by some entries of the patch.
+
+    Parameters
+    ----------
+    entries : sequence of 13
+        In the order of `Patch`: a number, or an array of shape (n, 1).
+    count : int
+        n.
+    rules : array, shape (27 * nodes,)
+        Nodes, what is left of them to 1, and weights, of the rules (start, end, none): first of so many nodes, then of
+        twice as many.
+    wanted : int
+        Bit i asks for the derivatives by entry i.
+
+    Returns
+    -------
+    values : array, shape (6, n)
+    derivatives : array, shape (wanted entries, 6, n)
+
+    Raises
+    ------
+    ValueError
+        A size or type is wrong.
+    """
+    arrays, strides = _columns(entries, count)
+    pointers = _pointers(arrays)
+    values = np.empty((RESULTANTS, count))
+    derivatives = np.empty((wanted.bit_count(), RESULTANTS, count))
+    core.contact(
+        count,
+        pointers.ctypes.data,
+        strides.ctypes.data,
+        _nodes(rules),
+        _sized(rules, rules.shape),
+        wanted,
+        values.ctypes.data,
+        derivatives.ctypes.data,
+    )
+    return values, derivatives
+
+
+def balance(
+    core: ctypes.CDLL,
+    entries: Sequence[Any],
+    rules: FloatArray,
+    load: FloatArray,
+    start: FloatArray,
+    limits: tuple[float, float, float],
+) -> FloatArray:
+    """Return the sinkage at which each patch carries its load; NaN where none does.
+
+    Parameters
+    ----------
+    entries, rules : see `contact`
+        The entry angle is not used.
+    load, start : arrays, shape (n, 1)
+        N, and a first guess in m.
+    limits : tolerance of ln W; share of the radius where to start without a guess; the deepest, as a share
+
+    Returns
+    -------
+    array, shape (n, 1)
+
+    Raises
+    ------
+    ValueError
+        A size or type is wrong.
+    """
+    count = len(load)
+    arrays, strides = _columns(entries, count)
+    load, start = np.ascontiguousarray(load, float), np.ascontiguousarray(start, float)
+    pointers = _pointers(arrays)
+    found = np.empty((count, 1))
+    core.balance(
+        count,
+        pointers.ctypes.data,
+        strides.ctypes.data,
+        _nodes(rules),
+        _sized(rules, rules.shape),
+        *limits,
+        _sized(load, (count, 1)),
+        _sized(start, (count, 1)),
+        found.ctypes.data,
+    )
+    return found
+
+
+def whiten(
+    core: ctypes.CDLL,
+    noise: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    neighbours: tuple[IndexArray, IndexArray, IndexArray, FloatArray],
+    columns: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return whitened columns, shape (R, N, C, M), and ln det of each run's covariance, shape (R,).
+
+    Parameters
+    ----------
+    noise : loadings (R, N, C, S), decay (R, N, S), stationary covariance (S, S), white variance (R, N, C)
+    neighbours : positions of the states later, now and before (L,), shares (R, N, 3, L)
+    columns : array, shape (R, N, C, M)
+
+    Raises
+    ------
+    ValueError
+        A size or type is wrong, or a position is outside the states.
+    """
+    runs, samples, channels, width = columns.shape
+    states, count = len(noise[2]), len(neighbours[0])
+    columns = np.ascontiguousarray(columns, float)
+    numbers = [np.ascontiguousarray(x, float) for x in (*noise, neighbours[3])]
+    shapes = (
+        *((runs, samples, channels, states), (runs, samples, states), (states, states), (runs, samples, channels)),
+        (runs, samples, 3, count),
+    )
+    *given, shares = (_sized(x, shape) for x, shape in zip(numbers, shapes, strict=True))
+    positions = [np.ascontiguousarray(x, np.int64) for x in neighbours[:3]]
+    if any(x.shape != (count,) or np.any((x < 0) | (x >= states)) for x in positions):
+        raise ValueError("a position is outside the states")
+    sizes = np.array([runs, samples, channels, states, width, count], np.int64)
+    out, log_determinants = np.empty_like(columns), np.empty(runs)
+    work = np.empty(states * width + states * states + 2 * states)
+    core.whiten(
+        sizes.ctypes.data,
+        *given,
+        *(x.ctypes.data for x in positions),
+        shares,
+        columns.ctypes.data,
+        out.ctypes.data,
+        log_determinants.ctypes.data,
+        work.ctypes.data,
+    )
+    return out, log_determinants
+
+
+def _columns(entries: Sequence[Any], count: int) -> tuple[list[FloatArray], IndexArray]:
+    """Return contiguous numbers of the entries of a patch, and 1 for a column, 0 for a number that serves all."""
+    arrays = [np.ascontiguousarray(x, float) for x in entries]
+    for array in arrays:
+        if array.size != 1 and array.shape != (count, 1):
+            raise ValueError(f"expected an entry of shape ({count}, 1), got {array.shape}")
+    if len(arrays) != ENTRIES:
+        raise ValueError(f"expected {ENTRIES} entries, got {len(arrays)}")
+    return arrays, np.array([array.size != 1 for array in arrays], np.int64)
+
+
+def _pointers(arrays: Sequence[FloatArray]) -> IndexArray:
+    return np.array([array.ctypes.data for array in arrays], np.uintp).view(np.intp)
+
+
+def _nodes(rules: FloatArray) -> int:
+    nodes, rest = divmod(rules.size, 27)
+    if rest or not nodes or rules.ndim != 1:
+        raise ValueError(f"expected rules of 27 numbers a node, got {rules.shape}")
+    return nodes
+
+
+def _sized(array: FloatArray, shape: tuple[int, ...]) -> int:
+    """Return the address of an array of this shape."""
+    if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
+        raise ValueError(f"expected float64 of shape {shape}, got {array.dtype} of shape {array.shape}")
+    return int(array.ctypes.data)
