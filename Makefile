@@ -7,8 +7,8 @@ STAMP := $(VENV)/.installed
 .PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants clean
 .DEFAULT_GOAL := demo
 
-# model/compiled.c is compiled where there is a C compiler (hatch_build.py).
-$(STAMP): pyproject.toml constraints.txt hatch_build.py model/compiled.c
+# model/compiled.c is compiled where there is a C compiler (model/core_build.py).
+$(STAMP): pyproject.toml constraints.txt hatch_build.py model/core_build.py model/compiled.c
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "wheelsoil needs Python 3.11 or later; set PYTHON=/path/to/python3"; exit 1; }
 	@test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV) || { echo "could not make a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'

@@ -44,6 +44,8 @@ def contact(
     ValueError
         A size or type is wrong.
     """
+    if not 0 <= wanted < 1 << ENTRIES:
+        raise ValueError(f"expected derivatives by some of {ENTRIES} entries, got {wanted:b}")
     arrays, strides = _columns(entries, count)
     pointers = _pointers(arrays)
     values = np.empty((RESULTANTS, count))

@@ -1,26 +1,22 @@
 """Which core computes: the compiled one (model/compiled.c), where it was built, or numpy.
 
-A build of the package compiles it where there is a C compiler (hatch_build.py). Both give the same numbers.
+A build of the package compiles it where there is a C compiler (model/core_build.py). Both give the same numbers.
 ``WHEELSOIL_CORE`` forces one: ``numpy`` or ``c``.
 """
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import os
-import sys
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from daq import ConfigError
+from model.core_build import SOURCE, library_path, source_hash
 
 VARIABLE = "WHEELSOIL_CORE"
-NAME = "_compiled"
-"""Of the library beside this file, before its suffix."""
-SUFFIXES = {"win32": ".dll", "darwin": ".dylib"}
-_SOURCE = Path(__file__).with_name("compiled.c")
+_BUILD = "model/core_build.py"
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
 _ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "contact": (_INT, _POINTER, _POINTER, _INT, _POINTER, ctypes.c_uint32, _POINTER, _POINTER),
@@ -59,18 +55,18 @@ def _core(wanted: str) -> Core:
         raise ConfigError.of(f"{VARIABLE} is not understood", found=wanted, expected="c or numpy, or not set")
     if wanted == "numpy":
         return Core(None, f"{VARIABLE} says so")
-    core = load(_SOURCE.with_name(NAME + SUFFIXES.get(sys.platform, ".so")), _SOURCE)
+    core = load(library_path())
     if wanted == "c" and core.library is None:
         raise ConfigError.of(
             f"{VARIABLE} asks for the compiled core",
             found=core.reason,
-            next_step=f"install cc and again, or unset {VARIABLE}",
+            next_step=f"install a C compiler, then wheelsoil again; or unset {VARIABLE}",
         )
     return core
 
 
-def load(path: Path, source: Path) -> Core:
-    """Load a library, unless it was built from another source than the one beside it."""
+def load(path: Path) -> Core:
+    """Load a library, unless it was built from another source than the one that is here."""
     if not path.exists():
         return Core(None, "it was not built: at installation a C compiler was missing, or failed")
     try:
@@ -80,13 +76,8 @@ def load(path: Path, source: Path) -> Core:
         for name, types in _ARGUMENTS.items():
             function = getattr(found, name)
             function.argtypes, function.restype = types, None
-    except (OSError, AttributeError) as error:
+    except (OSError, AttributeError, ValueError) as error:
         return Core(None, f"{path.name} cannot be loaded: {error}")
-    if source.exists() and built_from != source_hash(source):
-        return Core(None, f"{path.name} was built from another {source.name}; install again")
+    if SOURCE.exists() and built_from != source_hash():
+        return Core(None, f"{path.name} was built from another {SOURCE.name}: install again, or python {_BUILD}")
     return Core(found, "")
-
-
-def source_hash(source: Path) -> str:
-    """Return what identifies a source; line ends do not count."""
-    return hashlib.sha256(source.read_bytes().replace(b"\r\n", b"\n")).hexdigest()[:16]
