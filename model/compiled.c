@@ -18,6 +18,19 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
+#if defined(__GNUC__)
+#define ALWAYS_INLINE static inline __attribute__((always_inline))
+#else
+#define ALWAYS_INLINE static inline
+#endif
+
+/* The same operations four at a time where the processor can; which numbers come out does not depend on it. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__) && !defined(__SANITIZE_ADDRESS__)
+#define CLONED __attribute__((target_clones("avx2", "default")))
+#else
+#define CLONED
+#endif
+
 #ifndef SOURCE_HASH
 #define SOURCE_HASH ""
 #endif
@@ -57,157 +70,328 @@ static Rules rules_of(int64_t count, const double *numbers) {
 static double smaller(double a, double b) { return a < b || a != a ? a : b; } /* of NaN: NaN, as numpy */
 static double larger(double a, double b) { return a > b || a != a ? a : b; }
 
+/* Samples go side by side, one in each lane, so that a compiler can use vector instructions without changing a sum. */
+enum { LANES = 8 };
+#define EACH_LANE for (int l = 0; l < LANES; l++)
+
+static double double_of(uint64_t bits) {
+    double x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+static uint64_t bits_of(double x) {
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+static int all_within(const double *x, double low, double high) {
+    int outside = 0;
+    EACH_LANE outside |= !(x[l] >= low && x[l] <= high);
+    return !outside;
+}
+
+/* sin x: its series up to x^21 for |x| <= 1.6, whose rest is below 1e-17. */
+ALWAYS_INLINE void sin_lanes(const double *x, double *out) {
+    if (!all_within(x, -1.6, 1.6)) {
+        EACH_LANE out[l] = sin(x[l]);
+        return;
+    }
+    EACH_LANE {
+        const double z = x[l] * x[l];
+        double sum = 1.0 / 51090942171709440000.0;
+        sum = sum * z - 1.0 / 121645100408832000.0;
+        sum = sum * z + 1.0 / 355687428096000.0;
+        sum = sum * z - 1.0 / 1307674368000.0;
+        sum = sum * z + 1.0 / 6227020800.0;
+        sum = sum * z - 1.0 / 39916800.0;
+        sum = sum * z + 1.0 / 362880.0;
+        sum = sum * z - 1.0 / 5040.0;
+        sum = sum * z + 1.0 / 120.0;
+        sum = sum * z - 1.0 / 6.0;
+        out[l] = x[l] + x[l] * z * sum;
+    }
+}
+
+#define LN2_HIGH 6.93147180369123816490e-01
+#define LN2_LOW 1.90821492927058770002e-10
+#define INTEGER 6755399441055744.0 /* 1.5 * 2^52: added to a number, it leaves its nearest integer in the last bits */
+
+/* exp x - 1 = 2^k (1 + series) - 1, r = x - k ln 2; the series' rest is below 1e-17 r. Returns 2^k, too. */
+ALWAYS_INLINE double exp_series(double x, double *series) {
+    const double at = x * 1.44269504088896338700 + INTEGER, k = at - INTEGER;
+    const double r = (x - k * LN2_HIGH) - k * LN2_LOW;
+    double sum = 1.0 / 6227020800.0;
+    sum = sum * r + 1.0 / 479001600.0;
+    sum = sum * r + 1.0 / 39916800.0;
+    sum = sum * r + 1.0 / 3628800.0;
+    sum = sum * r + 1.0 / 362880.0;
+    sum = sum * r + 1.0 / 40320.0;
+    sum = sum * r + 1.0 / 5040.0;
+    sum = sum * r + 1.0 / 720.0;
+    sum = sum * r + 1.0 / 120.0;
+    sum = sum * r + 1.0 / 24.0;
+    sum = sum * r + 1.0 / 6.0;
+    sum = sum * r + 0.5;
+    *series = r + r * r * sum;
+    return double_of((bits_of(at) << 52) + ((uint64_t)1023 << 52));
+}
+
+ALWAYS_INLINE void exp_lanes(const double *x, double *out) {
+    if (!all_within(x, -700.0, 700.0)) {
+        EACH_LANE out[l] = exp(x[l]);
+        return;
+    }
+    EACH_LANE {
+        double series;
+        const double power = exp_series(x[l], &series);
+        out[l] = power + power * series;
+    }
+}
+
+/* exp x - 1; that of -60 is -1 to the last digit. */
+ALWAYS_INLINE void expm1_lanes(const double *given, double *out) {
+    double x[LANES];
+    EACH_LANE x[l] = given[l] < -60.0 ? -60.0 : given[l];
+    if (!all_within(x, -60.0, 700.0)) {
+        EACH_LANE out[l] = expm1(x[l]);
+        return;
+    }
+    EACH_LANE {
+        double series;
+        const double power = exp_series(x[l], &series);
+        out[l] = power * series + (power - 1.0);
+    }
+}
+
+/* ln x, after fdlibm (Sun Microsystems, 1993): x = 2^k (1 + f), s = f / (2 + f). */
+ALWAYS_INLINE void log_lanes(const double *x, double *out) {
+    if (!all_within(x, 1e-300, 1e300)) {
+        EACH_LANE out[l] = log(x[l]);
+        return;
+    }
+    EACH_LANE {
+        const uint64_t bits = bits_of(x[l]), root_half = 0x3fe6a09e667f3bcdULL, one = (uint64_t)1023 << 52;
+        const uint64_t power = (bits + (one - root_half)) >> 52;
+        const double k = double_of(power | 0x4330000000000000ULL) - (4503599627370496.0 + 1023.0);
+        const double f = double_of(bits - (power << 52) + one) - 1.0, s = f / (2.0 + f), z = s * s;
+        double r = 1.479819860511658591e-01;
+        r = r * z + 1.531383769920937332e-01;
+        r = r * z + 1.818357216161805012e-01;
+        r = r * z + 2.222219843214978396e-01;
+        r = r * z + 2.857142874366239149e-01;
+        r = r * z + 3.999999999940941908e-01;
+        r = r * z + 6.666666666666735130e-01;
+        const double half = 0.5 * f * f;
+        out[l] = k * LN2_HIGH - ((half - (s * (half + r * z) + k * LN2_LOW)) - f);
+    }
+}
+
 /* An end of a panel in delta, with its derivatives by entry, peak and exit angle. */
 typedef struct {
-    double at, by[3];
+    double at[LANES], by[3];
 } End;
 
 static const int ANGLES[3] = {ENTRY, PEAK, EXIT};
 
-/* What all nodes of a sample share. */
+/* Samples that all drive or all brake, and what their nodes share. */
 typedef struct {
-    const double *p;
-    double cos1, sin1, rate;
+    double p[ENTRIES][LANES], cos1[LANES], sin1[LANES], rate[LANES];
     unsigned wanted;
     int braking, of_angles;
-} Sample;
+} Batch;
 
 typedef struct {
-    double value[SUMS], by[ENTRIES][SUMS];
+    double value[SUMS][LANES], by[ENTRIES][SUMS][LANES];
 } Sums;
 
-static void add_products(double *sums, double w, double sigma, double e_sigma, double e, double drop, double advance) {
-    sums[0] += w * sigma;
-    sums[1] += w * sigma * drop;
-    sums[2] += w * sigma * advance;
-    sums[3] += w * e_sigma;
-    sums[4] += w * e_sigma * drop;
-    sums[5] += w * e_sigma * advance;
-    sums[6] += w * e;
-    sums[7] += w * e * drop;
-    sums[8] += w * e * advance;
+/* Integrands of one node. */
+typedef struct {
+    double sigma[LANES], e_sigma[LANES], e[LANES];
+} Node;
+
+ALWAYS_INLINE void add_products(double sums[SUMS][LANES], double w, const Node *y, const double *drop, const double *advance) {
+    const double *listed[3] = {y->sigma, y->e_sigma, y->e};
+    for (int i = 0; i < 3; i++) {
+        const double *x = listed[i];
+        EACH_LANE sums[3 * i][l] += w * x[l];
+        EACH_LANE sums[3 * i + 1][l] += w * x[l] * drop[l];
+        EACH_LANE sums[3 * i + 2][l] += w * x[l] * advance[l];
+    }
+}
+
+ALWAYS_INLINE void geometry(const Batch *s, const double *delta, double *sin_d, double *a, double *drop, double *advance) {
+    double x[LANES], half[LANES];
+    EACH_LANE x[l] = delta[l] * 0.5;
+    sin_lanes(x, half);
+    EACH_LANE {
+        const double square = half[l] * half[l];
+        a[l] = square + square; /* 1 - cos delta */
+        sin_d[l] = 2.0 * (half[l] * sqrt(1.0 - square));
+        drop[l] = s->sin1[l] * sin_d[l] - s->cos1[l] * a[l];
+        advance[l] = s->sin1[l] * a[l] + s->cos1[l] * sin_d[l];
+    }
 }
 
 /* Add the integrals over one panel, and their derivatives: the nodes move with the ends. */
-static void add_panel(Sums *total, const Sample *s, End start, End stop, const Rule *rule, int rear) {
-    const double *p = s->p;
-    const double radius = p[RADIUS], ratio = p[RATIO], lug = p[LUG], n = p[EXPONENT], q = p[SOFTENING];
-    const double span = stop.at - start.at, rear_width = p[PEAK] - p[EXIT], front = p[ENTRY] - p[PEAK];
+CLONED static void add_panel(Sums *total, const Batch *s, const End *start, const End *stop, const Rule *rule, int rear) {
+    const double *n = s->p[EXPONENT], *radius = s->p[RADIUS], *ratio = s->p[RATIO], *lug = s->p[LUG];
+    const double *entry_angle = s->p[ENTRY], *q = s->p[SOFTENING];
     const unsigned wanted = s->wanted;
-    double span_by[3];
+    double span[LANES], span_by[3], front[LANES], rear_width[LANES];
+    int softens = (int)(wanted >> SOFTENING & 1u);
     Sums own;
     memset(own.value, 0, sizeof own.value);
-    if (wanted) memset(own.by, 0, sizeof own.by);
-    for (int a = 0; a < 3; a++) span_by[a] = stop.by[a] - start.by[a];
+    for (int entry = 0; entry < ENTRIES; entry++)
+        if (wanted >> entry & 1u) memset(own.by[entry], 0, sizeof own.by[entry]);
+    for (int a = 0; a < 3; a++) span_by[a] = stop->by[a] - start->by[a];
+    EACH_LANE {
+        span[l] = stop->at[l] - start->at[l];
+        front[l] = entry_angle[l] - s->p[PEAK][l];
+        rear_width[l] = s->p[PEAK][l] - s->p[EXIT][l];
+        softens |= q[l] != 0.0;
+    }
     for (int64_t i = 0; i < rule->count; i++) {
-        const double w = rule->weights[i], delta = start.at + span * rule->at[i];
-        const double half = sin(delta * 0.5), square = half * half, a = square + square;
-        const double sin_d = 2.0 * (half * sqrt(1.0 - square));
-        const double drop = s->sin1 * sin_d - s->cos1 * a, advance = s->sin1 * a + s->cos1 * sin_d;
-        double share = 0.0, level = drop, level_slope = 0.0, level_by_entry = 0.0;
+        const double w = rule->weights[i], at = rule->at[i], left_of = rule->left[i];
+        double delta[LANES], sin_d[LANES], a[LANES], drop[LANES], advance[LANES], share[LANES], level[LANES];
+        double level_slope[LANES], level_by_entry[LANES], depth[LANES], log_depth[LANES], power[LANES];
+        double j[LANES], sign[LANES], size[LANES], x[LANES], left[LANES], e_by_j[LANES];
+        double e_by[ENTRIES][LANES];
+        Node y, slope;
+        EACH_LANE delta[l] = start->at[l] + span[l] * at;
+        geometry(s, delta, sin_d, a, drop, advance);
         if (rear) {
-            share = rule->left[i];
-            if (rear_width != 0.0) share = (p[ENTRY] - p[EXIT] - stop.at + span * rule->left[i]) / rear_width;
-            const double mirrored = share * front, h2 = sin(mirrored * 0.5), s2 = h2 * h2, a2 = s2 + s2;
-            const double sin_m = 2.0 * (h2 * sqrt(1.0 - s2));
-            level = s->sin1 * sin_m - s->cos1 * a2;
-            level_slope = s->sin1 * (1.0 - a2) - s->cos1 * sin_m;
-            level_by_entry = s->cos1 * sin_m + s->sin1 * a2;
+            double mirrored[LANES], sin_m[LANES], a_m[LANES];
+            EACH_LANE {
+                const double wide = rear_width[l] != 0.0 ? rear_width[l] : 1.0;
+                const double from_exit = entry_angle[l] - s->p[EXIT][l] - stop->at[l] + span[l] * left_of;
+                share[l] = rear_width[l] != 0.0 ? from_exit / wide : left_of;
+                mirrored[l] = share[l] * front[l];
+            }
+            geometry(s, mirrored, sin_m, a_m, level, level_by_entry);
+            EACH_LANE level_slope[l] = s->sin1[l] * (1.0 - a_m[l]) - s->cos1[l] * sin_m[l];
+        } else
+            memcpy(level, drop, sizeof level);
+        EACH_LANE depth[l] = radius[l] * level[l];
+        log_lanes(depth, log_depth);
+        EACH_LANE power[l] = n[l] * log_depth[l];
+        exp_lanes(power, y.sigma);
+        EACH_LANE {
+            j[l] = radius[l] * (delta[l] - ratio[l] * advance[l]) + lug[l] * delta[l];
+            sign[l] = !s->braking ? 1.0 : j[l] > 0.0 ? 1.0 : j[l] < 0.0 ? -1.0 : 0.0 * j[l];
+            size[l] = sign[l] * j[l];
+            x[l] = size[l] * s->rate[l];
         }
-        const double log_depth = log(radius * level), sigma = exp(n * log_depth);
-        double j = radius * (delta - ratio * advance) + lug * delta;
-        const double sign = !s->braking ? 1.0 : (j > 0.0) - (j < 0.0);
-        const double size = j != j ? j : sign * j, left = expm1(size * s->rate);
-        double e = -sign * left, e_by_j = -sign * sign * (left + 1.0) * s->rate;
-        double e_by_modulus = -sign * size * s->rate * s->rate * (left + 1.0), e_by_q = 0.0;
-        if (q != 0.0 || wanted >> SOFTENING & 1u) {
-            const double fall = expm1(size * (-1.0 / SOFTENING_LENGTH_M)), soft = 1.0 + q * fall;
-            e_by_q = e * fall;
-            e_by_j = e_by_j * soft + e * q * (fall + 1.0) * sign * (-1.0 / SOFTENING_LENGTH_M);
-            e_by_modulus *= soft;
-            e *= soft;
+        expm1_lanes(x, left);
+        EACH_LANE {
+            y.e[l] = -sign[l] * left[l];
+            e_by_j[l] = -sign[l] * sign[l] * (left[l] + 1.0) * s->rate[l];
+            e_by[SOFTENING][l] = 0.0;
+            e_by[MODULUS][l] = -sign[l] * size[l] * s->rate[l] * s->rate[l] * (left[l] + 1.0);
         }
-        add_products(own.value, w, sigma, e * sigma, e, drop, advance);
+        if (softens) {
+            double fall[LANES];
+            EACH_LANE x[l] = size[l] * (-1.0 / SOFTENING_LENGTH_M);
+            expm1_lanes(x, fall);
+            EACH_LANE {
+                const double soft = 1.0 + q[l] * fall[l], e = y.e[l];
+                e_by[SOFTENING][l] = e * fall[l];
+                e_by_j[l] = e_by_j[l] * soft + e * q[l] * (fall[l] + 1.0) * sign[l] * (-1.0 / SOFTENING_LENGTH_M);
+                e_by[MODULUS][l] *= soft;
+                y.e[l] = e * soft;
+            }
+        }
+        EACH_LANE y.e_sigma[l] = y.e[l] * y.sigma[l];
+        add_products(own.value, w, &y, drop, advance);
         if (!wanted) continue;
-        const double by_entry[5][2] = {
-            {RATIO, e_by_j * -radius * advance},
-            {RADIUS, e_by_j * (delta - ratio * advance)},
-            {LUG, e_by_j * delta},
-            {MODULUS, e_by_modulus},
-            {SOFTENING, e_by_q},
-        };
-        for (int k = 0; k < 5; k++) {
-            const int entry = (int)by_entry[k][0];
-            if (wanted >> entry & 1u)
-                add_products(own.by[entry], w, 0.0, by_entry[k][1] * sigma, by_entry[k][1], drop, advance);
+        EACH_LANE {
+            e_by[RATIO][l] = e_by_j[l] * -radius[l] * advance[l];
+            e_by[RADIUS][l] = e_by_j[l] * (delta[l] - ratio[l] * advance[l]);
+            e_by[LUG][l] = e_by_j[l] * delta[l];
         }
-        if (wanted >> EXPONENT & 1u)
-            add_products(own.by[EXPONENT], w, sigma * log_depth, e * sigma * log_depth, 0.0, drop, advance);
-        if (!s->of_angles) continue;
-        const double drop_slope = s->sin1 * (1.0 - a) - s->cos1 * sin_d;
-        const double advance_slope = s->sin1 * sin_d + s->cos1 * (1.0 - a);
-        for (int k = 0; k < 3; k++) {
+        static const int OF_SHEAR[] = {RATIO, RADIUS, LUG, MODULUS, SOFTENING};
+        for (int k = 0; k < 5; k++) {
+            const int entry = OF_SHEAR[k];
+            if (!(wanted >> entry & 1u)) continue;
+            EACH_LANE {
+                slope.sigma[l] = 0.0;
+                slope.e_sigma[l] = e_by[entry][l] * y.sigma[l];
+                slope.e[l] = e_by[entry][l];
+            }
+            add_products(own.by[entry], w, &slope, drop, advance);
+        }
+        if (wanted >> EXPONENT & 1u) {
+            EACH_LANE {
+                slope.sigma[l] = y.sigma[l] * log_depth[l];
+                slope.e_sigma[l] = y.e_sigma[l] * log_depth[l];
+                slope.e[l] = 0.0;
+            }
+            add_products(own.by[EXPONENT], w, &slope, drop, advance);
+        }
+        for (int k = 0; s->of_angles && k < 3; k++) {
             const int entry = ANGLES[k];
             if (!(wanted >> entry & 1u)) continue;
-            const double own_turn = entry == ENTRY, moves = start.by[k] + span_by[k] * rule->at[i];
-            const double drop_by = own_turn * advance + drop_slope * moves;
-            const double advance_by = own_turn * -drop + advance_slope * moves;
-            double level_by = drop_by;
-            if (rear) {
-                double share_by = 0.0;
-                if (rear_width != 0.0) {
-                    const double width_by = (entry == PEAK) - (entry == EXIT);
-                    const double from_exit_by =
-                        own_turn - (entry == EXIT) - stop.by[k] + span_by[k] * rule->left[i];
-                    share_by = (from_exit_by - share * width_by) / rear_width;
-                }
-                level_by = own_turn * level_by_entry +
-                           level_slope * (share_by * front + share * (own_turn - (entry == PEAK)));
+            const double of_entry = entry == ENTRY, of_peak = entry == PEAK, of_exit = entry == EXIT;
+            const double moves = start->by[k] + span_by[k] * at;
+            const double from_exit_by = of_entry - of_exit - stop->by[k] + span_by[k] * left_of;
+            double drop_by[LANES], advance_by[LANES], level_by[LANES];
+            EACH_LANE {
+                const double drop_slope = s->sin1[l] * (1.0 - a[l]) - s->cos1[l] * sin_d[l];
+                const double advance_slope = s->sin1[l] * sin_d[l] + s->cos1[l] * (1.0 - a[l]);
+                drop_by[l] = level_by[l] = of_entry * advance[l] + drop_slope * moves;
+                advance_by[l] = of_entry * -drop[l] + advance_slope * moves;
             }
-            const double sigma_by = sigma * n * (level_by / level);
-            const double e_by = e_by_j * (radius * (moves - ratio * advance_by) + lug * moves);
-            const double e_sigma = e * sigma, e_sigma_by = e_by * sigma + e * sigma_by;
-            double *to = own.by[entry];
-            add_products(to, w, sigma_by, e_sigma_by, e_by, drop, advance);
-            to[1] += w * sigma * drop_by;
-            to[2] += w * sigma * advance_by;
-            to[4] += w * e_sigma * drop_by;
-            to[5] += w * e_sigma * advance_by;
-            to[7] += w * e * drop_by;
-            to[8] += w * e * advance_by;
+            if (rear)
+                EACH_LANE {
+                    const double wide = rear_width[l] != 0.0 ? rear_width[l] : 1.0;
+                    const double turned = (from_exit_by - share[l] * (of_peak - of_exit)) / wide;
+                    const double share_by = rear_width[l] != 0.0 ? turned : 0.0;
+                    level_by[l] = of_entry * level_by_entry[l] +
+                                  level_slope[l] * (share_by * front[l] + share[l] * (of_entry - of_peak));
+                }
+            EACH_LANE {
+                slope.sigma[l] = y.sigma[l] * n[l] * (level_by[l] / level[l]);
+                slope.e[l] = e_by_j[l] * (radius[l] * (moves - ratio[l] * advance_by[l]) + lug[l] * moves);
+                slope.e_sigma[l] = slope.e[l] * y.sigma[l] + y.e[l] * slope.sigma[l];
+            }
+            add_products(own.by[entry], w, &slope, drop, advance);
+            const double *listed[3] = {y.sigma, y.e_sigma, y.e};
+            for (int m = 0; m < 3; m++) {
+                EACH_LANE own.by[entry][3 * m + 1][l] += w * listed[m][l] * drop_by[l];
+                EACH_LANE own.by[entry][3 * m + 2][l] += w * listed[m][l] * advance_by[l];
+            }
         }
     }
-    for (int i = 0; i < SUMS; i++) total->value[i] += span * own.value[i];
-    for (int entry = 0; wanted && entry < ENTRIES; entry++)
+    for (int i = 0; i < SUMS; i++) EACH_LANE total->value[i][l] += span[l] * own.value[i][l];
+    for (int entry = 0; entry < ENTRIES; entry++)
         if (wanted >> entry & 1u)
-            for (int i = 0; i < SUMS; i++) total->by[entry][i] += span * own.by[entry][i];
-    for (int k = 0; s->of_angles && k < 3; k++)
+            for (int i = 0; i < SUMS; i++) EACH_LANE total->by[entry][i][l] += span[l] * own.by[entry][i][l];
+    for (int k = 0; k < 3; k++)
         if (wanted >> ANGLES[k] & 1u)
-            for (int i = 0; i < SUMS; i++) total->by[ANGLES[k]][i] += span_by[k] * own.value[i];
+            for (int i = 0; i < SUMS; i++) EACH_LANE total->by[ANGLES[k]][i][l] += span_by[k] * own.value[i][l];
 }
 
 /* Where a braked patch is split: at j = 0, else behind the layer in which shear builds up. */
-static double braking_cut(const double *p, double end) {
-    const double theta = p[ENTRY], kappa = p[RATIO], rise = 1.0 - kappa * cos(theta);
-    double delta = end;
-    for (int i = 0; i < 12; i++) {
-        const double value = delta - kappa * 2.0 * cos(theta - 0.5 * delta) * sin(0.5 * delta);
-        const double slope = 1.0 - kappa * cos(theta - delta);
-        if (!(slope < 0.0 && value < 0.0)) break;
-        delta -= value / slope;
+static double braking_cut(double cos1, double sin1, double kappa, double layer, double end) {
+    const double rise = 1.0 - kappa * cos1;
+    if (rise > 0.0) {
+        double delta = end;
+        for (int i = 0; i < 12; i++) {
+            const double half = sin(0.5 * delta), rest = sqrt(1.0 - half * half);
+            const double value = delta - kappa * 2.0 * (cos1 * rest + sin1 * half) * half;
+            const double slope = 1.0 - kappa * (cos1 * (1.0 - 2.0 * half * half) + sin1 * 2.0 * half * rest);
+            if (!(slope < 0.0 && value < 0.0)) break;
+            const double before = delta;
+            delta -= value / slope;
+            if (delta == before) break;
+        }
+        if (delta > 1e-9 * end && delta < end) return delta;
     }
-    if (rise > 0.0 && delta > 1e-9 * end && delta < end) return delta;
-    return smaller(12.0 * p[MODULUS] / (p[RADIUS] * larger(-rise, 1e-12)), 0.5 * end);
+    return smaller(layer / larger(-rise, 1e-12), 0.5 * end);
 }
 
-/* Integrals against cos theta, sin theta and 1, from those against 1, drop and advance. */
-static void by_direction(const Sample *s, const double *sums, double *turned) {
-    turned[0] = s->cos1 * sums[0] + sums[1];
-    turned[1] = s->sin1 * sums[0] - sums[2];
-    turned[2] = sums[0];
-}
-
-/* Eq. 7-9 from the nine integrals, without r b. */
+/* Eq. 7-9 from the nine integrals, without r b; those against 1, drop and advance become those by direction. */
 static void combine(const double *p, double turned[3][3], double *out) {
     const double c = p[COHESION], t = p[TAN_PHI], r = p[RADIUS] + p[LUG];
     out[LOAD_S] = turned[0][0] + t * turned[1][1];
@@ -218,62 +402,38 @@ static void combine(const double *p, double turned[3][3], double *out) {
     out[TORQUE_C] = r * c * turned[2][2];
 }
 
-/* Integrals of sigma and E sigma are those without k, times k. */
-static void turn_all(const Sample *s, const double *sums, double k, double turned[3][3]) {
-    double scaled[SUMS];
-    for (int i = 0; i < SUMS; i++) scaled[i] = i < 6 ? k * sums[i] : sums[i];
-    for (int i = 0; i < 3; i++) by_direction(s, scaled + 3 * i, turned[i]);
+/* Integrals of sigma, E sigma and E against cos theta, sin theta and 1; the first two are without k. */
+static void turn(double cos1, double sin1, double k, double sums[SUMS][LANES], int l, double turned[3][3]) {
+    for (int i = 0; i < 3; i++) {
+        const double by = i < 2 ? k : 1.0;
+        const double one = by * sums[3 * i][l], drop = by * sums[3 * i + 1][l], advance = by * sums[3 * i + 2][l];
+        turned[i][0] = cos1 * one + drop;
+        turned[i][1] = sin1 * one - advance;
+        turned[i][2] = one;
+    }
 }
 
-/* Resultants of one patch, and their derivatives by the wanted entries. */
-static void integrate(const double *p, const Rules *driving, const Rules *braked, unsigned wanted, double *out,
-                      double by[ENTRIES][RESULTANTS]) {
-    const Sample s = {p,
-                      cos(p[ENTRY]),
-                      sin(p[ENTRY]),
-                      -1.0 / p[MODULUS],
-                      wanted,
-                      p[RATIO] > 1.0,
-                      (wanted & (1u << ENTRY | 1u << PEAK | 1u << EXIT)) != 0};
-    const End top = {0.0, {0.0, 0.0, 0.0}}, peak = {p[ENTRY] - p[PEAK], {1.0, -1.0, 0.0}},
-              exit = {p[ENTRY] - p[EXIT], {1.0, 0.0, -1.0}};
-    const int rear = p[PEAK] - p[EXIT] != 0.0 || wanted & (1u << PEAK | 1u << EXIT);
-    Sums sums;
-    memset(sums.value, 0, sizeof sums.value);
-    if (wanted) memset(sums.by, 0, sizeof sums.by);
-    if (!s.braking) {
-        add_panel(&sums, &s, top, peak, &driving->start, 0);
-        if (rear) add_panel(&sums, &s, peak, exit, &driving->end, 1);
-    } else {
-        const double cut = braking_cut(p, exit.at);
-        const End in_front = {smaller(cut, peak.at), {0.0, 0.0, 0.0}}, behind = {larger(cut, peak.at), {0.0, 0.0, 0.0}};
-        add_panel(&sums, &s, top, in_front, &braked->start, 0);
-        add_panel(&sums, &s, in_front, peak, &braked->start, 0);
-        if (rear) {
-            add_panel(&sums, &s, peak, behind, &braked->none, 1);
-            add_panel(&sums, &s, behind, exit, &braked->end, 1);
-        }
-    }
-    const double k = p[STIFFNESS], area = p[RADIUS] * p[WIDTH], arm = p[RADIUS] + p[LUG];
-    double turned[3][3], plain[RESULTANTS];
-    turn_all(&s, sums.value, k, turned);
+/* Resultants of the sample in a lane, and their derivatives by the wanted entries. */
+static void resultants_of(const Batch *s, Sums *sums, int l, double *out, double by[ENTRIES][RESULTANTS]) {
+    double p[ENTRIES], turned[3][3], plain[RESULTANTS];
+    for (int entry = 0; entry < ENTRIES; entry++) p[entry] = s->p[entry][l];
+    const double cos1 = s->cos1[l], sin1 = s->sin1[l], k = p[STIFFNESS];
+    const double area = p[RADIUS] * p[WIDTH], arm = p[RADIUS] + p[LUG];
+    turn(cos1, sin1, k, sums->value, l, turned);
     combine(p, turned, plain);
     for (int i = 0; i < RESULTANTS; i++) out[i] = area * plain[i];
-    for (int entry = 0; wanted && entry < ENTRIES; entry++) {
-        if (!(wanted >> entry & 1u)) continue;
+    for (int entry = 0; entry < ENTRIES; entry++) {
+        if (!(s->wanted >> entry & 1u)) continue;
         double moved[3][3], *found = by[entry];
-        if (entry == STIFFNESS) {
-            memcpy(sums.by[entry], sums.value, 6 * sizeof(double));
-            turn_all(&s, sums.by[entry], 1.0, moved);
-        } else {
-            if (entry == RADIUS)
-                for (int i = 0; i < 6; i++) sums.by[entry][i] += p[EXPONENT] / p[RADIUS] * sums.value[i];
-            turn_all(&s, sums.by[entry], k, moved);
-        }
+        if (entry == STIFFNESS)
+            for (int i = 0; i < 6; i++) sums->by[entry][i][l] = sums->value[i][l];
+        if (entry == RADIUS)
+            for (int i = 0; i < 6; i++) sums->by[entry][i][l] += p[EXPONENT] / p[RADIUS] * sums->value[i][l];
+        turn(cos1, sin1, entry == STIFFNESS ? 1.0 : k, sums->by[entry], l, moved);
         if (entry == ENTRY)
             for (int i = 0; i < 3; i++) {
-                moved[i][0] -= s.sin1 * turned[i][2];
-                moved[i][1] += s.cos1 * turned[i][2];
+                moved[i][0] -= sin1 * turned[i][2];
+                moved[i][1] += cos1 * turned[i][2];
             }
         combine(p, moved, found);
         if (entry == TAN_PHI) {
@@ -294,13 +454,63 @@ static void integrate(const double *p, const Rules *driving, const Rules *braked
     }
 }
 
-static void gather(double *p, const double *const *entries, const int64_t *strides, int64_t i) {
-    for (int entry = 0; entry < ENTRIES; entry++) p[entry] = entries[entry][strides[entry] * i];
+/* Integrate a batch over all its panels. */
+static void integrate(Batch *s, const Rules *rules, Sums *sums) {
+    End top = {{0.0}, {0.0, 0.0, 0.0}}, peak = {{0.0}, {1.0, -1.0, 0.0}}, exit = {{0.0}, {1.0, 0.0, -1.0}};
+    int rear = (s->wanted & (1u << PEAK | 1u << EXIT)) != 0;
+    s->of_angles = (s->wanted & (1u << ENTRY | 1u << PEAK | 1u << EXIT)) != 0;
+    EACH_LANE {
+        s->cos1[l] = cos(s->p[ENTRY][l]);
+        s->sin1[l] = sin(s->p[ENTRY][l]);
+        s->rate[l] = -1.0 / s->p[MODULUS][l];
+        peak.at[l] = s->p[ENTRY][l] - s->p[PEAK][l];
+        exit.at[l] = s->p[ENTRY][l] - s->p[EXIT][l];
+        rear |= s->p[PEAK][l] - s->p[EXIT][l] != 0.0;
+    }
+    memset(sums->value, 0, sizeof sums->value);
+    for (int entry = 0; entry < ENTRIES; entry++)
+        if (s->wanted >> entry & 1u) memset(sums->by[entry], 0, sizeof sums->by[entry]);
+    if (!s->braking) {
+        add_panel(sums, s, &top, &peak, &rules->start, 0);
+        if (rear) add_panel(sums, s, &peak, &exit, &rules->end, 1);
+        return;
+    }
+    End in_front = {{0.0}, {0.0, 0.0, 0.0}}, behind = {{0.0}, {0.0, 0.0, 0.0}};
+    EACH_LANE {
+        const double layer = 12.0 * s->p[MODULUS][l] / s->p[RADIUS][l];
+        const double cut = braking_cut(s->cos1[l], s->sin1[l], s->p[RATIO][l], layer, exit.at[l]);
+        in_front.at[l] = smaller(cut, peak.at[l]);
+        behind.at[l] = larger(cut, peak.at[l]);
+    }
+    add_panel(sums, s, &top, &in_front, &rules->start, 0);
+    add_panel(sums, s, &in_front, &peak, &rules->start, 0);
+    if (rear) {
+        add_panel(sums, s, &peak, &behind, &rules->none, 1);
+        add_panel(sums, s, &behind, &exit, &rules->end, 1);
+    }
+}
+
+/* Entries of patches: of each its numbers, and 1, or 0 where one number serves all samples. */
+typedef struct {
+    int64_t count;
+    const double *const *entries;
+    const int64_t *strides;
+} Patches;
+
+static void fill(Batch *s, int l, const Patches *patches, int64_t i) {
+    for (int entry = 0; entry < ENTRIES; entry++)
+        s->p[entry][l] = patches->entries[entry][patches->strides[entry] * i];
+}
+
+/* The first sample from i on that brakes, or does not; the number of samples where there is none. */
+static int64_t next_of(const Patches *patches, int64_t i, int braking) {
+    while (i < patches->count && (patches->entries[RATIO][patches->strides[RATIO] * i] > 1.0) != braking) i++;
+    return i;
 }
 
 /* Eq. 7-9 of n patches.
  *
- * entries, strides: of each entry its numbers, and 1, or 0 where one number serves all samples.
+ * entries, strides: see Patches.
  * nodes, numbers: of a rule, when driving; the rules (start, end, none) of `at`, `left` and `weights`, then those of
  * 2 * nodes when braking.
  * wanted: bit i asks for the derivatives by entry i.
@@ -308,55 +518,111 @@ static void gather(double *p, const double *const *entries, const int64_t *strid
  */
 EXPORT void contact(int64_t n, const double *const *entries, const int64_t *strides, int64_t nodes,
                     const double *numbers, uint32_t wanted, double *out, double *by) {
-    const Rules driving = rules_of(nodes, numbers), braked = rules_of(2 * nodes, numbers + 9 * nodes);
-    double p[ENTRIES], found[RESULTANTS], slopes[ENTRIES][RESULTANTS];
-    for (int64_t i = 0; i < n; i++) {
-        double *to = by + i;
-        gather(p, entries, strides, i);
-        integrate(p, &driving, &braked, wanted, found, slopes);
-        for (int k = 0; k < RESULTANTS; k++) out[k * n + i] = found[k];
-        for (int entry = 0; entry < ENTRIES; entry++)
-            if (wanted >> entry & 1u)
-                for (int k = 0; k < RESULTANTS; k++, to += n) *to = slopes[entry][k];
+    const Rules rules[2] = {rules_of(nodes, numbers), rules_of(2 * nodes, numbers + 9 * nodes)};
+    const Patches patches = {n, entries, strides};
+    double found[RESULTANTS], slopes[ENTRIES][RESULTANTS];
+    Batch s;
+    Sums sums;
+    s.wanted = wanted;
+    for (s.braking = 0; s.braking < 2; s.braking++) {
+        for (int64_t i = next_of(&patches, 0, s.braking); i < n;) {
+            int64_t at[LANES];
+            int used = 0;
+            for (; used < LANES && i < n; used++, i = next_of(&patches, i + 1, s.braking)) at[used] = i;
+            EACH_LANE fill(&s, l, &patches, at[l < used ? l : 0]);
+            integrate(&s, &rules[s.braking], &sums);
+            for (int l = 0; l < used; l++) {
+                double *to = by + at[l];
+                resultants_of(&s, &sums, l, found, slopes);
+                for (int k = 0; k < RESULTANTS; k++) out[k * n + at[l]] = found[k];
+                for (int entry = 0; entry < ENTRIES; entry++)
+                    if (wanted >> entry & 1u)
+                        for (int k = 0; k < RESULTANTS; k++, to += n) *to = slopes[entry][k];
+            }
+        }
     }
+}
+
+/* The search of one sample: ln Z, and where it was before. */
+typedef struct {
+    int64_t sample;
+    int turns;
+    double target, low, high, slope, y, old_y, old_miss;
+} Search;
+
+/* Take a step by ln W - ln of the load; return whether the search is over, and what it has found. */
+static int step_on(Search *of, double carried, double tolerance, double *found) {
+    const double miss = log(larger(carried, 1e-300)) - of->target;
+    *found = NAN;
+    if (miss != miss) return 1;
+    if (miss < 0.0) of->low = of->y;
+    if (miss > 0.0) of->high = of->y;
+    const double latest = (miss - of->old_miss) / (of->y - of->old_y);
+    if (isfinite(latest) && latest > 1e-3) of->slope = latest;
+    double step = of->y - larger(smaller(miss / of->slope, 2.0), -2.0);
+    if ((step <= of->low || step >= of->high) && fabs(miss) > tolerance)
+        step = 0.5 * ((isfinite(of->low) ? of->low : of->high - 2.0) + of->high);
+    if (fabs(miss) < tolerance || of->high - of->low < 1e-13) {
+        if (fabs(miss) < 1e-3) *found = exp(step);
+        return 1;
+    }
+    of->old_y = of->y;
+    of->old_miss = miss;
+    of->y = step;
+    return ++of->turns == 60;
 }
 
 /* The sinkage that carries the load: a secant method on ln W against ln Z, inside a bracket.
  *
- * As `contact`, without the entry angle, which follows from the sinkage; load, start, sinkage: (n).
+ * As `contact`, without the entry angle, which follows from the sinkage; load, start, sinkage: (n). A lane whose search
+ * is over takes the next sample.
  */
 EXPORT void balance(int64_t n, const double *const *entries, const int64_t *strides, int64_t nodes,
                     const double *numbers, double tolerance, double first, double deepest, const double *load,
                     const double *start, double *sinkage) {
-    const Rules driving = rules_of(nodes, numbers), braked = rules_of(2 * nodes, numbers + 9 * nodes);
-    double p[ENTRIES], found[RESULTANTS];
-    for (int64_t i = 0; i < n; i++) {
-        gather(p, entries, strides, i);
-        const double target = log(load[i]), radius = p[RADIUS];
-        double low = -INFINITY, high = log(deepest * radius), slope = p[EXPONENT] + 0.5, old_y = NAN, old_miss = NAN;
-        double y = smaller(log(isfinite(start[i]) && start[i] > 0.0 ? start[i] : first * radius), high - 1e-3);
-        sinkage[i] = NAN;
-        for (int turn = 0; turn < 60; turn++) {
-            const double share = exp(y) / radius;
-            p[ENTRY] = share > 0.0 && share <= 1.0 ? 2.0 * asin(sqrt(0.5 * share)) : NAN;
-            integrate(p, &driving, &braked, 0, found, NULL);
-            const double miss = log(larger(found[LOAD_S] + found[LOAD_C], 1e-300)) - target;
-            if (miss != miss) break;
-            if (miss < 0.0) low = y;
-            if (miss > 0.0) high = y;
-            const double latest = (miss - old_miss) / (y - old_y);
-            if (isfinite(latest) && latest > 1e-3) slope = latest;
-            double step = y - larger(smaller(miss / slope, 2.0), -2.0);
-            if ((step <= low || step >= high) && fabs(miss) > tolerance)
-                step = 0.5 * ((isfinite(low) ? low : high - 2.0) + high);
-            if (fabs(miss) < tolerance || high - low < 1e-13) {
-                if (fabs(miss) < 1e-3) sinkage[i] = exp(step);
-                break;
-            }
-            old_y = y;
-            old_miss = miss;
-            y = step;
+    const Rules rules[2] = {rules_of(nodes, numbers), rules_of(2 * nodes, numbers + 9 * nodes)};
+    const Patches patches = {n, entries, strides};
+    Batch s;
+    Sums sums;
+    Search of[LANES];
+    s.wanted = 0;
+    for (s.braking = 0; s.braking < 2; s.braking++) {
+        int64_t next = next_of(&patches, 0, s.braking);
+        int busy = 0;
+        if (next == n) continue;
+        EACH_LANE {
+            of[l].sample = -1;
+            fill(&s, l, &patches, next);
         }
+        do {
+            EACH_LANE {
+                if (of[l].sample < 0 && next < n) {
+                    fill(&s, l, &patches, next);
+                    const double radius = s.p[RADIUS][l], high = log(deepest * radius), guess = start[next];
+                    const double y = log(isfinite(guess) && guess > 0.0 ? guess : first * radius);
+                    const Search begun = {next, 0, log(load[next]), -INFINITY, high, s.p[EXPONENT][l] + 0.5,
+                                          smaller(y, high - 1e-3), NAN, NAN};
+                    of[l] = begun;
+                    busy++;
+                    next = next_of(&patches, next + 1, s.braking);
+                }
+                if (of[l].sample >= 0) {
+                    const double share = exp(of[l].y) / s.p[RADIUS][l];
+                    s.p[ENTRY][l] = share > 0.0 && share <= 1.0 ? 2.0 * asin(sqrt(0.5 * share)) : NAN;
+                }
+            }
+            integrate(&s, &rules[s.braking], &sums);
+            EACH_LANE {
+                double found[RESULTANTS], solved;
+                if (of[l].sample < 0) continue;
+                resultants_of(&s, &sums, l, found, NULL);
+                if (step_on(&of[l], found[LOAD_S] + found[LOAD_C], tolerance, &solved)) {
+                    sinkage[of[l].sample] = solved;
+                    of[l].sample = -1;
+                    busy--;
+                }
+            }
+        } while (busy || next < n);
     }
 }
 
