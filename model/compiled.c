@@ -6,6 +6,7 @@
  *   contact   model/wheel_soil/contact.py   Eq. 7-9 with derivatives by the entries of Patch
  *   balance   model/wheel_soil/balance.py   the sinkage that carries the load
  *   whiten    model/diagnosis/time_series/whitening.py   the Kalman filter
+ *   kernels, add_covariance, slope_products, slope_traces   model/diagnosis/time_series/hyper.py   the noise's likelihood
  */
 
 #include <math.h>
@@ -718,5 +719,131 @@ EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *d
                 log_determinants[run] += log(variance);
             }
         }
+    }
+}
+
+/* Processes of a noise over sites, and what each measured number sees of them: of a process p and a site i the entries
+ * from starts[p (sites + 1) + i] to the next, each the position of a number and a load. */
+typedef struct {
+    int64_t processes, sites, numbers;
+    const int64_t *starts, *at;
+    const double *loads;
+} Seen;
+
+static Seen seen_of(const int64_t *sizes, const int64_t *starts, const int64_t *at, const double *loads) {
+    const Seen seen = {sizes[0], sizes[1], sizes[2], starts, at, loads};
+    return seen;
+}
+
+/* exp(-lag / time) of each process, (processes, sites, sites); of time 0 the identity.
+ *
+ * lags: (2, sites, sites), by time and by distance; over_distance: which of them.
+ */
+EXPORT CLONED void kernels(int64_t processes, int64_t sites, const double *lags, const int64_t *over_distance,
+                           const double *times, double *out) {
+    const int64_t square = sites * sites;
+    for (int64_t p = 0; p < processes; p++) {
+        const double *lag = lags + over_distance[p] * square, rate = -1.0 / times[p];
+        double *to = out + p * square;
+        if (times[p] == 0.0) {
+            memset(to, 0, (size_t)square * sizeof(double));
+            for (int64_t i = 0; i < sites; i++) to[i * sites + i] = 1.0;
+            continue;
+        }
+        int64_t i = 0;
+        for (; i + LANES <= square; i += LANES) {
+            double x[LANES];
+            EACH_LANE x[l] = lag[i + l] * rate;
+            exp_lanes(x, to + i);
+        }
+        for (; i < square; i++) to[i] = exp(lag[i] * rate);
+    }
+}
+
+/* Add the covariance of the processes, of variances sigma^2, to `out` (numbers, numbers); work: (sites, numbers). */
+EXPORT CLONED void add_covariance(const int64_t *sizes, const int64_t *starts, const int64_t *at, const double *loads,
+                                  const double *kernel, const double *sigmas, double *restrict out,
+                                  double *restrict work) {
+    const Seen seen = seen_of(sizes, starts, at, loads);
+    const int64_t sites = seen.sites, m = seen.numbers;
+    for (int64_t p = 0; p < seen.processes; p++) {
+        const int64_t *from = starts + p * (sites + 1);
+        const double *own = kernel + p * sites * sites, variance = sigmas[p] * sigmas[p];
+        memset(work, 0, (size_t)(sites * m) * sizeof(double));
+        for (int64_t j = 0; j < sites; j++)
+            for (int64_t i = 0; i < sites; i++)
+                for (int64_t e = from[i]; e < from[i + 1]; e++) work[j * m + at[e]] += own[j * sites + i] * loads[e];
+        for (int64_t j = 0; j < sites; j++)
+            for (int64_t e = from[j]; e < from[j + 1]; e++) {
+                double *to = out + at[e] * m;
+                const double by = variance * loads[e];
+                for (int64_t k = 0; k < m; k++) to[k] += by * work[j * m + k];
+            }
+    }
+}
+
+/* Products of a vector x (numbers) with the covariance's derivatives by ln time and ln sigma, (processes, 2, numbers).
+ *
+ * work: (sites).
+ */
+EXPORT void slope_products(const int64_t *sizes, const int64_t *starts, const int64_t *at, const double *loads,
+                           const double *kernel, const double *sigmas, const double *lags, const int64_t *over_distance,
+                           const double *times, const double *x, double *out, double *work) {
+    const Seen seen = seen_of(sizes, starts, at, loads);
+    const int64_t sites = seen.sites, m = seen.numbers;
+    memset(out, 0, (size_t)(seen.processes * 2 * m) * sizeof(double));
+    for (int64_t p = 0; p < seen.processes; p++) {
+        const int64_t *from = starts + p * (sites + 1);
+        const double *own = kernel + p * sites * sites, *lag = lags + over_distance[p] * sites * sites;
+        const double variance = sigmas[p] * sigmas[p], rate = times[p] == 0.0 ? 0.0 : 1.0 / times[p];
+        double *by_site = work, *by_time = out + p * 2 * m, *by_sigma = by_time + m;
+        for (int64_t i = 0; i < sites; i++) {
+            by_site[i] = 0.0;
+            for (int64_t e = from[i]; e < from[i + 1]; e++) by_site[i] += loads[e] * x[at[e]];
+        }
+        for (int64_t i = 0; i < sites; i++) {
+            double plain = 0.0, lagged = 0.0;
+            for (int64_t j = 0; j < sites; j++) {
+                const double one = own[i * sites + j] * by_site[j];
+                plain += one;
+                lagged += lag[i * sites + j] * one;
+            }
+            for (int64_t e = from[i]; e < from[i + 1]; e++) {
+                by_time[at[e]] += variance * rate * loads[e] * lagged;
+                by_sigma[at[e]] += 2.0 * variance * loads[e] * plain;
+            }
+        }
+    }
+}
+
+/* Traces of these derivatives with a symmetric matrix `other` (numbers, numbers), (processes, 2); work: (numbers). */
+EXPORT CLONED void slope_traces(const int64_t *sizes, const int64_t *starts, const int64_t *at, const double *loads,
+                                const double *kernel, const double *sigmas, const double *lags,
+                                const int64_t *over_distance, const double *times, const double *other, double *out,
+                                double *restrict work) {
+    const Seen seen = seen_of(sizes, starts, at, loads);
+    const int64_t sites = seen.sites, m = seen.numbers;
+    for (int64_t p = 0; p < seen.processes; p++) {
+        const int64_t *from = starts + p * (sites + 1);
+        const double *own = kernel + p * sites * sites, *lag = lags + over_distance[p] * sites * sites;
+        const double variance = sigmas[p] * sigmas[p], rate = times[p] == 0.0 ? 0.0 : 1.0 / times[p];
+        double plain = 0.0, lagged = 0.0;
+        for (int64_t i = 0; i < sites; i++) {
+            if (from[i] == from[i + 1]) continue;
+            memset(work, 0, (size_t)m * sizeof(double));
+            for (int64_t e = from[i]; e < from[i + 1]; e++) {
+                const double *row = other + at[e] * m, by = loads[e];
+                for (int64_t k = 0; k < m; k++) work[k] += by * row[k];
+            }
+            for (int64_t j = 0; j < sites; j++) {
+                double sum = 0.0;
+                for (int64_t e = from[j]; e < from[j + 1]; e++) sum += work[at[e]] * loads[e];
+                sum *= own[i * sites + j];
+                plain += sum;
+                lagged += sum * lag[i * sites + j];
+            }
+        }
+        out[2 * p] = variance * rate * lagged;
+        out[2 * p + 1] = 2.0 * variance * plain;
     }
 }

@@ -156,6 +156,90 @@ def whiten(
     return out, log_determinants
 
 
+class NoiseProcesses:
+    """Processes of a noise over sites, and what each measured number sees of them.
+
+    Parameters
+    ----------
+    loads : sequence of sparse arrays (CSR), shape (sites, m)
+        Of each process.
+    lags : array, shape (2, sites, sites)
+        Distance of two sites in time and along the track.
+    over_distance : sequence of bool
+        Which of the two counts for each process.
+
+    Raises
+    ------
+    ValueError
+        A size or type is wrong.
+    """
+
+    def __init__(self, loads: Sequence[Any], lags: FloatArray, over_distance: Sequence[bool]) -> None:
+        sites, numbers = loads[0].shape
+        if any(one.shape != (sites, numbers) for one in loads):
+            raise ValueError("expected loads of the same sites and numbers")
+        before = np.cumsum([0, *(one.nnz for one in loads)])
+        self._lags = np.ascontiguousarray(lags, float)
+        self._starts = np.concatenate([one.indptr + first for one, first in zip(loads, before, strict=False)])
+        self._starts = self._starts.astype(np.int64)
+        self._at = np.concatenate([one.indices for one in loads]).astype(np.int64)
+        self._loads = np.concatenate([one.data for one in loads]).astype(float)
+        self._over_distance = np.array(over_distance, np.int64)
+        self._sizes = np.array([len(loads), sites, numbers], np.int64)
+        inside = np.all((self._at >= 0) & (self._at < numbers)) and len(self._at) == len(self._loads) == before[-1]
+        ordered = np.all(np.diff(self._starts) >= 0) and self._starts[0] == 0 and self._starts[-1] == before[-1]
+        fits = len(self._starts) == len(loads) * (sites + 1) and len(over_distance) == len(loads)
+        if not (inside and ordered and fits and set(self._over_distance) <= {0, 1}):
+            raise ValueError("expected loads inside the numbers, and a distance for each process")
+        _sized(self._lags, (2, sites, sites))
+
+    def at(self, core: ctypes.CDLL, times: FloatArray, sigmas: FloatArray) -> NoiseAt:
+        """Return them with correlation times (0: white) and deviations, shape (P,) each."""
+        return NoiseAt(core, self, times, sigmas)
+
+
+class NoiseAt:
+    """Processes of a noise at given hyper-parameters: their covariance, and its derivatives by ln time and ln sigma."""
+
+    def __init__(self, core: ctypes.CDLL, of: NoiseProcesses, times: FloatArray, sigmas: FloatArray) -> None:
+        self._core, self._of = core, of
+        self._count, self._sites, self._numbers = (int(x) for x in of._sizes)
+        self._times, self._sigmas = (np.ascontiguousarray(x, float) for x in (times, sigmas))
+        for x in (self._times, self._sigmas):
+            _sized(x, (self._count,))
+        self._kernels = np.empty((self._count, self._sites, self._sites))
+        out, lags, which = self._kernels.ctypes.data, of._lags.ctypes.data, of._over_distance.ctypes.data
+        core.kernels(self._count, self._sites, lags, which, self._times.ctypes.data, out)
+
+    def add_to(self, covariance: FloatArray) -> None:
+        """Add the processes' covariance in place, shape (m, m)."""
+        work = np.empty((self._sites, self._numbers))
+        to = _sized(covariance, (self._numbers, self._numbers))
+        self._core.add_covariance(*self._seen(), to, work.ctypes.data)
+
+    def slope_products(self, x: FloatArray) -> FloatArray:
+        """Return the products of each derivative with a vector (m,), shape (P, 2, m): by ln time, by ln sigma."""
+        x, out, work = np.ascontiguousarray(x, float), np.empty((self._count, 2, self._numbers)), np.empty(self._sites)
+        given = _sized(x, (self._numbers,))
+        self._core.slope_products(*self._seen(), *self._kernel_slopes(), given, out.ctypes.data, work.ctypes.data)
+        return out
+
+    def slope_traces(self, other: FloatArray) -> FloatArray:
+        """Return the traces of each derivative's product with a symmetric matrix (m, m), shape (P, 2)."""
+        other, out = np.ascontiguousarray(other, float), np.empty((self._count, 2))
+        given, work = _sized(other, (self._numbers, self._numbers)), np.empty(self._numbers)
+        self._core.slope_traces(*self._seen(), *self._kernel_slopes(), given, out.ctypes.data, work.ctypes.data)
+        return out
+
+    def _seen(self) -> tuple[int, ...]:
+        of = self._of
+        arrays = (of._sizes, of._starts, of._at, of._loads, self._kernels, self._sigmas)
+        return tuple(x.ctypes.data for x in arrays)
+
+    def _kernel_slopes(self) -> tuple[int, ...]:
+        return tuple(x.ctypes.data for x in (self._of._lags, self._of._over_distance, self._times))
+
+
 def _columns(entries: Sequence[Any], count: int) -> tuple[list[FloatArray], IndexArray]:
     """Return contiguous numbers of the entries of a patch, and 1 for a column, 0 for a number that serves all."""
     arrays = [np.ascontiguousarray(x, float) for x in entries]

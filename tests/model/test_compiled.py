@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
 
 from daq import ConfigError
 from model import compiled, core_in_use, core_library
 from model.core_build import compile_core
 from model.core_library import Core, load
+from model.diagnosis.time_series.hyper import Block, _Processes
+from model.diagnosis.time_series.noise import Process
 from model.diagnosis.time_series.whitening import Neighbours, StateSpace, _steps, whiten
 from model.effects import Effect, Parameter
 from model.wheel_soil import SOILS, Conditions, Dual, Patch, Quadrature, Wheel, WheelSoilModel, resultants, value_of
@@ -201,6 +204,55 @@ def test_whitening_against_numpy(both: Both, seed: int, sizes: tuple[int, int, i
     expected, found = both(lambda: whiten(space, columns))
     np.testing.assert_allclose(found.columns, expected.columns, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.log_determinants, expected.log_determinants, rtol=1e-9, atol=1e-9)
+
+
+def noise_of(seed: int, sites: int, numbers: int) -> tuple[list[csr_array], np.ndarray]:
+    """Return what numbers see of three processes at some sites, none of one, and the lags of the sites."""
+    rng = np.random.default_rng(seed)
+    loads = [csr_array(rng.normal(size=(sites, numbers)) * (rng.random((sites, numbers)) < 0.3)) for _ in range(3)]
+    lags = np.abs(rng.uniform(0.0, 9.0, (2, sites, 1)) - rng.uniform(0.0, 9.0, (2, 1, sites)))
+    return [*loads, csr_array((sites, numbers))], lags + lags.swapaxes(1, 2)
+
+
+@several
+@given(seed=st.integers(0, 2**32), sites=st.integers(1, 20), numbers=st.integers(1, 30))
+def test_covariance_of_the_noise_against_numpy(core: ctypes.CDLL, seed: int, sites: int, numbers: int) -> None:
+    loads, lags = noise_of(seed, sites, numbers)
+    listed = [Process(f"d{i}", "t" if i != 2 else None, i == 1, "") for i in range(4)]
+    values = {"t": 1.7, "d0": 0.3, "d1": 2.0, "d2": 1.1, "d3": 5.0}
+    nothing = np.zeros((numbers, 1))
+    block = Block(nothing, *lags, tuple(zip(listed, loads, strict=True)), (), (), nothing[:, 0])
+    times, sigmas = np.array([1.7, 1.7, 0.0, 1.7]), np.array([0.3, 2.0, 1.1, 5.0])
+    ours, theirs = block.compiled.at(core, times, sigmas), _Processes(block, values)
+    x = np.random.default_rng(seed).normal(size=(numbers, numbers))
+    found = [np.ones((numbers, numbers)) for _ in range(2)]
+    for one, to in zip((ours, theirs), found, strict=True):
+        one.add_to(to)
+    for mine, expected in (
+        found,
+        (ours.slope_products(x[0]), theirs.slope_products(x[0])),
+        (ours.slope_traces(x + x.T), theirs.slope_traces(x + x.T)),
+    ):
+        np.testing.assert_allclose(mine, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_noise_of_another_size_is_refused(core: ctypes.CDLL) -> None:
+    loads, lags = noise_of(1, 5, 8)
+    outside = loads[0].copy()
+    outside.indices[0] = 8
+    for wrong in ([outside, loads[1]], [loads[0], loads[1][:, :7]], [loads[0], loads[1][:4]]):
+        with pytest.raises(ValueError):
+            compiled.NoiseProcesses(wrong, lags, [False, True]).at(core, np.ones(2), np.ones(2))
+    for lag, which in ((lags[:, :4], [False] * 4), (lags, [False] * 3), (lags, [2] * 4)):
+        with pytest.raises(ValueError):
+            compiled.NoiseProcesses(loads, lag, which)  # type: ignore[arg-type]
+    noise = compiled.NoiseProcesses(loads, lags, [False] * 4)
+    with pytest.raises(ValueError):
+        noise.at(core, np.ones(3), np.ones(4))
+    at = noise.at(core, np.ones(4), np.ones(4))
+    for call in (at.add_to, at.slope_products, at.slope_traces):
+        with pytest.raises(ValueError):
+            call(np.ones((7, 7)))
 
 
 def wrong_patches() -> Iterator[tuple[str, dict[str, Any]]]:
