@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants clean
+.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants wheels clean
 .DEFAULT_GOAL := demo
 
 # model/compiled.c is compiled where there is a C compiler (model/core_build.py).
@@ -77,5 +77,18 @@ bench: $(STAMP)
 bench-keep: bench
 	cp out/bench/results.md benchmarks/results.md
 
+# A wheel for each platform, with the core compiled by zig (ziglang of PyPI, in an environment of its own), into dist/.
+WHEELS := x86_64-linux-gnu.2.17=manylinux_2_17_x86_64 aarch64-linux-gnu.2.17=manylinux_2_17_aarch64 \
+  x86_64-windows-gnu=win_amd64 aarch64-macos.11.0=macosx_11_0_arm64 x86_64-macos.11.0=macosx_11_0_x86_64
+ZIG := .venv-wheels/bin/python
+wheels:
+	@test -x $(ZIG) || $(PYTHON) -m venv .venv-wheels
+	$(ZIG) -m pip install --quiet --disable-pip-version-check 'ziglang>=0.13,<0.16'
+	for pair in $(WHEELS); do \
+	  CC="$(CURDIR)/$(ZIG) -m ziglang cc -target $${pair%=*}" WHEELSOIL_WHEEL_PLATFORM=$${pair#*=} \
+	  $(ZIG) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist . || exit 1; \
+	done
+	@ls dist
+
 clean:
-	rm -rf $(VENV) .venv-bench out
+	rm -rf $(VENV) .venv-bench .venv-wheels out
