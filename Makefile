@@ -84,8 +84,8 @@ ZIG := .venv-wheels/bin/python
 wheels:
 	@test -x $(ZIG) || $(PYTHON) -m venv .venv-wheels
 	$(ZIG) -m pip install --quiet --disable-pip-version-check 'ziglang>=0.13,<0.16'
-	for pair in $(WHEELS); do \
-	  CC="$(CURDIR)/$(ZIG) -m ziglang cc -target $${pair%=*}" WHEELSOIL_WHEEL_PLATFORM=$${pair#*=} \
+	zig=$$($(ZIG) -c 'import ziglang; print(ziglang.__path__[0] + "/zig")') && for pair in $(WHEELS); do \
+	  CC="$$zig cc -target $${pair%=*}" WHEELSOIL_WHEEL_PLATFORM=$${pair#*=} \
 	  $(ZIG) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist . || exit 1; \
 	done
 	@ls dist

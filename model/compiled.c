@@ -5,7 +5,7 @@
  *
  *   contact   model/wheel_soil/contact.py   Eq. 7-9 with derivatives by the entries of Patch
  *   balance   model/wheel_soil/balance.py   the sinkage that carries the load
- *   whiten    model/diagnosis/time_series/whitening.py   the Kalman filter
+ *   whiten, smooth_back   model/diagnosis/time_series/whitening.py   the Kalman filter and smoother
  *   kernels, add_covariance, slope_products, slope_traces   model/diagnosis/time_series/hyper.py   the noise's likelihood
  */
 
@@ -676,11 +676,12 @@ static void move_covariance(double *x, const double *stationary, int64_t s, cons
  * sizes: runs R, samples N, channels C, states S, columns M, neighbours L.
  * loadings (R, N, C, S); decay (R, N, S); stationary (S, S); white (R, N, C); later, now, before (L);
  * shares (R, N, 3, L); columns, out (R, N, C, M); log_determinants (R); work (S M + S S + 2 S).
+ * means (R, N, S, M), covariances (R, N, S, S): of the states given the data so far; NULL: not kept.
  */
 EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *decay, const double *stationary,
                    const double *white, const int64_t *later, const int64_t *now, const int64_t *before,
                    const double *shares, const double *columns, double *restrict out, double *log_determinants,
-                   double *work) {
+                   double *means, double *covariances, double *work) {
     const int64_t runs = sizes[0], samples = sizes[1], channels = sizes[2], s = sizes[3], m = sizes[4];
     const Near near = {sizes[5], later, now, before};
     double *restrict state = work, *restrict covariance = work + s * m, *restrict loaded = covariance + s * s,
@@ -718,7 +719,77 @@ EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *d
                 for (int64_t k = 0; k < m; k++) innovation[k] /= scale;
                 log_determinants[run] += log(variance);
             }
+            if (means) memcpy(means + at * s * m, state, (size_t)(s * m) * sizeof(double));
+            if (covariances) memcpy(covariances + at * s * s, covariance, (size_t)(s * s) * sizeof(double));
         }
+    }
+}
+
+/* Solve a x = b in place by elimination with row pivots; a and b: (s, s). */
+static void solve(double *a, double *b, int64_t s) {
+    for (int64_t i = 0; i < s; i++) {
+        int64_t pivot = i;
+        for (int64_t k = i + 1; k < s; k++)
+            if (fabs(a[k * s + i]) > fabs(a[pivot * s + i])) pivot = k;
+        for (int64_t l = 0; pivot != i && l < s; l++) {
+            const double kept_a = a[i * s + l], kept_b = b[i * s + l];
+            a[i * s + l] = a[pivot * s + l];
+            b[i * s + l] = b[pivot * s + l];
+            a[pivot * s + l] = kept_a;
+            b[pivot * s + l] = kept_b;
+        }
+        for (int64_t k = i + 1; k < s; k++) {
+            const double by = a[k * s + i] / a[i * s + i];
+            if (by == 0.0) continue;
+            for (int64_t l = i; l < s; l++) a[k * s + l] -= by * a[i * s + l];
+            for (int64_t l = 0; l < s; l++) b[k * s + l] -= by * b[i * s + l];
+        }
+    }
+    for (int64_t i = s - 1; i >= 0; i--)
+        for (int64_t l = 0; l < s; l++) {
+            double sum = b[i * s + l];
+            for (int64_t k = i + 1; k < s; k++) sum -= a[i * s + k] * b[k * s + l];
+            b[i * s + l] = sum / a[i * s + i];
+        }
+}
+
+/* Go back over a run's filtered means (samples, s) and covariances (samples, s, s), and smooth them in place.
+ *
+ * After Rauch, Tung & Striebel (1965); decay (samples, s), shares (samples, 3, neighbours) of the steps to each sample.
+ */
+EXPORT void smooth_back(const int64_t *sizes, const double *decay, const double *stationary, const int64_t *later,
+                        const int64_t *now, const int64_t *before, const double *shares, double *means,
+                        double *covariances, double *work) {
+    const int64_t samples = sizes[0], s = sizes[1], square = s * s;
+    const Near near = {sizes[2], later, now, before};
+    double *ahead = work, *back = work + square, *lu = work + 2 * square, *step = work + 3 * square, *mean = step + square;
+    for (int64_t i = samples - 2; i >= 0; i--) {
+        const double *own_decay = decay + (i + 1) * s, *own_shares = shares + (i + 1) * 3 * near.count;
+        double *own = covariances + i * square;
+        const double *next = own + square;
+        memcpy(ahead, own, (size_t)square * sizeof(double));
+        move_covariance(ahead, stationary, s, own_decay, own_shares, &near);
+        memcpy(back, own, (size_t)square * sizeof(double));
+        move(back, s, s, own_decay, own_shares, &near);
+        memcpy(lu, ahead, (size_t)square * sizeof(double));
+        solve(lu, back, s);
+        memcpy(mean, means + i * s, (size_t)s * sizeof(double));
+        move(mean, s, 1, own_decay, own_shares, &near);
+        for (int64_t k = 0; k < s; k++)
+            for (int64_t l = 0; l < s; l++) means[i * s + l] += back[k * s + l] * (means[(i + 1) * s + k] - mean[k]);
+        for (int64_t k = 0; k < square; k++) ahead[k] = next[k] - ahead[k];
+        for (int64_t k = 0; k < s; k++)
+            for (int64_t l = 0; l < s; l++) {
+                double sum = 0.0;
+                for (int64_t m = 0; m < s; m++) sum += ahead[k * s + m] * back[m * s + l];
+                step[k * s + l] = sum;
+            }
+        for (int64_t k = 0; k < s; k++)
+            for (int64_t l = 0; l < s; l++) {
+                double sum = 0.0;
+                for (int64_t m = 0; m < s; m++) sum += back[m * s + k] * step[m * s + l];
+                own[k * s + l] += sum;
+            }
     }
 }
 

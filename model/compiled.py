@@ -109,51 +109,74 @@ def balance(
     return found
 
 
-def whiten(
-    core: ctypes.CDLL,
-    noise: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    neighbours: tuple[IndexArray, IndexArray, IndexArray, FloatArray],
-    columns: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return whitened columns, shape (R, N, C, M), and ln det of each run's covariance, shape (R,).
+class StateSpace:
+    """Noise of R runs of N samples in C channels by S states, as the compiled filter takes it.
 
     Parameters
     ----------
     noise : loadings (R, N, C, S), decay (R, N, S), stationary covariance (S, S), white variance (R, N, C)
     neighbours : positions of the states later, now and before (L,), shares (R, N, 3, L)
-    columns : array, shape (R, N, C, M)
 
     Raises
     ------
     ValueError
         A size or type is wrong, or a position is outside the states.
     """
-    runs, samples, channels, width = columns.shape
-    states, count = len(noise[2]), len(neighbours[0])
-    columns = np.ascontiguousarray(columns, float)
-    numbers = [np.ascontiguousarray(x, float) for x in (*noise, neighbours[3])]
-    shapes = (
-        *((runs, samples, channels, states), (runs, samples, states), (states, states), (runs, samples, channels)),
-        (runs, samples, 3, count),
-    )
-    *given, shares = (_sized(x, shape) for x, shape in zip(numbers, shapes, strict=True))
-    positions = [np.ascontiguousarray(x, np.int64) for x in neighbours[:3]]
-    if any(x.shape != (count,) or np.any((x < 0) | (x >= states)) for x in positions):
-        raise ValueError("a position is outside the states")
-    sizes = np.array([runs, samples, channels, states, width, count], np.int64)
-    out, log_determinants = np.empty_like(columns), np.empty(runs)
-    work = np.empty(states * width + states * states + 2 * states)
-    core.whiten(
-        sizes.ctypes.data,
-        *given,
-        *(x.ctypes.data for x in positions),
-        shares,
-        columns.ctypes.data,
-        out.ctypes.data,
-        log_determinants.ctypes.data,
-        work.ctypes.data,
-    )
-    return out, log_determinants
+
+    def __init__(
+        self,
+        core: ctypes.CDLL,
+        noise: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+        neighbours: tuple[IndexArray, IndexArray, IndexArray, FloatArray],
+    ) -> None:
+        self._core = core
+        self._shape = runs, samples, channels, states = noise[0].shape
+        self._count = len(neighbours[0])
+        self._numbers = [np.ascontiguousarray(x, float) for x in (*noise[1:3], neighbours[3], noise[0], noise[3])]
+        shapes = (
+            *((runs, samples, states), (states, states), (runs, samples, 3, self._count)),
+            *(self._shape, (runs, samples, channels)),
+        )
+        self._decay, self._stationary, self._shares, self._loadings, self._white = (
+            _sized(x, shape) for x, shape in zip(self._numbers, shapes, strict=True)
+        )
+        self._positions = [np.ascontiguousarray(x, np.int64) for x in neighbours[:3]]
+        if any(x.shape != (self._count,) or np.any((x < 0) | (x >= states)) for x in self._positions):
+            raise ValueError("a position is outside the states")
+        self._near = tuple(x.ctypes.data for x in self._positions)
+
+    def whiten(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return whitened columns, shape (R, N, C, M), and ln det of each run's covariance, shape (R,)."""
+        return self._filtered(columns, None, None)
+
+    def smooth(self, data: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return means, shape (R, N, S), and covariances, shape (R, N, S, S), of the states given data (R, N, C)."""
+        runs, samples, _, states = self._shape
+        means, covariances = np.zeros((runs, samples, states)), np.zeros((runs, samples, states, states))
+        self._filtered(data[..., None], means, covariances)
+        work, sizes = np.empty(4 * states * states + states), np.array([samples, states, self._count], np.int64)
+        decay, _, shares, *_ = self._numbers
+        for own in zip(decay, shares, means, covariances, strict=True):
+            own_decay, own_shares, mean, covariance = (x.ctypes.data for x in own)
+            given = (sizes.ctypes.data, own_decay, self._stationary, *self._near, own_shares)
+            self._core.smooth_back(*given, mean, covariance, work.ctypes.data)
+        return means, covariances
+
+    def _filtered(
+        self, columns: FloatArray, means: FloatArray | None, covariances: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        runs, samples, channels, states = self._shape
+        columns = np.ascontiguousarray(columns, float)
+        width = columns.shape[-1]
+        given = _sized(columns, (runs, samples, channels, width))
+        sizes = np.array([*self._shape, width, self._count], np.int64)
+        out, log_determinants = np.empty_like(columns), np.empty(runs)
+        work = np.empty(states * width + states * states + 2 * states)
+        kept = (0 if x is None else x.ctypes.data for x in (means, covariances))
+        noise = (self._loadings, self._decay, self._stationary, self._white, *self._near, self._shares)
+        found = (out.ctypes.data, log_determinants.ctypes.data)
+        self._core.whiten(sizes.ctypes.data, *noise, given, *found, *kept, work.ctypes.data)
+        return out, log_determinants
 
 
 class NoiseProcesses:

@@ -21,7 +21,8 @@ _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
 _ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "contact": (_INT, _POINTER, _POINTER, _INT, _POINTER, ctypes.c_uint32, _POINTER, _POINTER),
     "balance": (_INT, *[_POINTER] * 2, _INT, _POINTER, *[ctypes.c_double] * 3, *[_POINTER] * 3),
-    "whiten": (_POINTER,) * 13,
+    "whiten": (_POINTER,) * 15,
+    "smooth_back": (_POINTER,) * 10,
     "kernels": (_INT, _INT, *[_POINTER] * 4),
     "add_covariance": (_POINTER,) * 8,
     "slope_products": (_POINTER,) * 12,

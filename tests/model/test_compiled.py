@@ -23,7 +23,7 @@ from model.core_build import compile_core
 from model.core_library import Core, load
 from model.diagnosis.time_series.hyper import Block, _Processes
 from model.diagnosis.time_series.noise import Process
-from model.diagnosis.time_series.whitening import Neighbours, StateSpace, _steps, whiten
+from model.diagnosis.time_series.whitening import Neighbours, StateSpace, _steps, smoothed, whiten
 from model.effects import Effect, Parameter
 from model.wheel_soil import SOILS, Conditions, Dual, Patch, Quadrature, Wheel, WheelSoilModel, resultants, value_of
 from model.wheel_soil.contact import Resultants, rules_of
@@ -204,6 +204,9 @@ def test_whitening_against_numpy(both: Both, seed: int, sizes: tuple[int, int, i
     expected, found = both(lambda: whiten(space, columns))
     np.testing.assert_allclose(found.columns, expected.columns, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.log_determinants, expected.log_determinants, rtol=1e-9, atol=1e-9)
+    if sizes[2]:
+        for ours, theirs in zip(*both(lambda: smoothed(space, columns[..., 0])), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-8)
 
 
 def noise_of(seed: int, sites: int, numbers: int) -> tuple[list[csr_array], np.ndarray]:
@@ -291,21 +294,25 @@ def test_a_load_of_another_size_is_refused(core: ctypes.CDLL) -> None:
 def test_a_state_space_of_another_size_is_refused(core: ctypes.CDLL) -> None:
     space, columns = space_of(1, 2, 5, 3, near=True)
     noise = (space.loadings, space.decay, space.stationary(), space.white)
-    near = space.positions()
+    assert space.neighbours
+    near = (space.neighbours.later, space.neighbours.now, space.neighbours.before, space.neighbours.shares)
     for i in range(4):
         wrong = tuple(x[:-1] if i == k else x for k, x in enumerate(noise))
         with pytest.raises(ValueError, match="of shape"):
-            compiled.whiten(core, wrong, near, columns)  # type: ignore[arg-type]
+            compiled.StateSpace(core, wrong, near)  # type: ignore[arg-type]
     for position in (-1, 6, 2**40):
         for i in range(3):
             moved = tuple(np.full(2, position) if i == k else x for k, x in enumerate(near))
             with pytest.raises(ValueError, match="outside the states"):
-                compiled.whiten(core, noise, moved, columns)  # type: ignore[arg-type]
+                compiled.StateSpace(core, noise, moved)  # type: ignore[arg-type]
     for wrong_near in ((near[0][:1], *near[1:]), (*near[:3], near[3][:, :-1])):
         with pytest.raises(ValueError):
-            compiled.whiten(core, noise, wrong_near, columns)  # type: ignore[arg-type]
-    with pytest.raises(ValueError):
-        compiled.whiten(core, noise, near, columns[0])
+            compiled.StateSpace(core, noise, wrong_near)  # type: ignore[arg-type]
+    for data in (columns[0], columns[:, :-1], columns[:, :, :1]):
+        with pytest.raises(ValueError, match="of shape"):
+            compiled.StateSpace(core, noise, near).whiten(data)
+        with pytest.raises(ValueError, match="of shape"):
+            compiled.StateSpace(core, noise, near).smooth(data[..., 0])
 
 
 @pytest.mark.parametrize(("compiler", "why"), [("no-such-compiler", "no C compiler"), ("false", "ended with 1")])
