@@ -4,10 +4,11 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants clean
+.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants wheels clean
 .DEFAULT_GOAL := demo
 
-$(STAMP): pyproject.toml constraints.txt
+# model/compiled.c is compiled where there is a C compiler (model/core_build.py).
+$(STAMP): pyproject.toml constraints.txt hatch_build.py model/core_build.py model/compiled.c
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "wheelsoil needs Python 3.11 or later; set PYTHON=/path/to/python3"; exit 1; }
 	@test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV) || { echo "could not make a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
@@ -76,5 +77,18 @@ bench: $(STAMP)
 bench-keep: bench
 	cp out/bench/results.md benchmarks/results.md
 
+# A wheel for each platform, with the core compiled by zig (ziglang of PyPI, in an environment of its own), into dist/.
+WHEELS := x86_64-linux-gnu.2.17=manylinux_2_17_x86_64 aarch64-linux-gnu.2.17=manylinux_2_17_aarch64 \
+  x86_64-windows-gnu=win_amd64 aarch64-macos.11.0=macosx_11_0_arm64 x86_64-macos.11.0=macosx_11_0_x86_64
+ZIG := .venv-wheels/bin/python
+wheels:
+	@test -x $(ZIG) || $(PYTHON) -m venv .venv-wheels
+	$(ZIG) -m pip install --quiet --disable-pip-version-check 'ziglang>=0.13,<0.16'
+	zig=$$($(ZIG) -c 'import ziglang; print(ziglang.__path__[0] + "/zig")') && for pair in $(WHEELS); do \
+	  CC="$$zig cc -target $${pair%=*}" WHEELSOIL_WHEEL_PLATFORM=$${pair#*=} \
+	  $(ZIG) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist . || exit 1; \
+	done
+	@ls dist
+
 clean:
-	rm -rf $(VENV) .venv-bench out
+	rm -rf $(VENV) .venv-bench .venv-wheels out

@@ -10,8 +10,8 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.peer_environment import PeersMissingError, run_beside_peers
-from benchmarks.table import Mark, Row, at_most, compared, judged
-from benchmarks.timing import CommandCost, wheelsoil_cost
+from benchmarks.table import Mark, Row, at_most, compared, judged, with_verdict
+from benchmarks.timing import CommandCost, DiagnoseCost, diagnose_cost, wheelsoil_cost
 
 RUNS, LENGTH_S = (1, 5, 20, 60, 200), 60
 GROWTH = (20, 200)
@@ -22,6 +22,7 @@ OUT = {"process": ".parquet", "report": ".html"}
 CPU = {("diagnose", 60): 25.0, ("diagnose", 200): 120.0}
 WALL = {("report", 20): 8.0}
 MEMORY_MB = {("diagnose", 60): 500.0, ("diagnose", 200): 1000.0}
+CAUSE = "slip_sinkage"
 LARGEST_EXPONENT = 1.1
 LARGEST_PAGE_MB = 8.0
 
@@ -29,6 +30,7 @@ LARGEST_PAGE_MB = 8.0
 def rows() -> list[Row]:
     """Measure every command on every campaign, once, with an empty cache and a process for each core."""
     costs: dict[str, dict[int, CommandCost]] = {command: {} for command in COMMANDS}
+    diagnosed: dict[int, DiagnoseCost] = {}
     pages: dict[int, float] = {}
     for runs in RUNS:
         with tempfile.TemporaryDirectory() as name:
@@ -36,26 +38,31 @@ def rows() -> list[Row]:
             wheelsoil_cost("simulate", *CAMPAIGN, "--runs", str(runs), "-o", str(folder))
             for command in COMMANDS:
                 os.environ["WHEELSOIL_CACHE"] = str(Path(name) / f"cache of {command}")
+                if command == "diagnose":
+                    diagnosed[runs] = diagnose_cost(folder, CAUSE)
+                    costs[command][runs] = diagnosed[runs].cost
+                    continue
                 out = Path(name) / f"{command}{OUT.get(command, '')}"
                 arguments = ["-o", str(out)] if command in OUT else []
                 costs[command][runs] = wheelsoil_cost(command, str(folder), *arguments)
             pages[runs] = out.stat().st_size / 1e6
-    found = [row for command in COMMANDS for row in _of_command(command, costs[command])]
+    found = [row for command in COMMANDS for row in _of_command(command, costs[command], diagnosed)]
     size_mb = pages[20]
     what = f"wheelsoil report, 20 runs of {LENGTH_S} s: size of the page"
     found.append(judged(what, f"{size_mb:.1f} MB", size_mb, at_most(LARGEST_PAGE_MB, "MB")))
     return found + _law_beside_peers()
 
 
-def _of_command(command: str, costs: Mapping[int, CommandCost]) -> list[Row]:
+def _of_command(command: str, costs: Mapping[int, CommandCost], diagnosed: Mapping[int, DiagnoseCost]) -> list[Row]:
     found = []
     for runs, cost in costs.items():
         what = f"wheelsoil {command}, {runs} run{'s' * (runs > 1)} of {LENGTH_S} s"
         at = (command, runs)
-        found += [
-            _row(what, f"{cost.cpu_s:.1f} s (wall {cost.wall_s:.1f} s)", cost.cpu_s, CPU.get(at), "s"),
-            _row(f"{what}: peak memory", f"{cost.peak_mb:.0f} MB", cost.peak_mb, MEMORY_MB.get(at), "MB"),
-        ]
+        row = _row(what, f"{cost.cpu_s:.1f} s (wall {cost.wall_s:.1f} s)", cost.cpu_s, CPU.get(at), "s")
+        if command == "diagnose":
+            row = with_verdict(row, diagnosed[runs].verdict, right=diagnosed[runs].right)
+        found.append(row)
+        found.append(_row(f"{what}: peak memory", f"{cost.peak_mb:.0f} MB", cost.peak_mb, MEMORY_MB.get(at), "MB"))
         if at in WALL:
             found.append(_row(f"{what}, wall", f"{cost.wall_s:.1f} s", cost.wall_s, WALL[at], "s"))
     few, many = (costs[runs] for runs in GROWTH)

@@ -1,4 +1,4 @@
-"""Decoding against a cantools loop, a pass of C, and asammdf from file to signals."""
+"""Decoding against a pass of C, and asammdf from file to signals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import statistics
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from daq.can import Database, Decoder, FrameBatch, shipped_dbc, split
 from daq.recording import RecordingWriter
 
 SECONDS = 310.0
-CANTOOLS_FRAMES = 20_000
 REPEATS, FILE_REPEATS = 7, 5
 WRITE_FRAMES = 640
 """Frames a batch: what 0.2 s bring at 3.2 kframes/s."""
@@ -36,11 +34,7 @@ def rows() -> list[Row]:
 
 def _in_memory(batch: FrameBatch, known: list[Database], folder: Path) -> list[Row]:
     decoder = Decoder({BUS: known})
-    part = batch[:CANTOOLS_FRAMES]
-    functions: dict[str, Callable[[], object]] = {
-        "ours": lambda: decoder.decode(batch),
-        "loop": _cantools_loop(part, known),
-    }
+    functions: dict[str, Callable[[], object]] = {"ours": lambda: decoder.decode(batch)}
     if shutil.which("gcc"):
         c_pass = compile_pass(folder, known)
         for mine, theirs in zip(decoder.decode(batch).values(), c_pass(batch), strict=True):
@@ -50,30 +44,10 @@ def _in_memory(batch: FrameBatch, known: list[Database], folder: Path) -> list[R
     what = f"decode in memory, {len(batch) / 1e6:.1f} M frames, all signals"
     as_text = rate_of(len(batch))
     ours_s = statistics.median(found["ours"])
-    loop_s = [seconds * len(batch) / len(part) for seconds in found["loop"]]
-    table = [
-        judged(what, as_text(ours_s), len(batch) / ours_s / 1e6, at_least(10, "Mframes/s")),
-        compared(what, found["ours"], "cantools loop", loop_s, as_text, at_least(40, "x")),
-    ]
+    table = [judged(what, as_text(ours_s), len(batch) / ours_s / 1e6, at_least(10, "Mframes/s"))]
     if "C" in found:
         table.append(compared(what, found["ours"], "one pass of C", found["C"], as_text))
     return table
-
-
-def _cantools_loop(batch: FrameBatch, known: list[Database]) -> Callable[[], list[Any]]:
-    """Return what decodes frame by frame; the DBCs are loaded before, as for us."""
-    import cantools.database
-
-    reference = cantools.database.Database()
-    for database in known:
-        reference.add_dbc_string(database.content.decode())
-    frames, decode = batch.frames, reference.decode_message
-
-    def loop() -> list[Any]:
-        columns = zip(frames["can_id"].tolist(), frames["length"].tolist(), frames["data"], strict=True)
-        return [decode(can_id, data[:length].tobytes(), decode_choices=False) for can_id, length, data in columns]
-
-    return loop
 
 
 def _from_file(batch: FrameBatch, folder: Path) -> list[Row]:

@@ -6,7 +6,7 @@ import os
 import platform
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from benchmarks.peer_environment import PEERS
@@ -17,7 +17,8 @@ HEAD = """\
 How to read this:
 
 - Times are **CPU time** (all threads and child processes) unless the row says *wall*; medians of several calls, of
-  one for the report. What is compared takes turns in one run.
+  one for the report. What is compared takes turns in one run. Memory is that of all processes of a command.
+- A row of `diagnose` gives its verdict; a wrong one misses the mark.
 - **Ratio** = our speed over the peer's: above 1x wheelsoil is faster. For sizes: our size over the peer's, below 1x is
   smaller.
 - `stated`: no mark is set. **no**: the mark is missed, and nothing else follows from it: these are measurements.
@@ -72,6 +73,15 @@ class Row:
 def judged(what: str, ours: str, figure: float, mark: Mark, peer: str = "-", ratio: str = "-") -> Row:
     """Return the row of a figure that is held against a mark; `ours` is the figure as text."""
     return Row(what, ours, peer, ratio, str(mark), mark.reached(figure))
+
+
+def with_verdict(row: Row, verdict: str, *, right: bool) -> Row:
+    """Return the row of a diagnosis with its verdict; a wrong one misses every mark, and is one where none is set."""
+    ours = f"{row.ours}, {verdict}"
+    if right:
+        return replace(row, ours=ours)
+    mark = "a right verdict" if row.reached is None else f"{row.mark}, a right verdict"
+    return replace(row, ours=f"{ours} (wrong)", mark=mark, reached=False)
 
 
 def compared(

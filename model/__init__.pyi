@@ -1,3 +1,4 @@
+from .core_library import core_in_use as core_in_use
 from .cores import available_cores as available_cores
 from .cores import can_copy_processes as can_copy_processes
 from .cores import in_parallel as in_parallel

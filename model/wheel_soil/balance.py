@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from daq import FloatArray, IndexArray
+from model import compiled
+from model.core_library import library
 from model.effects.base import Effect, Values
 from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants
+from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants, rules_of
 from model.wheel_soil.dual import Dual, Number, rows, value_of, where
 from model.wheel_soil.pressure_sinkage import closed_form
 from model.wheel_soil.soils import SoilState
@@ -47,6 +49,14 @@ class Contact:
         """Return Eq. 7-9 at a sinkage."""
         return resultants(self._patch(sinkage), self.quadrature)
 
+    def closed_patch(self, sinkage: FloatArray) -> list[Any] | None:
+        """Return the entries of the patch if nothing in it but the entry angle depends on the sinkage, else None."""
+        if any(type(effect).patch is not Effect.patch and effect.is_active(values) for effect, values in self.effects):
+            return None
+        patch = self._own_patch(sinkage)
+        entries = [getattr(patch, name) for name in Patch.__dataclass_fields__]
+        return None if any(np.iscomplexobj(x) for x in entries) else entries
+
     def map(self, function: Any) -> Contact:
         """Return the contact with `function` applied to every number."""
         return Contact(
@@ -65,8 +75,15 @@ class Contact:
         return found
 
     def _patch(self, sinkage: Number) -> Patch:
+        patch = self._own_patch(sinkage)
+        for effect, values in self.effects:
+            patch = effect.patch(patch, self.conditions, values)
+        return patch
+
+    def _own_patch(self, sinkage: Number) -> Patch:
+        """Return the patch that no effect has changed."""
         soil = self.soil
-        patch = Patch(
+        return Patch(
             entry_angle=entry_angle(sinkage, self.radius),
             speed_ratio=speed_ratio(self.conditions.slip),
             radius=self.radius,
@@ -77,9 +94,6 @@ class Contact:
             stiffness=soil.stiffness(self.width),
             exponent=soil.exponent,
         )
-        for effect, values in self.effects:
-            patch = effect.patch(patch, self.conditions, values)
-        return patch
 
 
 class Solution(NamedTuple):
@@ -160,8 +174,12 @@ def _balanced(contact: Contact) -> tuple[Number, Resultants | None]:
     def full(x: Number) -> FloatArray:
         return np.broadcast_to(np.asarray(value_of(x), float), (n, 1))
 
-    start = _closed(plain)
-    solved = balanced(full(load), full(start), full(plain.radius), full(plain.soil.exponent), load_of)
+    start = full(_closed(plain))
+    if (core := library()) and (entries := plain.closed_patch(start)):
+        limits = (_TOLERANCE, _FIRST, _DEEPEST)
+        solved = compiled.balance(core, entries, rules_of(contact.quadrature), full(load), start, limits)
+    else:
+        solved = balanced(full(load), start, full(plain.radius), full(plain.soil.exponent), load_of)
     numbers = contact.numbers()
     if any(np.iscomplexobj(x) for x in numbers):
         slope = plain.resultants(Dual(solved, {_BY_SINKAGE: 1.0})).load().partials[_BY_SINKAGE]

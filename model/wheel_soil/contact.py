@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from daq import FloatArray
+from model import compiled
+from model.core_library import library
 from model.wheel_soil import pressure_sinkage, stresses
 from model.wheel_soil.dual import Dual, Number, concatenate_rows, rows, value_of, weighted_sum, where
 
@@ -137,12 +139,60 @@ def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants
     Source: Yang et al. (2016), Eq. 7-9; peak and exit angle after Wong & Reece (1967).
     """
     chosen = quadrature or Quadrature()
+    if (core := library()) and (count := _compilable(patch)):
+        return _compiled(core, patch, chosen, count)
     own = {name: x for name in patch.__dataclass_fields__ if isinstance(x := getattr(patch, name), Dual)}
     if len({key for x in own.values() for key in x.partials}) <= len(own):
         return _resultants(patch, chosen)
     seeded = replace(patch, **{name: Dual(x.value, {name: 1.0}) for name, x in own.items()})
     found = _resultants(seeded, chosen)
     return Resultants(*(_chained(getattr(found, name), own) for name in Resultants.__dataclass_fields__))
+
+
+def _compilable(patch: Patch) -> int:
+    """Return the number of samples of a patch of columns, real or with derivatives; 0 of any other kind."""
+    count = 0
+    for name in patch.__dataclass_fields__:
+        x = getattr(patch, name)
+        if not isinstance(x, Dual) and np.iscomplexobj(x):
+            return 0
+        shape = np.shape(value_of(x))
+        if shape not in ((), (1,), (1, 1)):
+            if len(shape) != 2 or shape[1] != 1 or count not in (0, shape[0]):
+                return 0
+            count = shape[0]
+        elif shape == (1, 1):
+            count = count or 1
+    return count
+
+
+def _compiled(core: Any, patch: Patch, quadrature: Quadrature, count: int) -> Resultants:
+    """Return what `_resultants` does, by the compiled core: derivatives by the entries, then the chain rule."""
+    numbers = {name: getattr(patch, name) for name in patch.__dataclass_fields__}
+    wanted = sum(1 << i for i, x in enumerate(numbers.values()) if isinstance(x, Dual))
+    entries = [value_of(x) for x in numbers.values()]
+    values, slopes = compiled.contact(core, entries, count, rules_of(quadrature), wanted)
+    if not wanted:
+        return Resultants(*(x[:, None] for x in values))
+    partials: dict[str, FloatArray] = {}
+    for slope, x in zip(slopes, (x for x in numbers.values() if isinstance(x, Dual)), strict=True):
+        for key, d in x.partials.items():
+            term = slope * np.ravel(d)
+            partials[key] = partials[key] + term if key in partials else term
+    return Resultants(
+        *(Dual(x[:, None], {k: d[i][:, None] for k, d in partials.items()}) for i, x in enumerate(values))
+    )
+
+
+@lru_cache(maxsize=8)
+def rules_of(quadrature: Quadrature) -> FloatArray:
+    """Return the numbers of the rules as the compiled core takes them."""
+    found = []
+    for nodes in (quadrature.nodes, 2 * quadrature.nodes):
+        for vanishing in ("start", "end", "none"):
+            one = rule(nodes, quadrature.power, vanishing)
+            found += [one.at, one.left, one.weights]
+    return np.concatenate(found)
 
 
 def _chained(x: Number, inner: dict[str, Dual]) -> Number:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import NAMES, RESULTS, BenchmarkError, in_own_process, main, run
-from benchmarks.table import Mark, Row, at_least, at_most, compared, judged, page, rate_of, times
+from benchmarks.table import Mark, Row, at_least, at_most, compared, judged, page, rate_of, times, with_verdict
 from benchmarks.timing import command_cost, cpu_seconds, side_by_side
 
 ROOT = Path(__file__).parents[2]
@@ -111,6 +111,27 @@ def test_functions_take_turns_after_a_call_that_does_not_count() -> None:
 def test_waiting_costs_no_processor_time_and_work_does() -> None:
     assert cpu_seconds(lambda: time.sleep(0.1)) < 0.05
     assert cpu_seconds(lambda: spin(0.05)) >= 0.05
+    spinning = "import time\nwhile time.process_time() < 0.1: pass"
+    assert cpu_seconds(lambda: subprocess.run([sys.executable, "-c", spinning], check=True)) >= 0.1
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="memory of processes is counted by Linux only")
+def test_a_command_holds_what_all_its_processes_hold_at_once() -> None:
+    holding = "import time; held = b'x' * 40_000_000; time.sleep(0.6)"
+    both = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {holding!r}]); {holding}"
+    assert (
+        80 < command_cost([sys.executable, "-c", both]).peak_mb < 80 + command_cost([sys.executable, "-c", ""]).peak_mb
+    )
+
+
+def test_a_wrong_verdict_misses_every_mark() -> None:
+    reached, stated = judged("diagnose", "1 s", 1, at_most(2, "s")), Row("diagnose", "1 s")
+    assert (
+        with_verdict(reached, "named slope", right=True).line()
+        == "| diagnose | 1 s, named slope | - | - | <= 2 s | yes |"
+    )
+    assert with_verdict(reached, "named slope", right=False).line().endswith("<= 2 s, a right verdict | **no** |")
+    assert with_verdict(stated, "named slope", right=False).line().endswith("| a right verdict | **no** |")
 
 
 def test_a_command_costs_what_its_children_cost() -> None:

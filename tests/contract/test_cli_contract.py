@@ -67,7 +67,7 @@ def test_its_file_names_it(name):
 def test_the_root_lists_all_and_knows_its_version():
     listed = ok("--help").out
     assert all(name in listed and entry.summary in " ".join(listed.split()) for name, entry in COMMANDS.items())
-    assert ok("--version").out == f"wheelsoil {__version__}\n"
+    assert re.fullmatch(rf"wheelsoil {re.escape(__version__)} \(core: (compiled|numpy: .+)\)\n", ok("--version").out)
     wrong = invoke("proces")
     assert wrong.code == 2
     assert "nearest: process" in wrong.err

@@ -150,7 +150,12 @@ def _group() -> Any:
 
 def _version(asked: bool) -> None:
     if asked:
-        typer.echo(f"wheelsoil {__version__}")
+        from model import core_in_use
+
+        try:
+            typer.echo(f"wheelsoil {__version__} (core: {core_in_use()})")
+        except WheelsoilError as error:
+            raise typer.Exit(_report(error)) from None
         raise typer.Exit
 
 

@@ -20,11 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from daq import BoolArray, FloatArray, IndexArray
+from model.compiled import NoiseAt, NoiseProcesses
+from model.core_library import library
 from model.cores import Ask, spread
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear
@@ -77,6 +80,13 @@ class Block:
     constants: tuple[tuple[str, FloatArray], ...]
     white: tuple[tuple[str, BoolArray], ...]
     fixed: FloatArray
+
+    @cached_property
+    def compiled(self) -> NoiseProcesses:
+        """Processes as the compiled core takes them."""
+        over_distance = [process.over_distance for process, _ in self.processes]
+        lags = np.stack([self.seconds, self.metres])
+        return NoiseProcesses([loads for _, loads in self.processes], lags, over_distance)
 
 
 def blocks_of(
@@ -164,25 +174,59 @@ def _block(
     )
 
 
-class _Covariance:
-    """Covariance of a block's noise (m, m), and its derivatives by the logarithms of h hyper-parameters.
+class _Processes:
+    """Covariance of a block's processes, and its derivatives, by numpy.
 
     A process is kept over samples, since a row for each channel would repeat its kernel.
     """
 
-    def __init__(self, block: Block, values: Mapping[str, float], names: Sequence[str]) -> None:
-        place = {name: i for i, name in enumerate(names)}
-        self._fixed = block.fixed
-        self._processes = []
+    def __init__(self, block: Block, values: Mapping[str, float]) -> None:
+        self._listed = []
         for process, loads in block.processes:
-            slopes, kernel = [], np.eye(len(block.seconds))
+            by_time, kernel = None, np.eye(len(block.seconds))
             if process.time is not None:
                 lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
                 kernel = np.exp(-lag)
-                slopes.append((place[process.time], lag * kernel))
-            slopes.append((place[process.deviation], 2.0 * kernel))
+                by_time = lag * kernel
             scaled = values[process.deviation] * loads
-            self._processes.append((scaled, scaled.T.tocsr(), kernel, slopes))
+            self._listed.append((scaled, scaled.T.tocsr(), kernel, (by_time, 2.0 * kernel)))
+
+    def add_to(self, covariance: FloatArray) -> None:
+        """See `model.compiled.NoiseAt`, also of the others."""
+        for _, back, kernel, _ in self._listed:
+            covariance += back @ (back @ kernel).T
+
+    def slope_products(self, x: FloatArray) -> FloatArray:
+        found = np.zeros((len(self._listed), 2, len(x)))
+        for own, (loads, back, _, slopes) in zip(found, self._listed, strict=True):
+            by_sample = loads @ x
+            for i, slope in enumerate(slopes):
+                if slope is not None:
+                    own[i] = back @ (slope @ by_sample)
+        return found
+
+    def slope_traces(self, other: FloatArray) -> FloatArray:
+        found = np.zeros((len(self._listed), 2))
+        for own, (loads, _, _, slopes) in zip(found, self._listed, strict=True):
+            seen = loads @ (loads @ other).T
+            own[:] = [0.0 if slope is None else np.vdot(seen, slope) for slope in slopes]
+        return found
+
+
+class _Covariance:
+    """Covariance of a block's noise (m, m), and its derivatives by the logarithms of h hyper-parameters."""
+
+    def __init__(self, block: Block, values: Mapping[str, float], names: Sequence[str]) -> None:
+        place = {name: i for i, name in enumerate(names)}
+        self._fixed = block.fixed
+        listed = [process for process, _ in block.processes]
+        self._processes: _Processes | NoiseAt
+        if core := library():
+            times = np.array([values[p.time] if p.time else 0.0 for p in listed])
+            self._processes = block.compiled.at(core, times, np.array([values[p.deviation] for p in listed]))
+        else:
+            self._processes = _Processes(block, values)
+        self._of_process = np.array([[place.get(p.time or "", -1), place[p.deviation]] for p in listed])
         self._constants = np.column_stack([values[name] * loads for name, loads in block.constants])
         self._of_constant = np.array([place[name] for name, _ in block.constants])
         self._white = np.column_stack([values[name] ** 2 * chosen for name, chosen in block.white])
@@ -191,19 +235,15 @@ class _Covariance:
 
     def matrix(self) -> FloatArray:
         """Return it."""
-        found = self._constants @ self._constants.T
-        for _, back, kernel, _ in self._processes:
-            found += back @ (back @ kernel).T
+        found = np.asarray(self._constants @ self._constants.T)
+        self._processes.add_to(found)
         found[np.diag_indices_from(found)] += self._fixed + self._white.sum(axis=1)
-        return np.asarray(found)
+        return found
 
     def slopes_times(self, x: FloatArray) -> FloatArray:
         """Return the product of each derivative with a vector (m,), shape (m, h)."""
         found = np.zeros((self._count, len(x)))
-        for loads, back, _, slopes in self._processes:
-            by_sample = loads @ x
-            for place, slope in slopes:
-                found[place] += back @ (slope @ by_sample)
+        self._add(found, self._processes.slope_products(x))
         np.add.at(found, self._of_constant, 2.0 * self._constants.T * (x @ self._constants)[:, None])
         np.add.at(found, self._of_white, 2.0 * self._white.T * x)
         return found.T
@@ -211,13 +251,15 @@ class _Covariance:
     def slope_traces(self, other: FloatArray) -> FloatArray:
         """Return the trace of each derivative's product with a symmetric matrix (m, m), shape (h,)."""
         found = np.zeros(self._count)
-        for loads, _, _, slopes in self._processes:
-            seen = loads @ (loads @ other).T
-            for place, slope in slopes:
-                found[place] += np.vdot(seen, slope)
+        self._add(found, self._processes.slope_traces(other))
         np.add.at(found, self._of_constant, 2.0 * (self._constants * (other @ self._constants)).sum(axis=0))
         np.add.at(found, self._of_white, 2.0 * np.diag(other) @ self._white)
         return found
+
+    def _add(self, found: FloatArray, by_process: FloatArray) -> None:
+        """Add what is by ln time and ln sigma of each process, (P, 2, ...), to what is by hyper-parameter, (h, ...)."""
+        there = self._of_process >= 0
+        np.add.at(found, self._of_process[there], by_process[there])
 
 
 OF_FEW = (

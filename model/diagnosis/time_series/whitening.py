@@ -17,11 +17,14 @@ Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from ctypes import CDLL
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
+from model import compiled
+from model.core_library import library
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
@@ -82,6 +85,14 @@ class StateSpace:
         near = replace(near, shares=near.shares[own]) if near else None
         return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own], near)
 
+    def compiled(self, core: CDLL) -> compiled.StateSpace:
+        """Return it as the compiled core takes it."""
+        nobody = np.zeros(0, np.intp)
+        positions = (nobody, nobody, nobody, np.zeros((*self.decay.shape[:2], 3, 0)))
+        if near := self.neighbours:
+            positions = (near.later, near.now, near.before, near.shares)
+        return compiled.StateSpace(core, (self.loadings, self.decay, self.stationary(), self.white), positions)
+
     def stationary(self) -> FloatArray:
         """Return the covariance of the states before any data, shape (S, S)."""
         found = np.diag(self.variance)
@@ -128,6 +139,9 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
     """
     runs, count, channels, width = columns.shape
     states, stationary = len(space.variance), space.stationary()
+    if core := library():
+        out, log_determinants = space.compiled(core).whiten(columns)
+        return Whitened(out.reshape(runs, count * channels, width), log_determinants)
     covariance = np.repeat(stationary[None], runs, axis=0)
     state = np.zeros((runs, states, width))
     out = np.zeros_like(columns)
@@ -166,6 +180,8 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
     -----
     The fixed-interval smoother of Rauch, Tung & Striebel (1965).
     """
+    if core := library():
+        return space.compiled(core).smooth(data)
     runs, count, channels = data.shape
     states, stationary = len(space.variance), space.stationary()
     mean, covariance = np.zeros((runs, states)), np.repeat(stationary[None], runs, axis=0)
