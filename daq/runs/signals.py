@@ -9,12 +9,9 @@ from math import nan
 import numpy as np
 
 from daq.arrays import FloatArray, IntArray
+from daq.sampling import SamplingEstimator
 
 MOST_MESSAGES = 5000
-_STEPS = 4096
-"""Intervals of a message from which its usual one is taken."""
-_REGULAR = 0.25
-"""A message comes at a rate when most of its intervals are within this share of the usual one."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +34,9 @@ class MessageFacts:
     bus : str
         Empty for decoded series.
     rate_hz : float
-        From the usual interval; NaN below two samples.
+        Samples over duration, without pauses; NaN below two samples (`daq.sampling`).
     missing_share : float
-        Of the samples that the usual interval lets expect; NaN where they come at no rate.
+        Of the samples that the sender's period lets expect; NaN where they come at no rate.
     longest_gap_s, gap_at_s : float
         The longest interval, and when it began after the run's first sample.
     """
@@ -84,7 +81,7 @@ class _Message:
         self.count = 0
         self.first_ns = self.last_ns = 0
         self._gap_ns, self._gap_at_ns = 0, 0
-        self._steps: list[IntArray] = []
+        self._sampling = SamplingEstimator()
         self._present = dict.fromkeys(units, 0)
         self._range = dict.fromkeys(units, (np.inf, -np.inf))
 
@@ -96,8 +93,7 @@ class _Message:
         longest = int(np.argmax(steps))
         if steps[longest] > self._gap_ns:
             self._gap_ns, self._gap_at_ns = int(steps[longest]), int(time_ns[longest] - steps[longest])
-        if sum(map(len, self._steps)) < _STEPS:
-            self._steps.append(steps[0 if self.count else 1 :])
+        self._sampling.take(time_ns)
         if not self.count:
             self.first_ns = int(time_ns[0])
         self.last_ns = int(time_ns[-1])
@@ -110,11 +106,7 @@ class _Message:
                 self._present[name] += len(there)
 
     def facts(self, bus: str, name: str, start_ns: int) -> MessageFacts:
-        steps = np.concatenate([np.zeros(0, np.int64), *self._steps])
-        steps = steps[steps > 0]
-        usual_ns = float(np.median(steps)) if len(steps) else nan
-        regular = len(steps) > 0 and float(np.mean(np.abs(steps / usual_ns - 1) < _REGULAR)) > 0.5
-        expected = (self.last_ns - self.first_ns) / usual_ns + 1 if regular else nan
+        sampling = self._sampling.estimate()
         signals = []
         for signal, unit in self.units.items():
             low, high = self._range[signal] if self._present[signal] else (nan, nan)
@@ -124,8 +116,8 @@ class _Message:
             bus=bus,
             name=name,
             samples=self.count,
-            rate_hz=1e9 / usual_ns,
-            missing_share=max(0.0, 1.0 - self.count / expected),
+            rate_hz=sampling.rate_hz,
+            missing_share=sampling.missing_share,
             longest_gap_s=self._gap_ns * 1e-9 if self.count > 1 else nan,
             gap_at_s=(self._gap_at_ns - start_ns) * 1e-9,
             signals=tuple(signals),

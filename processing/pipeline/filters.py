@@ -164,7 +164,7 @@ def filtered_sigma(
     `declared` is the one-sigma of one raw sample. NaN where nothing is declared and there are too few samples.
     """
     source = "estimated" if declared is None else "declared"
-    interval_s = samples.interval_s
+    interval_s = samples.sampling.interval_s
     if not isfinite(interval_s):
         return (nan if declared is None else declared), source
     white = _white_variance(samples, residuals, kernel_sigma_s)
@@ -204,7 +204,7 @@ def _white_variance(samples: Samples, residuals: FloatArray, kernel_sigma_s: flo
     if len(residuals) < _LEAST_SAMPLES:
         return nan
     spread = robust_spread(residuals - np.median(residuals))
-    raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.interval_s
+    raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.sampling.interval_s
     peak = 1 / (sqrt(2 * pi) * kernel_sigma_s)
     density = spread**2 / max(raw - 2 * peak + white_noise_bandwidth(kernel_sigma_s), 0.1 * raw)
-    return density / samples.interval_s
+    return density / samples.sampling.interval_s

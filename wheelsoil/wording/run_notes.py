@@ -68,7 +68,10 @@ def _ends(v: Values) -> str:
 
 def _cutoff(v: Values) -> str:
     asked = f" instead of {v['asked_hz']:g} Hz" if v["asked_hz"] else ""
-    return f"{v['role']} comes at {v['rate_hz']:.3g} Hz: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
+    held = f", in bursts {v['held_s']:.2g} s apart" if v["held_s"] else ""
+    return (
+        f"{v['role']} comes at {v['rate_hz']:.3g} Hz{held}: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
+    )
 
 
 def _distrusted(v: Values) -> str:
