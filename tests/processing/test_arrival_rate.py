@@ -7,6 +7,8 @@ import pytest
 from synthetic_run import forces, speeds, vehicle
 
 from daq import Channel
+from processing.notes import RunCode
+from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
 from wheelsoil.wording.notes import texts_of
 
@@ -42,4 +44,25 @@ def test_lost_samples_lower_the_rate() -> None:
     lossy = Channel(ground.name, ground.unit, ground.time_ns[kept], ground.values[kept])
     run = process(channels | {"ground_speed": lossy}, vehicle())
     assert run.quality.sensors["ground_speed"].rate_hz == pytest.approx(100 * kept.mean(), rel=0.01)
-    assert run.used.mean() > 0.9
+
+
+def test_little_used_says_what_a_longer_gap_gives_and_it_does() -> None:
+    channels = speeds(60.0, 0.1, ground_rate_hz=50.0) | forces(60.0)
+    ground = channels["ground_speed"]
+    kept = np.repeat(np.random.default_rng(2).random(len(ground) // 10) > 0.4, 10)
+    patchy = Channel(ground.name, ground.unit, ground.time_ns[kept], ground.values[kept])
+    run = process(channels | {"ground_speed": patchy}, vehicle())
+    (note,) = (note for note in run.quality.notes if note.code is RunCode.LITTLE_USED)
+    assert note.values["used"] == pytest.approx(run.used.mean()) and run.used.mean() < 0.5
+    longer = process(
+        channels | {"ground_speed": patchy}, vehicle(), options=ProcessOptions(max_gap_s=note.values["max_gap_s"])
+    )
+    assert longer.used.mean() == pytest.approx(note.values["used_then"]) and longer.used.mean() > run.used.mean() + 0.3
+    assert f"{longer.used.mean():.1%} would be with `process --max-gap" in " ".join(texts_of(run.quality.notes))
+
+
+def test_nothing_is_proposed_where_no_gap_helps() -> None:
+    channels = speeds(60.0, 0.1, speed=lambda time_s: np.where(time_s < 50, 0.3, 2.0) + 0 * time_s) | forces(60.0)
+    run = process(channels, vehicle(), options=ProcessOptions(min_speed_mps=1.0))
+    (note,) = (note for note in run.quality.notes if note.code is RunCode.LITTLE_USED)
+    assert note.values["max_gap_s"] is None and note.values["reason"] == "TOO_SLOW"

@@ -74,6 +74,14 @@ def _cutoff(v: Values) -> str:
     )
 
 
+def _little_used(v: Values) -> str:
+    used = f"only {v['used']:.1%} of the samples are used"
+    if v["max_gap_s"] is None:
+        return f"{used}; {v['share']:.1%} are excluded as {v['reason'].lower().replace('_', ' ')}"
+    gap = f"`process --max-gap {v['max_gap_s']:g}`, or max_gap_s = {v['max_gap_s']:g} in choice.toml"
+    return f"{used}, for they come with holes; {v['used_then']:.1%} would be with {gap}"
+
+
 def _distrusted(v: Values) -> str:
     why = ", ".join(f"{word} {count:,}" for word, count in sorted(v["statuses"].items(), key=lambda item: -item[1]))
     return f"the transducer distrusts {v['count']:,} samples, which are excluded; its status: {why}"
@@ -168,6 +176,7 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.ROLE_MISSING: _missing,
     RunCode.GNSS_CLOCK_UNKNOWN: "gnss_time: too few epochs to compare the clocks",
     RunCode.CUTOFF_LOWERED: _cutoff,
+    RunCode.LITTLE_USED: _little_used,
     RunCode.INERTIA_LEFT: (
         "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
     ),
