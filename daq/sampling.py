@@ -26,7 +26,9 @@ _PAUSE_INTERVALS, _PAUSE_HOLES = 10, 5
 _LEAST_PAUSES_IN_DOUBT = 10
 _NEAR = 0.25
 """An interval within this share of the median is a usual one."""
-_EVEN = 0.05
+_EVEN_BALANCED, _EVEN = 0.02, 0.1
+"""Mean and median differ by less: by jitter where blocks take equal times, else by lost samples, which the median does
+not count."""
 _LEAST_BLOCKS, _SMALLEST_BLOCK, _LARGEST_BLOCK = 16, 8, 256
 _OUTLYING = 4.0
 _BALANCED = 0.2
@@ -147,7 +149,7 @@ class SamplingEstimator:
         mean_ns = float(np.mean([one.interval_ns for one in self._blocks])) if self._blocks else duration_ns / count
         usual = self._near > 0.5 * self._positive
         balanced = self._balanced()
-        if usual and abs(mean_ns / median_ns - 1) < _EVEN:
+        if usual and abs(mean_ns / median_ns - 1) < (_EVEN_BALANCED if balanced else _EVEN):
             interval_ns = spacing_ns = median_ns
             period_ns = mean_ns if balanced else median_ns
         else:
