@@ -60,6 +60,8 @@ class Sampling:
         Of the samples that the period lets expect from the first to the last; NaN without a period.
     pauses : int
         Holes that are not counted in the duration.
+    regular : bool
+        Whether the sender keeps its rate: intervals are even, or holes are made up for, however late samples come.
     """
 
     rate_hz: float = nan
@@ -68,6 +70,7 @@ class Sampling:
     period_s: float = nan
     missing_share: float = nan
     pauses: int = 0
+    regular: bool = False
 
     @property
     def in_bursts(self) -> bool:
@@ -149,7 +152,8 @@ class SamplingEstimator:
         mean_ns = float(np.mean([one.interval_ns for one in self._blocks])) if self._blocks else duration_ns / count
         usual = self._near > 0.5 * self._positive
         balanced = self._balanced()
-        if usual and abs(mean_ns / median_ns - 1) < (_EVEN_BALANCED if balanced else _EVEN):
+        even = usual and abs(mean_ns / median_ns - 1) < (_EVEN_BALANCED if balanced else _EVEN)
+        if even:
             interval_ns = spacing_ns = median_ns
             period_ns = mean_ns if balanced else median_ns
         else:
@@ -168,6 +172,7 @@ class SamplingEstimator:
             period_s=period_ns * 1e-9,
             missing_share=self._missing(period_ns),
             pauses=pauses,
+            regular=even or balanced,
         )
 
     def _settle(self) -> None:

@@ -252,11 +252,12 @@ def _print_parts(facts: FileFacts) -> None:
 
 
 def _print_losses(facts: FileFacts) -> None:
+    from wheelsoil.wording.losses import losses_as_texts
+
     rows = []
-    for key, count in facts.losses.items():
+    for key, count in losses_as_texts(facts.losses).items():
         kind, _, where = key.partition(".")
-        if count:
-            rows.append([where, _LOSS_KINDS.get(kind, kind), f"{count:,}"])
+        rows.append([where, _LOSS_KINDS.get(kind, kind), count])
     print_table(["lost on", "how", "frames"], rows, left=2)
 
 

@@ -83,7 +83,7 @@ class FileFacts:
         `drops` only of the buses whose recorder counted them.
     losses : mapping str -> int
         What the logger counted: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``,
-        ``missing.<bus>.<message>``.
+        ``missing.<bus>.<message>``, ``wrapped.<bus>.<message>``.
     events : tuple of Event
         Marks and what else happened, in their order.
     unsure_frames : int
