@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
+from types import MappingProxyType
 
 import numpy as np
 
 from daq.arrays import FloatArray, IntArray
+from daq.can.roles import NoData
 from daq.sampling import SamplingEstimator
 
 MOST_MESSAGES = 5000
@@ -16,13 +19,27 @@ MOST_MESSAGES = 5000
 
 @dataclass(frozen=True)
 class SignalFacts:
-    """Attributes: the range of what came (NaN where nothing did), and the share of the samples that have a value."""
+    """What came of one signal.
+
+    Attributes
+    ----------
+    least, most : float
+        The range of its values; NaN where there was none.
+    share : float
+        Of the samples that have a value.
+    absent : mapping str -> int
+        Samples without a value by the sender's own word, by that word.
+    all_bits_set : int
+        Samples with all bits set, which the DBC does not declare as no value: they count as values.
+    """
 
     name: str
     unit: str
     least: float
     most: float
     share: float
+    absent: dict[str, int] = field(default_factory=dict)
+    all_bits_set: int = 0
 
 
 @dataclass(frozen=True)
@@ -58,14 +75,23 @@ class SignalTally:
         self._messages: dict[tuple[str, str], _Message] = {}
 
     def take(
-        self, bus: str, name: str, time_ns: IntArray, values: Mapping[str, FloatArray], units: Mapping[str, str]
+        self,
+        bus: str,
+        name: str,
+        time_ns: IntArray,
+        values: Mapping[str, FloatArray],
+        units: Mapping[str, str],
+        no_data: Mapping[str, NoData] = MappingProxyType({}),
     ) -> None:
-        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over."""
+        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over.
+
+        `no_data` says which values of a signal are none.
+        """
         message = self._messages.get((bus, name))
         if message is None:
             if len(self._messages) == MOST_MESSAGES:
                 return
-            message = self._messages[bus, name] = _Message(dict(units))
+            message = self._messages[bus, name] = _Message(dict(units), no_data)
         message.take(time_ns, values)
 
     def facts(self) -> tuple[MessageFacts, ...]:
@@ -76,8 +102,11 @@ class SignalTally:
 
 
 class _Message:
-    def __init__(self, units: Mapping[str, str]) -> None:
+    def __init__(self, units: Mapping[str, str], no_data: Mapping[str, NoData]) -> None:
         self.units = units
+        self._no_data = no_data
+        self._absent: dict[str, Counter[str]] = {name: Counter() for name in units}
+        self._all_bits_set = dict.fromkeys(units, 0)
         self.count = 0
         self.first_ns = self.last_ns = 0
         self._gap_ns, self._gap_at_ns = 0, 0
@@ -100,10 +129,21 @@ class _Message:
         self.count += len(time_ns)
         for name, column in values.items():
             there = column[np.isfinite(column)]
+            if name in self._no_data:
+                there = self._without_absent(name, there)
             if len(there):
                 low, high = self._range[name]
                 self._range[name] = (min(low, float(there.min())), max(high, float(there.max())))
                 self._present[name] += len(there)
+
+    def _without_absent(self, name: str, values: FloatArray) -> FloatArray:
+        """Count what is no value, and what may be none; return the values."""
+        none = self._no_data[name]
+        for word, mask in none.masks(values).items():
+            self._absent[name][word] += int(np.count_nonzero(mask))
+        if none.all_bits_set is not None:
+            self._all_bits_set[name] += int(np.count_nonzero(values == none.all_bits_set))
+        return values[none.is_value(values)]
 
     def facts(self, bus: str, name: str, start_ns: int) -> MessageFacts:
         sampling = self._sampling.estimate()
@@ -111,7 +151,8 @@ class _Message:
         for signal, unit in self.units.items():
             low, high = self._range[signal] if self._present[signal] else (nan, nan)
             share = self._present[signal] / self.count if self.count else 0.0
-            signals.append(SignalFacts(signal, unit, low, high, share))
+            absent, full = dict(self._absent[signal]), self._all_bits_set[signal]
+            signals.append(SignalFacts(signal, unit, low, high, share, absent, full))
         return MessageFacts(
             bus=bus,
             name=name,

@@ -220,7 +220,7 @@ def signal_health(one: WatchedMessage, scene: Scene) -> tuple[list[SignalHealth]
 
 
 def _in_si(reference: SignalRef, value: float) -> float:
-    missing = value >= reference.missing_from or value in reference.missing
+    missing = value >= reference.no_data.above or value in reference.no_data.words
     return math.nan if missing else value * reference.si_factor + reference.si_offset
 
 
