@@ -62,6 +62,11 @@ from .machine import peak_memory_bytes as peak_memory_bytes
 from .notes import Note as Note
 from .notes import RecordingCode as RecordingCode
 from .notes import Severity as Severity
+from .sampling import BRIDGED_INTERVALS as BRIDGED_INTERVALS
+from .sampling import Sampling as Sampling
+from .sampling import SamplingEstimator as SamplingEstimator
+from .sampling import mean_interval_ns as mean_interval_ns
+from .sampling import sampling_of as sampling_of
 from .units import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .units import Quantity as Quantity
 from .units import Unit as Unit

@@ -54,7 +54,7 @@ class SensorFacts:
     samples, late : int
         Usable samples; samples excluded because their stamps ran backward.
     rate_hz, longest_gap_s : float
-        Median rate; longest time without a usable sample (NaN without samples).
+        Samples over duration, without pauses; longest time without a usable sample (NaN without samples).
     gaps : int
         Holes that were not bridged.
     latency_s : float

@@ -22,5 +22,7 @@ from .frames import messages_from_frames as messages_from_frames
 from .frames import split as split
 from .identify import Coverage as Coverage
 from .identify import coverage as coverage
+from .roles import NoData as NoData
 from .roles import SignalRef as SignalRef
+from .roles import no_data_of as no_data_of
 from .roles import resolve_roles as resolve_roles

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from daq.arrays import BoolArray, FloatArray
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.databases import Database, messages_by_bus
 from daq.channels import ROLES, Channel, Use
@@ -30,6 +31,46 @@ _NO_DATA = re.compile(
     r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
 )
 
+_NOT_AVAILABLE = re.compile(r"not.?avail|unavail|^(sna|n/?a)$", re.IGNORECASE)
+_LEAST_BITS, _LEAST_MEASURED_BITS = 8, 12
+"""Extreme codes of shorter signals are values."""
+_EXTREME = "extreme code outside the DBC's range"
+_J1939 = "error or not available (J1939)"
+
+
+@dataclass(frozen=True)
+class NoData:
+    """Which decoded values of a signal are none.
+
+    Attributes
+    ----------
+    words : mapping float -> str
+        By the value table ("not available", "SNA", "error", ...), or an extreme code outside the range of the DBC.
+    above : float
+        Values from here on are none: J1939 keeps the top of every range for that.
+    all_bits_set : float or None
+        The value of an unsigned signal with all bits set where the DBC has it as a value, as many senders use it for
+        none all the same.
+    """
+
+    words: Mapping[float, str] = field(default_factory=dict)
+    above: float = math.inf
+    all_bits_set: float | None = None
+
+    def masks(self, values: FloatArray) -> dict[str, BoolArray]:
+        """Return where there is none, shape of `values`, by the reason."""
+        found: dict[str, BoolArray] = {}
+        for value, word in self.words.items():
+            found[word] = found.get(word, np.zeros(len(values), np.bool_)) | (values == value)
+        if math.isfinite(self.above):
+            found[_J1939] = (values >= self.above) & ~np.isin(values, list(self.words))
+        return {word: mask for word, mask in found.items() if mask.any()}
+
+    def is_value(self, values: FloatArray) -> BoolArray:
+        """Return where there is one, shape of `values`."""
+        masks = [*self.masks(values).values()]
+        return ~np.any(masks, axis=0) if masks else np.ones(len(values), np.bool_)
+
 
 @dataclass(frozen=True)
 class SignalRef:
@@ -45,10 +86,8 @@ class SignalRef:
         ``N, Nm, m/s, rad/s, rad, m, s`` or ``1``.
     si_factor, si_offset : float
         SI value = decoded value * si_factor + si_offset.
-    missing : tuple of float
-        Decoded values that the DBC's value table says are no data ("not available", "SNA", "error", ...).
-    missing_from : float
-        Decoded values from here on are no data (J1939 keeps the top of every range for that).
+    no_data : NoData
+        Which decoded values are none.
     """
 
     role: str
@@ -59,8 +98,7 @@ class SignalRef:
     si_unit: str
     si_factor: float
     si_offset: float = 0.0
-    missing: tuple[float, ...] = ()
-    missing_from: float = math.inf
+    no_data: NoData = field(default_factory=NoData)
 
     @property
     def name(self) -> str:
@@ -75,9 +113,7 @@ class SignalRef:
     def to_si(self, channel: Channel) -> Channel:
         """Return the decoded channel in SI, named by the role; NaN where the sender had no data."""
         values = channel.values * self.si_factor + self.si_offset
-        values[channel.values >= self.missing_from] = np.nan
-        for value in self.missing:
-            values[channel.values == value] = np.nan
+        values[~self.no_data.is_value(channel.values)] = np.nan
         return Channel(self.role, self.si_unit, channel.time_ns, values, channel.labels)
 
 
@@ -178,8 +214,7 @@ class _Place(NamedTuple):
     signal: str
     unit: str
     advice: str
-    missing: tuple[float, ...] = ()
-    missing_from: float = math.inf
+    no_data: NoData = NoData()
 
 
 def _resolved(
@@ -224,8 +259,8 @@ def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -
             return Fault(what, f"vehicle.toml [signals] {role}", "no [wheel]", next_step=step)
         factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
     at = (role, place.bus, place.message, place.signal, text)
-    missing = () if ROLES[role].use is Use.FLAG else place.missing
-    return SignalRef(*at, si_unit, name.sign * factor, name.sign * unit.offset, missing, place.missing_from)
+    no_data = replace(place.no_data, words={}) if ROLES[role].use is Use.FLAG else place.no_data
+    return SignalRef(*at, si_unit, name.sign * factor, name.sign * unit.offset, no_data)
 
 
 def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, str]]) -> _Place | Fault:
@@ -266,16 +301,41 @@ def means_no_data(label: str) -> bool:
     return bool(_NO_DATA.search(label.strip()))
 
 
-def _missing(signal: Signal) -> tuple[float, ...]:
-    labelled = (raw for raw, label in signal.labels.items() if means_no_data(label))
-    return tuple(float(raw * signal.scale + signal.offset) for raw in labelled)
+def no_data_of(message: Message, signal: Signal) -> NoData:
+    """Return which decoded values of a signal are none, by what the DBC declares of it."""
+    said = [(raw, label) for raw, label in signal.labels.items() if means_no_data(label)]
+    if not signal.unit and len(said) < len(signal.labels):  # an enumeration: "error" is one of its values
+        said = [(raw, label) for raw, label in said if _NOT_AVAILABLE.search(label.strip())]
+    words = {_physical(signal, raw): label for raw, label in said}
+    above = _j1939_none_from(signal) if message.j1939 else math.inf
+    if signal.kind not in (RawKind.UNSIGNED, RawKind.SIGNED) or signal.length_bits < _LEAST_BITS:
+        return NoData(words, above)
+    low, high = signal.raw_range
+    extremes = (high,) if signal.kind is RawKind.UNSIGNED else (low, high)
+    for value in (_physical(signal, raw) for raw in extremes):
+        if _outside(signal, value):
+            words.setdefault(value, _EXTREME)
+    whole = _physical(signal, high)
+    measured = signal.kind is RawKind.UNSIGNED and bool(signal.unit) and signal.length_bits >= _LEAST_MEASURED_BITS
+    open_ = measured and whole not in words and whole < above and high not in signal.labels
+    return NoData(words, above, whole if open_ else None)
 
 
-def _missing_from(signal: Signal) -> float:
+def _physical(signal: Signal, raw: int) -> float:
+    return float(raw * signal.scale + signal.offset)
+
+
+def _outside(signal: Signal, value: float) -> bool:
+    """Return whether a value is beyond the range that a DBC declares; 0 to 0 is none."""
+    low, high = signal.minimum, signal.maximum
+    return low is not None and high is not None and low < high and not low <= value <= high
+
+
+def _j1939_none_from(signal: Signal) -> float:
     """Return where J1939's error and not-available ranges begin: 0xFE in the highest byte."""
     if signal.kind is not RawKind.UNSIGNED or signal.length_bits not in (8, 16, 32) or signal.scale <= 0:
         return math.inf
-    return float((0xFE << (signal.length_bits - 8)) * signal.scale + signal.offset)
+    return _physical(signal, 0xFE << (signal.length_bits - 8))
 
 
 def _find_signal(role: str, name: SignalName, messages: Mapping[str, Mapping[str, Message]]) -> _Place | Fault:
@@ -292,9 +352,8 @@ def _find_signal(role: str, name: SignalName, messages: Mapping[str, Mapping[str
     if len(hits) == 1:
         bus, message = hits[0]
         signal = message.by_name[signal_name]
-        limit = _missing_from(signal) if message.j1939 else math.inf
         advice = "write the unit the sender uses into the DBC"
-        return _Place(bus, message_name, signal_name, signal.unit, advice, _missing(signal), limit)
+        return _Place(bus, message_name, signal_name, signal.unit, advice, no_data_of(message, signal))
     if hits:
         choices = " or ".join(f'"{bus}:{path}"' for bus, _ in hits)
         return Fault(f"{path} is on several buses", where, repr(str(name)), choices, "name the bus")

@@ -130,7 +130,8 @@ class LogSummary:
         Frames that the kernel lost, of the buses that count them.
     losses : dict of str to int
         Everything that was lost: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` (the rolling counter
-        jumped) and ``missing.<bus>.<message>`` (against the learned rate).
+        jumped), ``wrapped.<bus>.<message>`` (gaps in which it may have gone round unseen) and
+        ``missing.<bus>.<message>`` (against the learned rate).
     ended_by : str
         ``"duration"``, ``"signal"`` (see `signal_number`), ``"stop"`` or ``"disk"``: it is full, or failed.
     faults : tuple of Fault

@@ -242,7 +242,8 @@ class PartWriter:
         drops : mapping str -> int
             Frames lost before they came here, per bus, since this writer was made.
         losses : mapping str -> int
-            ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``missing.<bus>.<message>``, since then.
+            ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``wrapped.<bus>.<message>``,
+            ``missing.<bus>.<message>``, since then.
         """
         self._lost.note(drops, losses)
         self._lost.write_if_due(self._writer)

@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
+from types import MappingProxyType
 
 import numpy as np
 
 from daq.arrays import FloatArray, IntArray
+from daq.can.roles import NoData
+from daq.sampling import SamplingEstimator
 
 MOST_MESSAGES = 5000
-_STEPS = 4096
-"""Intervals of a message from which its usual one is taken."""
-_REGULAR = 0.25
-"""A message comes at a rate when most of its intervals are within this share of the usual one."""
 
 
 @dataclass(frozen=True)
 class SignalFacts:
-    """Attributes: the range of what came (NaN where nothing did), and the share of the samples that have a value."""
+    """What came of one signal.
+
+    Attributes
+    ----------
+    least, most : float
+        The range of its values; NaN where there was none.
+    share : float
+        Of the samples that have a value.
+    absent : mapping str -> int
+        Samples without a value by the sender's own word, by that word.
+    all_bits_set : int
+        Samples with all bits set, which the DBC does not declare as no value: they count as values.
+    """
 
     name: str
     unit: str
     least: float
     most: float
     share: float
+    absent: dict[str, int] = field(default_factory=dict)
+    all_bits_set: int = 0
 
 
 @dataclass(frozen=True)
@@ -37,9 +51,9 @@ class MessageFacts:
     bus : str
         Empty for decoded series.
     rate_hz : float
-        From the usual interval; NaN below two samples.
+        Samples over duration, without pauses; NaN below two samples (`daq.sampling`).
     missing_share : float
-        Of the samples that the usual interval lets expect; NaN where they come at no rate.
+        Of the samples that the sender's period lets expect; NaN where they come at no rate.
     longest_gap_s, gap_at_s : float
         The longest interval, and when it began after the run's first sample.
     """
@@ -61,14 +75,23 @@ class SignalTally:
         self._messages: dict[tuple[str, str], _Message] = {}
 
     def take(
-        self, bus: str, name: str, time_ns: IntArray, values: Mapping[str, FloatArray], units: Mapping[str, str]
+        self,
+        bus: str,
+        name: str,
+        time_ns: IntArray,
+        values: Mapping[str, FloatArray],
+        units: Mapping[str, str],
+        no_data: Mapping[str, NoData] = MappingProxyType({}),
     ) -> None:
-        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over."""
+        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over.
+
+        `no_data` says which values of a signal are none.
+        """
         message = self._messages.get((bus, name))
         if message is None:
             if len(self._messages) == MOST_MESSAGES:
                 return
-            message = self._messages[bus, name] = _Message(dict(units))
+            message = self._messages[bus, name] = _Message(dict(units), no_data)
         message.take(time_ns, values)
 
     def facts(self) -> tuple[MessageFacts, ...]:
@@ -79,12 +102,15 @@ class SignalTally:
 
 
 class _Message:
-    def __init__(self, units: Mapping[str, str]) -> None:
+    def __init__(self, units: Mapping[str, str], no_data: Mapping[str, NoData]) -> None:
         self.units = units
+        self._no_data = no_data
+        self._absent: dict[str, Counter[str]] = {name: Counter() for name in units}
+        self._all_bits_set = dict.fromkeys(units, 0)
         self.count = 0
         self.first_ns = self.last_ns = 0
         self._gap_ns, self._gap_at_ns = 0, 0
-        self._steps: list[IntArray] = []
+        self._sampling = SamplingEstimator()
         self._present = dict.fromkeys(units, 0)
         self._range = dict.fromkeys(units, (np.inf, -np.inf))
 
@@ -96,36 +122,43 @@ class _Message:
         longest = int(np.argmax(steps))
         if steps[longest] > self._gap_ns:
             self._gap_ns, self._gap_at_ns = int(steps[longest]), int(time_ns[longest] - steps[longest])
-        if sum(map(len, self._steps)) < _STEPS:
-            self._steps.append(steps[0 if self.count else 1 :])
+        self._sampling.take(time_ns)
         if not self.count:
             self.first_ns = int(time_ns[0])
         self.last_ns = int(time_ns[-1])
         self.count += len(time_ns)
         for name, column in values.items():
             there = column[np.isfinite(column)]
+            if name in self._no_data:
+                there = self._without_absent(name, there)
             if len(there):
                 low, high = self._range[name]
                 self._range[name] = (min(low, float(there.min())), max(high, float(there.max())))
                 self._present[name] += len(there)
 
+    def _without_absent(self, name: str, values: FloatArray) -> FloatArray:
+        """Count what is no value, and what may be none; return the values."""
+        none = self._no_data[name]
+        for word, mask in none.masks(values).items():
+            self._absent[name][word] += int(np.count_nonzero(mask))
+        if none.all_bits_set is not None:
+            self._all_bits_set[name] += int(np.count_nonzero(values == none.all_bits_set))
+        return values[none.is_value(values)]
+
     def facts(self, bus: str, name: str, start_ns: int) -> MessageFacts:
-        steps = np.concatenate([np.zeros(0, np.int64), *self._steps])
-        steps = steps[steps > 0]
-        usual_ns = float(np.median(steps)) if len(steps) else nan
-        regular = len(steps) > 0 and float(np.mean(np.abs(steps / usual_ns - 1) < _REGULAR)) > 0.5
-        expected = (self.last_ns - self.first_ns) / usual_ns + 1 if regular else nan
+        sampling = self._sampling.estimate()
         signals = []
         for signal, unit in self.units.items():
             low, high = self._range[signal] if self._present[signal] else (nan, nan)
             share = self._present[signal] / self.count if self.count else 0.0
-            signals.append(SignalFacts(signal, unit, low, high, share))
+            absent, full = dict(self._absent[signal]), self._all_bits_set[signal]
+            signals.append(SignalFacts(signal, unit, low, high, share, absent, full))
         return MessageFacts(
             bus=bus,
             name=name,
             samples=self.count,
-            rate_hz=1e9 / usual_ns,
-            missing_share=max(0.0, 1.0 - self.count / expected),
+            rate_hz=sampling.rate_hz,
+            missing_share=sampling.missing_share,
             longest_gap_s=self._gap_ns * 1e-9 if self.count > 1 else nan,
             gap_at_s=(self._gap_at_ns - start_ns) * 1e-9,
             signals=tuple(signals),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from daq import BoolArray, Channel, FloatArray, IntArray
+from daq import BoolArray, Channel, FloatArray, IntArray, Sampling, SamplingEstimator, mean_interval_ns, sampling_of
 from processing.robust import robust_spread
 from processing.timebase import LATE_NS, in_order, merge_equal_stamps
 
@@ -72,8 +72,8 @@ class Samples:
         Where the sensor itself called its value invalid.
     distrusted_ns : int64 array
         Where the transducer's status was not 0, on the grid of the thinning.
-    interval_s : float
-        Median raw sampling interval; NaN below two samples.
+    sampling : Sampling
+        How the raw samples came.
     spread_s2 : float
         Variance of the instants that one entry averages; 0 where nothing was thinned.
     node_s : float
@@ -91,7 +91,7 @@ class Samples:
     absent_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     invalid_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     distrusted_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    interval_s: float = float("nan")
+    sampling: Sampling = field(default_factory=Sampling)
     spread_s2: float = 0.0
     node_s: float = 0.0
     step: float = 0.0
@@ -161,7 +161,7 @@ class Collector:
         self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._done = GrowingSeries()
         self._absent: list[IntArray] = []
-        self._intervals: list[float] = []
+        self._sampling = SamplingEstimator()
         self._spread_sum, self._entries = 0.0, 0
         self._open: Nodes | None = None
         self._steps: list[float] = []
@@ -192,13 +192,11 @@ class Collector:
             time_ns, values = time_ns[order], values[order]
         time_ns, values = merge_equal_stamps(time_ns, values)
         absent_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *self._absent]))
-        if not self._intervals and len(absent_ns) > 1:
-            self._intervals.append(float(np.median(np.diff(absent_ns))) * 1e-9)
         return Samples(
             time_ns,
             values,
             absent_ns,
-            interval_s=float(np.median(self._intervals)) if self._intervals else float("nan"),
+            sampling=self._sampling.estimate() if self._count else sampling_of(absent_ns),
             spread_s2=self._spread_sum / max(self._entries, 1),
             node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
             step=min((step for step in self._steps if step > 0), default=0.0),
@@ -217,11 +215,10 @@ class Collector:
         self._steps.append(resolution(values[:_LOOK]))
         if len(values) > 2:
             self._roughness.append(robust_spread(np.diff(values[:_LOOK], 2)) / np.sqrt(6.0))
+        self._sampling.take(time_ns)
+        fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
         time_ns, values = merge_equal_stamps(time_ns, values)
-        interval = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else np.inf
-        if np.isfinite(interval):
-            self._intervals.append(interval * 1e-9)
-        if interval < _THIN_BELOW * self._node_ns:
+        if fast:
             self._thinned = True
             nodes = thin(time_ns, values, self._node_ns)
             nodes = nodes if self._open is None else nodes.plus(self._open)
@@ -259,7 +256,7 @@ class Collector:
 
 def rethin(samples: Samples, node_s: float) -> Samples:
     """Thin samples further, for a filter so low that the present grid wastes time; the few that come slower stay."""
-    typical = max(samples.interval_s, samples.node_s)
+    typical = max(samples.sampling.interval_s, samples.node_s)
     if not len(samples.time_ns) or not typical < _THIN_BELOW * node_s:
         return samples
     time_ns, values, spread = thin(samples.time_ns, samples.values, round(node_s * 1e9)).entries(round(node_s * 1e9))

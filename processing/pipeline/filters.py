@@ -45,8 +45,8 @@ from processing.timebase import stretch_of, stretches
 
 CUTOFF_PER_RATE = 0.2
 """Highest cut-off as a share of a channel's own rate."""
-_KERNEL_REACH_SIGMAS = 4.0
-_EDGE_SIGMAS = 2.0
+KERNEL_REACH_SIGMAS = 4.0
+EDGE_SIGMAS = 2.0
 _ROWS_AT_ONCE = 1 << 16
 _LEAST_STANDSTILL_SAMPLES = 10
 _LEAST_SAMPLES = 20
@@ -117,7 +117,7 @@ def smooth(
         bounds = pairs[which[rows]]
         out[rows], slope[rows] = _line_under_kernel(at_s[rows], time_s, values, weight, bounds, narrowed)
         first, last = time_s[bounds[:, 0]], time_s[bounds[:, 1] - 1]
-        edge[rows] = np.minimum(at_s[rows] - first, last - at_s[rows]) < _EDGE_SIGMAS * sigma_s
+        edge[rows] = np.minimum(at_s[rows] - first, last - at_s[rows]) < EDGE_SIGMAS * sigma_s
     return Smoothed(out, slope, np.isfinite(out), edge)
 
 
@@ -136,8 +136,8 @@ def _line_under_kernel(
     at_s: FloatArray, time_s: FloatArray, values: FloatArray, weight: FloatArray, bounds: IntArray, sigma_s: float
 ) -> FloatArray:
     """Return value and slope of the weighted straight line at each instant, shape (2, n)."""
-    low = np.maximum(np.searchsorted(time_s, at_s - _KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 0])
-    high = np.minimum(np.searchsorted(time_s, at_s + _KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 1])
+    low = np.maximum(np.searchsorted(time_s, at_s - KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 0])
+    high = np.minimum(np.searchsorted(time_s, at_s + KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 1])
     s0, s1, s2, m0, m1 = np.zeros((5, len(at_s)))
     for tap in range(int((high - low).max(initial=0))):
         index = np.minimum(low + tap, len(time_s) - 1)
@@ -164,7 +164,7 @@ def filtered_sigma(
     `declared` is the one-sigma of one raw sample. NaN where nothing is declared and there are too few samples.
     """
     source = "estimated" if declared is None else "declared"
-    interval_s = samples.interval_s
+    interval_s = samples.sampling.interval_s
     if not isfinite(interval_s):
         return (nan if declared is None else declared), source
     white = _white_variance(samples, residuals, kernel_sigma_s)
@@ -204,7 +204,7 @@ def _white_variance(samples: Samples, residuals: FloatArray, kernel_sigma_s: flo
     if len(residuals) < _LEAST_SAMPLES:
         return nan
     spread = robust_spread(residuals - np.median(residuals))
-    raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.interval_s
+    raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.sampling.interval_s
     peak = 1 / (sqrt(2 * pi) * kernel_sigma_s)
     density = spread**2 / max(raw - 2 * peak + white_noise_bandwidth(kernel_sigma_s), 0.1 * raw)
-    return density / samples.interval_s
+    return density / samples.sampling.interval_s

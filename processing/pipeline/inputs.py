@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import (
+    BRIDGED_INTERVALS,
     ON_TIME_BASE,
     TRANSDUCER_ROLES,
     BoolArray,
@@ -19,6 +20,7 @@ from daq import (
     Note,
     VehicleConfig,
     fit_clock,
+    mean_interval_ns,
 )
 from processing.notes import RunCode
 from processing.pipeline.collection import Samples
@@ -29,7 +31,6 @@ from processing.timebase import as_of, nearest
 MODEL_ROLES = tuple(channel.role for channel in ON_TIME_BASE if channel.required)
 """Channels that a used sample must have, where the run carries them at all."""
 _AIDS = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "brake")
-_STALE_INTERVALS = 1.75
 _HELD_INTERVALS = 5
 _HELD_NS = 100_000_000
 _REMEMBERED = 1000
@@ -65,8 +66,8 @@ def without_invalid_fixes(speed: Samples, flags: Samples) -> Samples:
     """
     if not len(flags.time_ns):
         return replace(_keep(speed, np.zeros(len(speed.time_ns), np.bool_)), invalid_ns=speed.time_ns)
-    interval_s = flags.interval_s if np.isfinite(flags.interval_s) else 0.0
-    index = as_of(speed.time_ns, flags.time_ns, round(_STALE_INTERVALS * interval_s * 1e9))
+    stale_s = BRIDGED_INTERVALS * float(np.nan_to_num(flags.sampling.spacing_s))
+    index = as_of(speed.time_ns, flags.time_ns, round(stale_s * 1e9))
     valid = (index >= 0) & (flags.values[np.maximum(index, 0)] > 0.5)
     return replace(_keep(speed, valid), invalid_ns=speed.time_ns[~valid])
 
@@ -91,9 +92,9 @@ def without_jitter(speed: Samples, gnss_time: Samples, clock: ClockFit, lag_ns: 
         return speed
     arrival = speed.time_ns + lag_ns
     epoch = nearest(arrival, host_ns)
-    close = np.abs(arrival - host_ns[epoch]) < 0.5e9 * speed.interval_s
+    close = np.abs(arrival - host_ns[epoch]) < 0.5e9 * speed.sampling.interval_s
     late_s = clock.delays_s(host_ns[epoch], gnss_s[epoch])
-    move = close & (np.abs(late_s) < 0.5 * speed.interval_s)
+    move = close & (np.abs(late_s) < 0.5 * speed.sampling.interval_s)
     time_ns = speed.time_ns - np.where(move, np.round(late_s * 1e9), 0).astype(np.int64)
     if np.any(np.diff(time_ns) <= 0):
         return speed
@@ -106,7 +107,7 @@ def without_null_island(latitude: Samples, longitude: Samples) -> tuple[Samples,
 
 
 def _without_zero(one: Samples, other: Samples) -> Samples:
-    index = as_of(one.time_ns, other.time_ns, round(1e9 * np.nan_to_num(one.interval_s)))
+    index = as_of(one.time_ns, other.time_ns, round(1e9 * np.nan_to_num(one.sampling.spacing_s)))
     if not len(other.time_ns):
         return one
     return _keep(one, ~((one.values == 0) & (index >= 0) & (other.values[np.maximum(index, 0)] == 0)))
@@ -123,13 +124,13 @@ def _scatter(values: FloatArray) -> float:
 def status_at(time_ns: IntArray, stamps_ns: IntArray, values: FloatArray, intervals_ns: IntArray) -> FloatArray:
     """Return the status that is nearest to each instant, minus infinity where none is near enough.
 
-    A status holds for five of its median intervals, and 0.1 s at the least, for frames may arrive late. Its stamps and
+    A status holds for five of its mean intervals, and 0.1 s at the least, for frames may arrive late. Its stamps and
     values, shape (k,), are in order of time.
     """
     if not len(stamps_ns):
         return np.full(len(time_ns), -np.inf)
     nearer = nearest(time_ns, stamps_ns)
-    usual_ns = float(np.median(intervals_ns)) if len(intervals_ns) else 0.0
+    usual_ns = float(np.nan_to_num(mean_interval_ns(intervals_ns)))
     held = np.abs(time_ns - stamps_ns[nearer]) <= max(_HELD_INTERVALS * usual_ns, _HELD_NS)
     return np.where(held, values[nearer], -np.inf)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from daq import (
 from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
 from processing.pipeline.assembly import FilteredRun, assemble
+from processing.pipeline.bridging import little_used, many_holes
 from processing.pipeline.collection import Samples, collect
 from processing.pipeline.filters import kernel_sigma_s
 from processing.pipeline.inputs import (
@@ -185,21 +186,62 @@ def process_stream(
     missing = _why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
-    cutoff_hz, lowered = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
-    base, ends = _time_base(samples, cutoff_hz, options)
-    notes += ends
-    roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
-    roles, left = at_soil(roles, wheel, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
-    notes += left
-    latitude, longitude = _position(samples, base)
-    brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
+    cutoff_hz, lowered = choose_cutoff(_of_model(samples), options)
     notes += lowered + gate.notes() + removal.notes()
-    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
-    brakes = vehicle.vehicle.standstill_brakes
-    processed = with_ruts(assemble(filtered, wheel, run or RunInfo(), options, brakes))
-    found = (*processed.quality.notes, *sense_notes(processed, vehicle))
+    ready_run = _ReadyRun(vehicle, wheel, run or RunInfo(), cutoff_hz, clock, tuple(notes), missing, gate, removal)
+    processed, little = _with_remark(ready_run, samples, options)
+    found = (*processed.quality.notes, *sense_notes(processed, vehicle), *little)
     quality = replace(processed.quality, notes=found, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
+
+
+@dataclass(frozen=True)
+class _ReadyRun:
+    """All of a run but its samples; `notes` are of what was done to them."""
+
+    vehicle: VehicleConfig
+    wheel: WheelSection
+    info: RunInfo
+    cutoff_hz: float
+    clock: ClockFit | None
+    notes: tuple[Note, ...]
+    missing: dict[str, Note]
+    gate: StatusGate
+    removal: ZeroRemoval
+
+    def processed(self, samples: dict[str, Samples], options: ProcessOptions) -> ProcessedRun:
+        """Put the samples, which are used up, onto a time base, and form slip, segments and reasons there."""
+        base, ends = _time_base(samples, self.cutoff_hz, options)
+        roles = _put_all(samples, base, self.cutoff_hz, options, self.vehicle)
+        roles = self.gate.with_counts(self.removal.with_sigma(roles))
+        kernel_s = kernel_sigma_s(self.cutoff_hz)
+        roles, left = at_soil(roles, self.wheel, kernel_s, self.removal.zero_of_load())
+        position = _position(samples, base)
+        brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
+        notes = (*self.notes, *ends, *left)
+        filtered = FilteredRun(*base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing)
+        return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle.standstill_brakes))
+
+
+def _with_remark(
+    ready_run: _ReadyRun, samples: dict[str, Samples], options: ProcessOptions
+) -> tuple[ProcessedRun, list[Note]]:
+    """Process a run, and return what would change it where little of it is used; to look, nothing has to be used."""
+    if options.purpose == LOOK:
+        return ready_run.processed(samples, options), []
+    kernel_s = kernel_sigma_s(ready_run.cutoff_hz)
+    held = dict(samples) if many_holes(_of_model(samples), kernel_s, options) else {}
+    processed = ready_run.processed(samples, options)
+
+    def again(other: ProcessOptions) -> ProcessedRun:
+        return ready_run.processed(dict(held), other)
+
+    return processed, little_used(processed, _of_model(held), kernel_s, options, again)
+
+
+def _of_model(samples: Mapping[str, Samples]) -> dict[str, Samples]:
+    """Return the samples of the roles that a used sample must have."""
+    return {role: samples[role] for role in MODEL_ROLES if role in samples}
 
 
 def _wheel(vehicle: VehicleConfig) -> WheelSection:

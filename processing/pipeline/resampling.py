@@ -8,7 +8,7 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import BoolArray, FloatArray, Note
+from daq import BRIDGED_INTERVALS, BoolArray, FloatArray, Note
 from processing.notes import RunCode
 from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
@@ -16,7 +16,6 @@ from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigm
 from processing.processed_run import Reason, SensorFacts
 from processing.timebase import interpolate, nearest, seconds_since, stretches
 
-_OWN_INTERVALS = 1.75
 _RETHIN_PER_SIGMA = 1 / 6
 
 
@@ -40,21 +39,28 @@ class OnBase:
 
 def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple[float, list[Note]]:
     """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked."""
-    intervals = {role: s.interval_s for role, s in samples.items() if isfinite(s.interval_s)}
+    spacings = {role: s.sampling.spacing_s for role, s in samples.items() if isfinite(s.sampling.spacing_s)}
     asked = options.cutoff_hz or min(HIGHEST_AUTOMATIC_CUTOFF_HZ, options.rate_hz / 10)
-    if not intervals:
+    if not spacings:
         return asked, []
-    slowest = max(intervals, key=lambda role: intervals[role])
-    bearable = CUTOFF_PER_RATE / intervals[slowest]
+    slowest = max(spacings, key=lambda role: spacings[role])
+    bearable = CUTOFF_PER_RATE / spacings[slowest]
     if bearable >= asked:
         return asked, []
-    facts = {"role": slowest, "rate_hz": 1 / intervals[slowest], "cutoff_hz": bearable, "asked_hz": options.cutoff_hz}
+    of = samples[slowest].sampling
+    facts = {
+        "role": slowest,
+        "rate_hz": of.rate_hz,
+        "held_s": of.spacing_s if of.in_bursts else 0.0,
+        "cutoff_hz": bearable,
+        "asked_hz": options.cutoff_hz,
+    }
     return bearable, [Note(RunCode.CUTOFF_LOWERED, values=facts)]
 
 
 def gap_limit_s(samples: Samples, kernel_s: float, options: ProcessOptions) -> float:
     """Return the longest hole in s that is bridged: 1.75 own intervals, or what the options or the kernel allow."""
-    own = _OWN_INTERVALS * max(float(np.nan_to_num(samples.interval_s)), samples.node_s)
+    own = BRIDGED_INTERVALS * max(float(np.nan_to_num(samples.sampling.spacing_s)), samples.node_s)
     return max(own, options.max_gap_s or kernel_s)
 
 
@@ -99,7 +105,7 @@ def interpolated_on_base(
     """Interpolate linearly between samples, not across gaps; `turn` is the period of an angle (longitude: 360)."""
     at = seconds_since(samples.time_ns, start_ns)
     values = samples.values if turn is None else np.unwrap(samples.values, period=turn)
-    out = interpolate(time_s, at, values, _OWN_INTERVALS * np.nan_to_num(samples.interval_s))
+    out = interpolate(time_s, at, values, BRIDGED_INTERVALS * np.nan_to_num(samples.sampling.spacing_s))
     return out if turn is None else (out + turn / 2) % turn - turn / 2
 
 
@@ -133,7 +139,7 @@ def _facts(
     return SensorFacts(
         samples=samples.count,
         late=samples.late,
-        rate_hz=1.0 / samples.interval_s if samples.interval_s > 0 else nan,
+        rate_hz=samples.sampling.rate_hz,
         gaps=int(np.sum(steps > limit_s)),
         longest_gap_s=float(steps.max()) if len(steps) else nan,
         latency_s=latency_s,

@@ -30,13 +30,22 @@ from typing import Literal
 
 import numpy as np
 
-from daq import STANDARD_GRAVITY_MPS2, Channel, FloatArray, IntArray, Note, TransducerSection, WheelSection
+from daq import (
+    BRIDGED_INTERVALS,
+    STANDARD_GRAVITY_MPS2,
+    Channel,
+    FloatArray,
+    IntArray,
+    Note,
+    TransducerSection,
+    WheelSection,
+    sampling_of,
+)
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
-_USUAL_INTERVALS = 1.75
 _LONGEST_TURN_S = 0.05
 _QUARTER_RAD = np.pi / 2
 _JOIN_FORCE_S = 0.02
@@ -128,7 +137,7 @@ def interpolate_angle(at_s: FloatArray, time_s: FloatArray, angle_rad: FloatArra
     apart_s = np.diff(time_s)
     usual_s = float(np.median(apart_s)) if len(apart_s) else 0.0
     near = (apart_s <= _LONGEST_TURN_S) & (np.abs(np.diff(turned)) < _QUARTER_RAD)
-    joined = np.concatenate([[False], near | (apart_s <= _USUAL_INTERVALS * usual_s), [False]])
+    joined = np.concatenate([[False], near | (apart_s <= BRIDGED_INTERVALS * usual_s), [False]])
     after = np.searchsorted(time_s, at_s)
     known = joined[after] | (time_s[np.minimum(after, len(time_s) - 1)] == at_s)
     return np.where(known, np.interp(at_s, time_s, turned), np.nan)
@@ -145,8 +154,8 @@ def to_vehicle_axes(
     """Rotate the forces of a stream of chunks; other roles pass through, ``wheel_angle`` ends here.
 
     The three channels may come in different messages: F_z' and the angle are interpolated at the stamps of F_x', never
-    across a hole (of F_z': 20 ms, or 1.75 median intervals; of the angle: see `interpolate_angle`); where one of them
-    is missing the forces are NaN. What cannot be joined yet waits for the next chunk.
+    across a hole (of F_z': 20 ms, or 1.75 usual intervals; of the angle: see `interpolate_angle`); where one of them is
+    missing the forces are NaN. What cannot be joined yet waits for the next chunk.
     """
     held: dict[str, tuple[IntArray, FloatArray]] = {role: _nothing() for role in _ROTATING}
     for chunk in chunks:
@@ -177,7 +186,7 @@ def _rotated(
     at_s = seconds_since(time_ns, int(time_ns[0]))
     z_time, force_z = _seconds(held["vertical_load"], int(time_ns[0]))
     a_time_ns, angle = merged_angle(*held["wheel_angle"])
-    force_z = interpolate(at_s, z_time, force_z, _join_gap_s(z_time))
+    force_z = interpolate(at_s, z_time, force_z, _join_gap_s(held["vertical_load"][0]))
     angle = interpolate_angle(at_s, seconds_since(a_time_ns, int(time_ns[0])), angle)
     forces = rotate(force_x, force_z, angle, transducer)
     return {
@@ -186,9 +195,8 @@ def _rotated(
     }
 
 
-def _join_gap_s(time_s: FloatArray) -> float:
-    usual = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    return max(_USUAL_INTERVALS * usual, _JOIN_FORCE_S)
+def _join_gap_s(time_ns: IntArray) -> float:
+    return max(BRIDGED_INTERVALS * float(np.nan_to_num(sampling_of(time_ns).spacing_s)), _JOIN_FORCE_S)
 
 
 def appended(held: tuple[IntArray, FloatArray], channel: Channel) -> tuple[IntArray, FloatArray]:

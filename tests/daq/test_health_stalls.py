@@ -104,3 +104,32 @@ def test_an_adapter_that_begins_to_delay_everything_loses_nothing_for_certain() 
 def test_the_usual_rate_is_frames_over_time(jitter_ms: float) -> None:
     time_ns = stalled(np.random.default_rng(1), 1.0, jitter_ms, [], 12_000)
     assert flow_of(time_ns, np.arange(12_000), [], counter=False).period_s == pytest.approx(1e-3, rel=5e-4)
+
+
+def _held_to(time_ns: NDArray[np.int64], every_ms: int) -> NDArray[np.int64]:
+    """Return arrivals of frames that wait for the next multiple of `every_ms`."""
+    return -(-time_ns // (every_ms * MS)) * every_ms * MS
+
+
+@pytest.mark.parametrize(("every_ms", "lost"), [(20, 383), (50, 383), (50, 40), (100, 300)])
+def test_turns_lost_in_a_stream_of_bursts_are_resolved_by_time_over_period(every_ms: int, lost: int) -> None:
+    numbers = np.delete(np.arange(16_000), slice(8000, 8000 + lost))
+    flow = flow_of(10**18 + _held_to(numbers * MS, every_ms), numbers, [], counter=True)
+    assert (flow.counter_lost, flow.wrapped) == (lost, 0)
+
+
+def test_turns_lost_in_one_gap_after_another_are_resolved() -> None:
+    numbers = np.arange(8000)
+    numbers = numbers[(numbers < 1000) | (numbers > 6000) | (numbers % 60 >= 40)]
+    flow = flow_of(10**18 + numbers * 10 * MS, numbers, [], counter=True)
+    assert 0.9 * (8000 - len(numbers)) < flow.counter_lost <= 8000 - len(numbers)
+    assert flow.counter_lost == 8000 - len(numbers) or flow.wrapped
+
+
+def test_a_count_that_may_have_wrapped_stays_the_least_when_the_rate_is_known_again() -> None:
+    rng = np.random.default_rng(4)
+    numbers = np.arange(12_000)
+    numbers = numbers[(numbers < 2000) | (numbers > 4000) | (rng.random(12_000) > 0.95)]
+    flow = flow_of(10**18 + numbers * 10 * MS, numbers, [], counter=True)
+    assert flow.counter_lost < 12_000 - len(numbers)
+    assert flow.wrapped and flow.at_least

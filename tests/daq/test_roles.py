@@ -78,7 +78,7 @@ def test_which_labels_mean_no_data(label: str, other: str) -> None:
     table = f'VAL_ 300 Force_Z 7 "{label}" 8 "{other}" ;\n'
     database = load_database((HUB.format(force="N", rim="km/h") + table).encode(), "hub.dbc")
     found = resolve_roles(vehicle({"vertical_load": "Hub.Force_Z"}), {"can0": [database]}, ["vertical_load"])
-    assert found["vertical_load"].missing == (7 * 0.01,)
+    assert tuple(found["vertical_load"].no_data.words) == (7 * 0.01,)
 
 
 def test_the_top_of_a_j1939_signal_is_no_data() -> None:
@@ -141,8 +141,8 @@ def test_the_shipped_files_serve_all_roles_but_sinkage_and_brake() -> None:
     ]
     found = resolve_roles(config, load_for_vehicle(config, path.parent), served)
     assert found["latitude"].si_factor == pytest.approx(math.pi / 180 / 60)
-    assert found["wheel_speed"].missing == (32767 * 0.02,)
-    assert found["ground_speed_valid"].missing == ()
+    assert tuple(found["wheel_speed"].no_data.words) == (32767 * 0.02,)
+    assert found["ground_speed_valid"].no_data.words == {}
 
 
 @pytest.mark.parametrize(

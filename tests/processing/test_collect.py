@@ -49,7 +49,7 @@ def test_slow_channels_stay_as_they_are() -> None:
     samples = _collected([(time[:200], values[:200]), (time[200:], values[200:])])
     np.testing.assert_array_equal(samples.time_ns, time)
     np.testing.assert_array_equal(samples.values, values)
-    assert samples.interval_s == pytest.approx(0.05)
+    assert samples.sampling.interval_s == pytest.approx(0.05)
     assert (samples.node_s, samples.spread_s2, samples.count, samples.late) == (0.0, 0.0, 500, 0)
 
 
@@ -57,7 +57,7 @@ def test_kilohertz_channels_come_down_to_the_base() -> None:
     time, values = _kilohertz(100_000)
     samples = _collected([(time[k : k + 7000], values[k : k + 7000]) for k in range(0, 100_000, 7000)])
     assert len(samples.time_ns) < 10_100
-    assert samples.interval_s == pytest.approx(0.001, rel=0.01)
+    assert samples.sampling.interval_s == pytest.approx(0.001, rel=0.01)
     assert samples.count == 100_000
     assert samples.node_s == pytest.approx(0.01)
 

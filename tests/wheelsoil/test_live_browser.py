@@ -28,7 +28,7 @@ STATES: dict[str, dict[str, Any]] = {
         "level": "red",
         "reasons": [LOST, STUCK],
         "buses": [bus("can0", 20.0, kernel_drops=17, level="red"), DOWN | {"detail": "Network is down"}],
-        "losses": {"kernel.can0": 17, "counter.can0.WFT_Forces": 214},
+        "losses": {"kernel.can0": 17, "counter.can0.WFT_Forces": 214, "wrapped.can0.WFT_Forces": 1},
         "remarks": ["can0: the kernel gave a receive buffer of 208 kB instead of 8192 kB"],
         "gnss": {"fix": False, "age_s": 21.0, "level": "amber"},
         "clock": {"steps": 2, "offset_s": None, "drift_ppm": None, "residual_s": None},

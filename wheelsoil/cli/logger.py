@@ -187,6 +187,8 @@ def _exit(summary: LogSummary, vehicle: VehicleConfig) -> None:
 
 
 def _print_summary(summary: LogSummary, json: bool) -> None:
+    from wheelsoil.wording.losses import losses_as_texts
+
     for text in summary.remarks:
         say(text)
     if json:
@@ -198,7 +200,7 @@ def _print_summary(summary: LogSummary, json: bool) -> None:
         lost = summary.drops.get(bus)
         loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
         facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
-    facts += [(f"lost {key}", f"{count:,} frames") for key, count in summary.losses.items()]
+    facts += [(f"lost {key}", f"{count} frames") for key, count in losses_as_texts(summary.losses).items()]
     print_pairs(facts)
 
 

@@ -16,6 +16,7 @@ from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terra
 from wheelsoil.console import check_output, counting, print_json, print_pairs, print_table, progress, say
 
 if TYPE_CHECKING:
+    from daq.runs import SignalFacts
     from wheelsoil.workflows.recordings import FileFacts
 
 _SHOWN_IDS = 20
@@ -252,11 +253,12 @@ def _print_parts(facts: FileFacts) -> None:
 
 
 def _print_losses(facts: FileFacts) -> None:
+    from wheelsoil.wording.losses import losses_as_texts
+
     rows = []
-    for key, count in facts.losses.items():
+    for key, count in losses_as_texts(facts.losses).items():
         kind, _, where = key.partition(".")
-        if count:
-            rows.append([where, _LOSS_KINDS.get(kind, kind), f"{count:,}"])
+        rows.append([where, _LOSS_KINDS.get(kind, kind), count])
     print_table(["lost on", "how", "frames"], rows, left=2)
 
 
@@ -289,15 +291,30 @@ def _print_messages(facts: FileFacts, limit: int | None) -> None:
         left=2,
     )
     signals = [
-        [f"{message.name}.{one.name}", one.unit or "-", number(one.least), number(one.most), f"{100 * one.share:.4g} %"]
+        [
+            f"{message.name}.{one.name}",
+            one.unit or "-",
+            number(one.least),
+            number(one.most),
+            f"{100 * one.share:.4g} %",
+            _absence(one, message.samples),
+        ]
         for message in shown
         for one in message.signals
     ]
     if signals:
         print()
-        print_table(["signal", "unit", "least", "most", "present"], signals, left=2)
+        print_table(["signal", "unit", "least", "most", "present", ""], signals, left=2)
     if len(facts.messages) > len(shown):
         print(f"... and {len(facts.messages) - len(shown)} more with their signals (--all-ids)")
+
+
+def _absence(one: SignalFacts, samples: int) -> str:
+    """Return why samples have no value, and what the DBC may have left open."""
+    said = [f"{word} {100 * count / samples:.4g} %" for word, count in one.absent.items()]
+    if one.all_bits_set:
+        said.append(f"all bits set in {100 * one.all_bits_set / samples:.4g} %: no data? The DBC has it as a value")
+    return "; ".join(said)
 
 
 def _print_ids(facts: FileFacts, limit: int | None) -> None:

@@ -24,6 +24,7 @@ from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
 from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
+from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
@@ -149,7 +150,8 @@ class Source:
         missing = sum(number for key, number in self.losses.items() if key.startswith(("counter.", "missing.")))
         frames = [f"{self.dropped_frames} frames were lost before they were recorded"] if self.dropped_frames else []
         if missing and not frames:
-            frames = [f"{missing} frames are missing by their counters or their rate"]
+            least = "at least " if any(key.startswith(f"{WRAPPED}.") for key in self.losses) else ""
+            frames = [f"{least}{missing} frames are missing by their counters or their rate"]
         return [*frames, *self.loss, *self.gaps]
 
 

@@ -68,7 +68,18 @@ def _ends(v: Values) -> str:
 
 def _cutoff(v: Values) -> str:
     asked = f" instead of {v['asked_hz']:g} Hz" if v["asked_hz"] else ""
-    return f"{v['role']} comes at {v['rate_hz']:.3g} Hz: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
+    held = f", in bursts {v['held_s']:.2g} s apart" if v["held_s"] else ""
+    return (
+        f"{v['role']} comes at {v['rate_hz']:.3g} Hz{held}: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
+    )
+
+
+def _little_used(v: Values) -> str:
+    used = f"only {v['used']:.1%} of the samples are used"
+    if v["max_gap_s"] is None:
+        return f"{used}; {v['share']:.1%} are excluded as {v['reason'].lower().replace('_', ' ')}"
+    gap = f"`process --max-gap {v['max_gap_s']:g}`, or max_gap_s = {v['max_gap_s']:g} in choice.toml"
+    return f"{used}, for they come with holes; {v['used_then']:.1%} would be with {gap}"
 
 
 def _distrusted(v: Values) -> str:
@@ -165,6 +176,7 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.ROLE_MISSING: _missing,
     RunCode.GNSS_CLOCK_UNKNOWN: "gnss_time: too few epochs to compare the clocks",
     RunCode.CUTOFF_LOWERED: _cutoff,
+    RunCode.LITTLE_USED: _little_used,
     RunCode.INERTIA_LEFT: (
         "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
     ),

@@ -20,7 +20,7 @@ from daq import (
     data_frame,
     file_name,
 )
-from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, coverage
+from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, NoData, coverage, messages_by_bus, no_data_of
 from daq.logger import is_being_recorded
 from daq.logs import LogReading, LogReport, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
@@ -34,6 +34,7 @@ Watch = Callable[[int, float], None]
 """Takes the number of frames or rows and the share of the file that has been read."""
 
 _BLOCK_BYTES = 1 << 20
+_ALL_VALUES = NoData()
 _NO_END, _NO_END_YET = "no end of the run", "still being recorded"
 
 
@@ -83,7 +84,7 @@ class FileFacts:
         `drops` only of the buses whose recorder counted them.
     losses : mapping str -> int
         What the logger counted: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``,
-        ``missing.<bus>.<message>``.
+        ``missing.<bus>.<message>``, ``wrapped.<bus>.<message>``.
     events : tuple of Event
         Marks and what else happened, in their order.
     unsure_frames : int
@@ -275,6 +276,7 @@ def _tally(run: Run, watch: Watch | None) -> _Tally:
     if run.recording:
         tally.frames = dict.fromkeys(run.recording.buses, 0)
     decoder = Decoder(run.databases) if run.databases else None
+    no_data = _no_data(run)
     for batch in batches:
         counts = np.bincount(batch.frames["bus"], minlength=len(batch.buses))
         for bus, count in zip(batch.buses, counts.tolist(), strict=True):
@@ -283,11 +285,21 @@ def _tally(run: Run, watch: Watch | None) -> _Tally:
         tally.unsure.take(batch)
         tally.span(batch.frames["time_ns"])
         for bus, name, time_ns, values, units in _messages(batch, decoder):
-            tally.messages.take(bus, name, time_ns, values, units)
+            tally.messages.take(bus, name, time_ns, values, units, no_data.get((bus, name), {}))
         if watch:
             share = batches.report.share if isinstance(batches, LogReading) else _share(run, tally)
             watch(sum(tally.frames.values()), share)
     return tally
+
+
+def _no_data(run: Run) -> dict[tuple[str, str], dict[str, NoData]]:
+    """Return which values of each signal are none, by bus and message, of those signals that have such."""
+    found = {
+        (bus, name): {signal.name: no_data_of(message, signal) for signal in message.by_name.values()}
+        for bus, messages in messages_by_bus(run.databases).items()
+        for name, message in messages.items()
+    }
+    return {key: {name: one for name, one in of.items() if one != _ALL_VALUES} for key, of in found.items()}
 
 
 def _share(run: Run, tally: _Tally) -> float:

@@ -201,7 +201,7 @@ class MessageFlow:
         self.missing = 0
         """Frames that the gaps lack by the usual rate, as far as judged; 0 where a rolling counter counts them."""
         self._turns_lost = 0
-        self._unsure = False
+        self._undecided = 0
         self._seemed_still = 0
 
     @property
@@ -222,7 +222,13 @@ class MessageFlow:
     @property
     def at_least(self) -> bool:
         """Whether the loss may be larger: the counter may have wrapped in a gap that is undecided or still open."""
-        return self._unsure or self._gaps is None or self._gaps.open
+        return self._undecided > 0 or self._gaps is None or self._gaps.open
+
+    @property
+    def wrapped(self) -> int:
+        """Gaps with lost frames in which the counter may have gone round more often: undecided, or still open."""
+        still_open = self._gaps is not None and self._gaps.open_with_loss
+        return self._undecided + still_open if self.counter_lost else 0
 
     @property
     def repeated(self) -> int:
@@ -339,6 +345,7 @@ class MessageFlow:
             self._count(self._gaps.take(time_ns, lost))
         else:
             self.gaps += int(np.count_nonzero(lost > 0))
+            self._undecided += int(np.count_nonzero(lost))
 
     def _review(self, time_ns: IntArray) -> None:
         """Adopt another rate once it has held for some blocks; where most frames are lost no rate can be estimated."""
@@ -352,12 +359,14 @@ class MessageFlow:
         if len(self._other) >= _BELIEVED_AFTER:
             self.rate_changes += self._usual is not None
             self._usual, self._other = usual, []
+            if self._gaps is not None:
+                self._count(self._gaps.close())
             self._gaps = Gaps(usual) if usual else None
 
     def _count(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
             self.gaps += verdict.gaps
-            self._unsure |= not verdict.sure
+            self._undecided += not verdict.sure
             if self._counter is None:
                 self.missing += verdict.lacking
             else:

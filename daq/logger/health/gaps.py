@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq.arrays import FloatArray, IntArray
+from daq.sampling import sampling_of
 
 LEARN_NS = 3_000_000_000
 """Arrivals are watched for at least this long before their rate is used."""
 _LEARN_MOST = 8192
 _REGULAR = 0.35
 _WIDE_GAP = 1.5
-_SMALLEST_BLOCK, _LARGEST_BLOCK, _LEAST_BLOCKS = 8, 64, 8
+_SMALLEST_BLOCK = 8
 _EVEN = 0.05
 _FLOORS, _NO_LOSS = 12, 0.7
 
@@ -33,6 +34,8 @@ _RATE_ERROR = 2e-4
 _SURE = 0.8
 _SLACK = 2.0
 _FROZEN = 3
+_LEAST_TURN = 8
+"""Shorter turns of a counter are whole by chance too often."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +87,12 @@ def learn(time_ns: IntArray) -> Usual | None:
         period = float(gaps[near].mean())
         counted, jitter_ns = _by_count(time_ns, period)
         return Usual(period if even else counted, wide, jitter_ns)
-    size = min(len(gaps) // _LEAST_BLOCKS, _LARGEST_BLOCK)
-    if size < _SMALLEST_BLOCK:
+    sampling = sampling_of(time_ns)
+    if not sampling.regular:
         return None
-    blocks = np.diff(time_ns[: len(gaps) // size * size + 1 : size]) / size
-    period = float(np.median(blocks))
-    if period > 0 and _spread(blocks, period) <= _REGULAR / 2:
-        wide = max(2 * _WIDE_GAP * period, 1.5 * float(np.quantile(gaps, 0.98)))
-        counted, jitter_ns = _by_count(time_ns, period)
-        return Usual(counted, wide, jitter_ns)
-    return None
+    wide = max(2 * _WIDE_GAP * 1e9 * sampling.period_s, 1.5 * float(np.quantile(gaps, 0.98)))
+    counted, jitter_ns = _by_count(time_ns, 1e9 * sampling.period_s)
+    return Usual(counted, wide, jitter_ns)
 
 
 def keeps(time_ns: IntArray, usual: Usual) -> bool:
@@ -184,6 +183,7 @@ class Gaps:
         self._pending = np.zeros((4, 0), np.int64)
         self._quiet: deque[_Floor] = deque(maxlen=_ANCHORS)
         self._base: _Floor | None = None
+        self._off_turns: list[float] = []
         self._after: _Floor | None = None
         self._blocks = 0
         self._gaps = 0
@@ -194,6 +194,11 @@ class Gaps:
     def open(self) -> bool:
         """Whether a gap is not judged yet."""
         return self._base is not None
+
+    @property
+    def open_with_loss(self) -> bool:
+        """Whether a gap is not judged yet in which the counter jumped."""
+        return self.open and bool(self._lost or self._still or np.any(self._pending[3]))
 
     def close(self) -> list[Verdict]:
         """Allow any time before the next frame; return open gaps as undecided, in the form of `take`."""
@@ -219,6 +224,8 @@ class Gaps:
             return []
         first = time_ns[0] if self._last_ns is None else self._last_ns
         wide = np.diff(time_ns, prepend=first) > self.usual.wide_ns
+        if self.modulus is not None and self.usual.wide_ns > self.modulus * self.period_ns:
+            wide |= lost != 0  # the counter may have wrapped in an interval that is usual in bursts
         self._last_ns = int(time_ns[-1])
         numbers = self._number + np.cumsum(lost + 1)
         self._number = int(numbers[-1])
@@ -279,6 +286,7 @@ class Gaps:
             self._base = _Floor(next_number, next_ns)
         self._after = None
         self._blocks = self._gaps = self._lost = self._still = 0
+        self._off_turns = []
 
     def _judge(self, block: _Floor, verdicts: list[Verdict]) -> None:
         """Judge what is open once the frames catch up no more, and with a counter once they stay as late."""
@@ -291,13 +299,17 @@ class Gaps:
         if before is None:
             return
         moved = self._late_ns(block, before) / self.period_ns
+        level = min(before, block, key=lambda one: one.time_ns - one.number * self.period_ns)
         if moved < -_FALLING or (self.modulus is not None and moved > _RISING):
-            if self._blocks >= _MOST_BLOCKS:
+            self._off_turns.append(self._off_turn(block))
+            if self._blocks < _MOST_BLOCKS:
+                return
+            if not self._by_whole_turns():
                 verdicts.append(self._undecided())
                 self._quiet.clear()
                 self._base = None
-            return
-        level = min(before, block, key=lambda one: one.time_ns - one.number * self.period_ns)
+                return
+            level = block
         lacking, sure = self._lacking(self._base, level)
         self._number += lacking
         self._pending[1] += lacking
@@ -306,11 +318,25 @@ class Gaps:
         still = min(self._still, lacking // self.modulus) if self.modulus else 0
         verdicts.append(Verdict(self._gaps if lacking or self._lost else 0, lacking - still, still, sure))
         self._blocks = self._gaps = self._lost = 0
+        self._off_turns = []
         self._still = min(self._still - still, block.still)
         if not sure or (lacking and self.modulus is None):
             self._quiet.clear()
         self._learn_period(level)
         self._base = level if before.gaps or block.gaps else None
+
+    def _off_turn(self, block: _Floor) -> float:
+        """Return by how many frames the lateness of a block is not that of whole turns of the counter."""
+        assert self._base is not None
+        frames = self._late_ns(block, self._base) / self.period_ns
+        turns = max(round(frames / self.modulus), 0) if self.modulus else 0
+        return abs(frames - turns * self.modulus) if self.modulus else abs(frames)
+
+    def _by_whole_turns(self) -> bool:
+        """Whether frames get later by whole turns all the time: they are lost in one gap after another, not held up."""
+        if self.modulus is None or self.modulus < _LEAST_TURN:
+            return False
+        return float(np.mean(np.array(self._off_turns) <= 1)) > _SURE
 
     def _undecided(self) -> Verdict:
         return Verdict(self._gaps if self._lost else 0, 0, sure=False)

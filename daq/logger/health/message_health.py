@@ -105,9 +105,9 @@ def _losses(one: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Re
     found = []
     if lost:
         level = Level.RED if one.roles else Level.AMBER
-        least = "at least " if flow.at_least else ""
+        least = "at least " if flow.wrapped else ""
         share = f"{lost} of {came + lost} frames in 10 s"
-        what = f"lost {least}{share}, by its {flow.counter_name}; {flow.counter_lost} so far"
+        what = f"lost {least}{share}, by its {flow.counter_name}; {least}{flow.counter_lost} so far"
         found.append(reason("counter_jump", level, one.where, what, bus=one.bus))
     if count_missing and missing > _MISSING_SHARE * came:
         what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"
@@ -220,7 +220,7 @@ def signal_health(one: WatchedMessage, scene: Scene) -> tuple[list[SignalHealth]
 
 
 def _in_si(reference: SignalRef, value: float) -> float:
-    missing = value >= reference.missing_from or value in reference.missing
+    missing = value >= reference.no_data.above or value in reference.no_data.words
     return math.nan if missing else value * reference.si_factor + reference.si_offset
 
 

@@ -143,7 +143,9 @@ class HealthMonitor:
         """Return the counts of lost frames since the start that are not 0.
 
         They are ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``. A
-        message with a rolling counter has no ``missing``. Frames lost by the kernel or given up by the logger are
+        message with a rolling counter has no ``missing``; ``wrapped.<bus>.<message>`` says in how many gaps the counter
+        may have gone round more often than its count has, which is then the least. Frames lost by the kernel or given
+        up by the logger are
         counted for their bus and, where a message notices them, there too.
         """
         lost: dict[str, int] = {}
@@ -151,6 +153,7 @@ class HealthMonitor:
             lost |= bus.losses()
         for one in self._watched:
             lost[f"counter.{one.bus}.{one.name}"] = one.flow.counter_lost
+            lost[f"wrapped.{one.bus}.{one.name}"] = one.flow.wrapped
             if not one.listed(self._health.may_be_silent):
                 lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
         return {name: count for name, count in lost.items() if count}

@@ -219,9 +219,10 @@ function showLogger({ disk, queue_percent, cpu_percent, rss_mb, clock, gnss }) {
 }
 
 function showTexts({ losses, marks, remarks }) {
-  const lost = Object.entries(losses).filter(([, n]) => n);
+  const lost = Object.entries(losses).filter(([name, n]) => n && !name.startsWith("wrapped."));
+  const least = (name) => (losses[name.replace(/^counter\./, "wrapped.")] && name.startsWith("counter.") ? "at least " : "");
   get("no-losses").hidden = lost.length > 0;
-  facts(get("losses"), lost.map(([name, n]) => [lossName(name), count(n), "", true]));
+  facts(get("losses"), lost.map(([name, n]) => [lossName(name), least(name) + count(n), "", true]));
   get("no-marks").hidden = marks.length > 0;
   const make = () => {
     const item = document.createElement("li");

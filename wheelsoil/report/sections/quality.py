@@ -11,6 +11,7 @@ from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Tex
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, number, signed
+from wheelsoil.wording.losses import losses_as_texts
 from wheelsoil.wording.notes import runs_by_text
 
 _REASONS = {
@@ -276,7 +277,7 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
     )
     head = ["run", "frames", "frames lost", "recording ended", "unreadable", "clock of the host"]
     blocks: list[Block] = [Table("Recordings", head, rows, note)] if rows else []
-    counted = [[source.run_id, key, count(value)] for source in sources for key, value in source.losses.items()]
+    counted = [[one.run_id, key, text] for one in sources for key, text in losses_as_texts(one.losses).items()]
     if counted:
         blocks.append(Table("Losses counted by the logger", ["run", "where", "frames"], counted, left=2))
     return blocks
