@@ -29,6 +29,7 @@ from wheelsoil.fleet.tables import schema_of
 if TYPE_CHECKING:
     import pyarrow as pa
     from fsspec import AbstractFileSystem
+    from pyarrow.dataset import Dataset
 
 SCHEMA = "wheelsoil/store/1"
 _HEAD, _DONE = "store.json", "done"
@@ -143,10 +144,21 @@ class Store:
             self._write(f"{self.root}/{_DONE}/{manifest.name}", text, once=True)
             self._remove_older(manifest, tables)
 
-    def paths(self, table: str, manifests: Mapping[str, Manifest] | None = None) -> list[str]:
-        """Return the files of a table, as the file system names them; of finished campaigns only."""
+    def dataset(self, table: str, manifests: Mapping[str, Manifest] | None = None) -> Dataset:
+        """Return a table of finished campaigns, with their campaign as the first column; its files are read later."""
+        import pyarrow as pa
+        from pyarrow import dataset, fs
+
         known = self.manifests() if manifests is None else manifests
-        return [self._path(table, one) for one in known.values() if table in one.rows]
+        holding = [one for one in known.values() if table in one.rows]
+        files = fs.LocalFileSystem() if self.is_local else fs.PyFileSystem(fs.FSSpecHandler(self.files))
+        return dataset.FileSystemDataset.from_paths(
+            [self._path(table, one) for one in holding],
+            schema=schema_of(table).insert(0, pa.field("campaign", pa.string())),
+            format=dataset.ParquetFileFormat(),
+            filesystem=files,
+            partitions=[dataset.field("campaign") == one.campaign for one in holding],
+        )
 
     def table(self, name: str, columns: list[str] | None = None) -> pa.Table:
         """Return the rows of a table of all campaigns, with their campaign as a column."""
