@@ -18,9 +18,10 @@ from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
 from wheelsoil.cache.store import nothing_kept
+from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Manifest, open_store
+from wheelsoil.fleet.store import open_store
 from wheelsoil.workflows.choice import CHOICE_FILE, Choice, load_choice
 from wheelsoil.workflows.diagnosis import (
     bench_of,

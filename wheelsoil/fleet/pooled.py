@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -18,6 +18,8 @@ from model.diagnosis.pooling import (
     passport_of,
     soil_departure,
 )
+from wheelsoil.fleet.holdings import Holdings, read
+from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
 
 _YEAR_S = 365.25 * 86400
@@ -37,17 +39,26 @@ class Pooled:
         That differ from their laboratory, the most surprising one first.
     nameless, dateless : tuple of str
         Campaigns without a transducer's serial, or without a date.
+    damaged : tuple of Damage
+        What was set aside.
     """
 
     passports: tuple[Passport, ...]
     soils: tuple[SoilDeparture, ...]
     nameless: tuple[str, ...]
     dateless: tuple[str, ...]
+    damaged: tuple[Damage, ...] = ()
 
 
 def pool(store: Store) -> Pooled:
     """Pool what the store's table ``evidence`` has; no recording is read."""
-    rows = store.table("evidence").to_pylist()
+    found, damaged = read(store, ("evidence",), pooled_of)
+    return replace(found, damaged=damaged)
+
+
+def pooled_of(holdings: Holdings) -> Pooled:
+    """Pool the evidence of the campaigns that can be read."""
+    rows = holdings.table("evidence").to_pylist()
     nameless = tuple(row["campaign"] for row in rows if not row["transducer"])
     dateless = tuple(row["campaign"] for row in rows if row["transducer"] and row["start"] is None)
     by_serial: dict[str, list[Observation]] = {}
@@ -97,6 +108,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "soils_off_laboratory": [vars(one) for one in found.soils],
         "without_serial": list(found.nameless),
         "without_date": list(found.dateless),
+        "damaged": [vars(one) for one in found.damaged],
     }
 
 

@@ -7,13 +7,16 @@ open none.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, Fault, nearest, not_installed
 from daq.series import draft_of
+from wheelsoil.fleet.holdings import Holdings, holdings_of, read
+from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.tables import COLUMNS
 
@@ -36,7 +39,15 @@ _EXPLAIN = re.compile(
 )
 
 
-def ask(store: Store, sql: str) -> pa.Table:
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a query, and what was set aside for it."""
+
+    rows: pa.Table
+    damaged: tuple[Damage, ...] = ()
+
+
+def ask(store: Store, sql: str) -> Answer:
     """Return the answer to one query, which sees the store's tables by their names and nothing else.
 
     No file, no address and no environment is read, nothing is written and nothing is installed.
@@ -44,12 +55,33 @@ def ask(store: Store, sql: str) -> pa.Table:
     Raises
     ------
     ConfigError
-        duckdb is not installed; the SQL is wrong, is not one SELECT, or asks for more than the store; a file of the
-        store cannot be read.
+        duckdb is not installed; the SQL is wrong, is not one SELECT, or asks for more than the store.
     """
-    with _connected(store) as connection:
+    try:
         import duckdb
+    except ImportError:
+        raise not_installed("queries", "duckdb", store.url, "sql") from None
+    named = {word.lower() for word in re.findall(r"\w+", sql)} & COLUMNS.keys()
+    tables = tuple(named) or tuple(COLUMNS)
+    holdings = holdings_of(store, tables)
+    try:
+        return Answer(_answer(holdings, tables, sql), holdings.damaged)
+    except duckdb.Error as error:
+        unread = isinstance(error, duckdb.IOException | duckdb.InvalidInputException)
+        found = holdings_of(store, tables, thorough=True) if unread else holdings
+        if found.damaged == holdings.damaged:
+            step = f"tables: {', '.join(COLUMNS)}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
+            raise ConfigError.of("the query cannot be answered", sql, _first(error), next_step=step) from None
+    try:
+        return Answer(_answer(found, tables, sql), found.damaged)
+    except duckdb.Error as error:
+        raise ConfigError.of("the store cannot be read", store.url, _first(error)) from None
 
+
+def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
+    import duckdb
+
+    with _connected(holdings, tables) as connection:
         try:
             kinds = _kinds(connection, sql)
             if kinds != ["SELECT"]:
@@ -59,12 +91,8 @@ def ask(store: Store, sql: str) -> pa.Table:
             return connection.sql(sql).to_arrow_table()
         except duckdb.PermissionException as error:
             step = f"ask for the store's tables: {', '.join(COLUMNS)}"
-            raise ConfigError.of(
-                "a query reads the store and nothing else", sql, _first(error), next_step=step
-            ) from None
-        except duckdb.Error as error:
-            step = f"tables: {', '.join(COLUMNS)}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
-            raise ConfigError.of("the query cannot be answered", sql, _first(error), next_step=step) from None
+            what = "a query reads the store and nothing else"
+            raise ConfigError.of(what, sql, _first(error), next_step=step) from None
 
 
 def _first(error: Exception) -> str:
@@ -87,16 +115,13 @@ def _kind(statement: Any) -> str:
 
 
 @contextmanager
-def _connected(store: Store) -> Iterator[Any]:
-    """Yield a connection that knows the store's tables, and that cannot be opened for anything else."""
-    try:
-        import duckdb
-    except ImportError:
-        raise not_installed("queries", "duckdb", store.url, "sql") from None
+def _connected(holdings: Holdings, tables: Iterable[str]) -> Iterator[Any]:
+    """Yield a connection that knows some tables, and that cannot be opened for anything else."""
+    import duckdb
+
     with duckdb.connect(":memory:") as connection:
-        manifests = store.manifests()
-        for table in COLUMNS:
-            connection.register(table, store.dataset(table, manifests))
+        for table in tables:
+            connection.register(table, holdings.dataset(table))
         for setting in _CLOSED:
             connection.execute(f"set {setting}")
         connection.execute("begin transaction read only")
@@ -121,8 +146,10 @@ def write_answer(answer: pa.Table, target: Path) -> None:
         write(answer, draft)
 
 
-def export(store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str = ".parquet") -> list[Path]:
-    """Write tables of the store as one file each; all of them where none is named.
+def export(
+    store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str = ".parquet"
+) -> tuple[list[Path], tuple[Damage, ...]]:
+    """Write tables of the store as one file each, all of them where none is named; return paths and what was set aside.
 
     Raises
     ------
@@ -133,8 +160,12 @@ def export(store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str
     if unknown:
         raise ConfigError(*(Fault(f"no table is called {name!r}", expected=nearest(name, COLUMNS)) for name in unknown))
     target.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in tables or COLUMNS:
-        written.append(target / f"{name}{suffix}")
-        write_answer(store.table(name), written[-1])
-    return written
+    chosen = tables or tuple(COLUMNS)
+
+    def write(holdings: Holdings) -> list[Path]:
+        written = [target / f"{name}{suffix}" for name in chosen]
+        for name, path in zip(chosen, written, strict=True):
+            write_answer(holdings.table(name), path)
+        return written
+
+    return read(store, chosen, write)

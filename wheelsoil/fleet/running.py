@@ -15,9 +15,11 @@ from model import available_cores
 from wheelsoil import __version__
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
+from wheelsoil.fleet.holdings import holdings_of
+from wheelsoil.fleet.manifests import Damage, Manifest
 from wheelsoil.fleet.roots import Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Manifest, Store, open_store
+from wheelsoil.fleet.store import Store, open_store
 
 Engine = Literal["local", "dask"]
 
@@ -113,6 +115,8 @@ class Plan:
         All campaigns, and those that the store does not have as they are now.
     failed : mapping name -> fault
         Of those that it has.
+    damaged : tuple of Damage
+        Of the store's files; the campaigns that were found are made anew.
     """
 
     store: Store
@@ -120,6 +124,7 @@ class Plan:
     todo: tuple[Source, ...]
     failed: dict[str, str]
     options: FleetOptions
+    damaged: tuple[Damage, ...] = ()
 
 
 def plan_fleet(
@@ -129,11 +134,12 @@ def plan_fleet(
     *,
     shard: Shard | None = None,
     retry_failed: bool = False,
+    thorough: bool = False,
 ) -> Plan:
     """Find the campaigns, and what the store has of them.
 
     A campaign is there if it was finished by this version with these options, and its files have the size and the time
-    of change that they had.
+    of change that they had. `thorough` compares the checksums of the store's own files.
 
     Raises
     ------
@@ -143,7 +149,8 @@ def plan_fleet(
     options, shard = options or FleetOptions(), shard or Shard()
     found = tuple(source for source in find_sources(roots) if shard.has(source))
     store = open_store(url, create=True)
-    known = store.manifests()
+    holdings = holdings_of(store, thorough=thorough)
+    known = holdings.manifests
 
     def is_there(source: Source) -> bool:
         manifest = known.get(source.name)
@@ -152,12 +159,13 @@ def plan_fleet(
         return _as_now(source, manifest, options)
 
     todo = tuple(source for source in found if not is_there(source))
-    there = (known[source.name] for source in found if source not in todo)
-    return Plan(store, found, todo, {one.campaign: one.fault for one in there if one.state == "failed"}, options)
+    left = {source.name for source in found} - {source.name for source in todo}
+    failed = {name: known[name].fault for name in sorted(left) if known[name].state == "failed"}
+    return Plan(store, found, todo, failed, options, holdings.damaged)
 
 
 def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
-    if manifest.version != __version__ or FleetOptions(**_tuples(manifest.options)) != options:
+    if manifest.version != __version__ or _tuples(manifest.options) != asdict(options):
         return False
     try:
         there = facts_of(map(Path, manifest.files))
@@ -179,6 +187,8 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         The store cannot be written; see `wheelsoil.fleet.engines.on_dask`. What is finished is in the store.
     """
     begin_s, failed = time.monotonic(), 0
+    todo = {source.name for source in plan.todo}
+    plan.store.withdraw({one.manifest for one in plan.damaged if one.campaign in todo})
     task = partial(work_on, url=plan.store.url, options=plan.options)
     for finished, (source, result) in enumerate(_results(task, plan, workers), 1):
         done = _given_up(plan, source, result) if isinstance(result, Lost) else result

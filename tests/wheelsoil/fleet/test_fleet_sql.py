@@ -52,7 +52,7 @@ def test_what_no_manifest_names_is_not_there(store: Path, tmp_path: Path) -> Non
 
     own = shutil.copytree(store, tmp_path / "own")
     next((own / "done").glob("spring%2Fday-1.*")).unlink()  # as if its writer had been killed before the last file
-    found = {row["campaign"] for row in ask(open_store(str(own)), "select campaign from runs").to_pylist()}
+    found = {row["campaign"] for row in ask(open_store(str(own)), "select campaign from runs").rows.to_pylist()}
     assert found == {row["campaign"] for row in rows_of(store)["runs"].to_pylist()} - {"spring/day-1"}
 
 
@@ -138,7 +138,7 @@ def test_every_kind_of_statement_is_tried() -> None:
     ],
 )
 def test_what_only_reads_is_taken(sql: str, rows: int, store: Path) -> None:
-    assert ask(open_store(str(store)), sql).num_rows == rows
+    assert ask(open_store(str(store)), sql).rows.num_rows == rows
 
 
 @pytest.mark.parametrize("sql", ["select 1; select 2", "", "select 1; copy runs to 'x'"])
