@@ -47,6 +47,14 @@ class FleetOptions:
 
 
 @dataclass(frozen=True)
+class Task:
+    """A campaign to be worked on, and the manifests of its older rows in the store."""
+
+    source: Source
+    older: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Done:
     """What became of a campaign; `new` tells one that was worked on from one that the store had already."""
 
@@ -67,7 +75,7 @@ class _Opened:
 
 
 @one_thread
-def work_on(source: Source, url: str, options: FleetOptions) -> Done:
+def work_on(task: Task, url: str, options: FleetOptions) -> Done:
     """Process, fit and diagnose a campaign and write it into the store at `url`, unless it is there.
 
     What is wrong with a campaign is a result, and written down like one. Nothing is printed.
@@ -77,7 +85,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
     ConfigError
         The store cannot be written.
     """
-    store = open_store(url)
+    store, source = open_store(url), task.source
     with _ONE_AT_A_TIME, nothing_kept(), processes(1), contextlib.redirect_stderr(io.StringIO()):
         start_s = time.process_time()
         opened = _Opened(content_of(source, "", options))
@@ -105,7 +113,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
             cpu_s=round(time.process_time() - start_s, 3),
             peak_bytes=peak_memory_bytes(),
         )
-        store.put(manifest, tables)
+        store.put(manifest, tables, task.older)
         return Done(manifest)
 
 

@@ -41,11 +41,14 @@ class Holdings:
         Sound ones, in the order of their campaigns.
     damaged : tuple of Damage
         What was set aside.
+    older : tuple of Part
+        What newer parts replace.
     """
 
     store: Store
     parts: tuple[Part, ...]
     damaged: tuple[Damage, ...] = ()
+    older: tuple[Part, ...] = ()
 
     @property
     def manifests(self) -> dict[str, Manifest]:
@@ -100,7 +103,8 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
     thorough : bool
         Compare checksums, too: every byte is read.
     """
-    parts, damaged = store.parts()
+    listing = store.listing()
+    parts, damaged = list(listing.parts), list(listing.damaged)
     for table in tables:
         holding = [part for part in parts if table in part.files]
         wrong = _wrong_files(store, table, holding)
@@ -114,7 +118,7 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
             for one in part.manifests
         ]
         parts = [part for part in parts if part.name not in wrong]
-    return Holdings(store, tuple(parts), tuple(damaged))
+    return Holdings(store, tuple(parts), tuple(damaged), listing.older)
 
 
 def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> tuple[T, tuple[Damage, ...]]:

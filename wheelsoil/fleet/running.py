@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from typing import Any, Literal
 from daq import ConfigError, machine_memory_bytes
 from model import available_cores
 from wheelsoil import __version__
-from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
+from wheelsoil.fleet.campaign_task import Done, FleetOptions, Task, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
 from wheelsoil.fleet.holdings import holdings_of
 from wheelsoil.fleet.manifests import Damage, Manifest
@@ -117,6 +117,8 @@ class Plan:
         Of those that it has.
     damaged : tuple of Damage
         Of the store's files; the campaigns that were found are made anew.
+    older : mapping name -> names of manifests
+        What a campaign's new rows replace.
     """
 
     store: Store
@@ -125,6 +127,7 @@ class Plan:
     failed: dict[str, str]
     options: FleetOptions
     damaged: tuple[Damage, ...] = ()
+    older: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def plan_fleet(
@@ -161,7 +164,11 @@ def plan_fleet(
     todo = tuple(source for source in found if not is_there(source))
     left = {source.name for source in found} - {source.name for source in todo}
     failed = {name: known[name].fault for name in sorted(left) if known[name].state == "failed"}
-    return Plan(store, found, todo, failed, options, holdings.damaged)
+    older: dict[str, tuple[str, ...]] = {}
+    for part in (*holdings.parts, *holdings.older):
+        for one in part.manifests:
+            older[one.campaign] = (*older.get(one.campaign, ()), part.name)
+    return Plan(store, found, todo, failed, options, holdings.damaged, older)
 
 
 def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
@@ -190,8 +197,9 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     todo = {source.name for source in plan.todo}
     plan.store.withdraw({one.manifest for one in plan.damaged if one.campaign in todo})
     task = partial(work_on, url=plan.store.url, options=plan.options)
-    for finished, (source, result) in enumerate(_results(task, plan, workers), 1):
-        done = _given_up(plan, source, result) if isinstance(result, Lost) else result
+    for finished, (item, result) in enumerate(_results(task, plan, workers), 1):
+        source = item.source
+        done = _given_up(plan, item, result) if isinstance(result, Lost) else result
         manifest = done.manifest
         failed += manifest.state == "failed"
         left = len(plan.todo) - finished
@@ -206,20 +214,22 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         )
 
 
-def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Source, Done | Lost]]:
+def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Task, Done | Lost]]:
     if not plan.todo:
         return iter(())
+    items = [Task(source, plan.older.get(source.name, ())) for source in plan.todo]
     if workers.engine == "local":
-        return in_processes(task, plan.todo, min(workers.count, len(plan.todo)), workers.memory)
+        return in_processes(task, items, min(workers.count, len(items)), workers.memory)
     keys = [f"campaign-{content_of(source, plan.store.url, plan.options)}" for source in plan.todo]
-    return on_dask(task, plan.todo, keys, workers.scheduler, workers.count, workers.memory)
+    return on_dask(task, items, keys, workers.scheduler, workers.count, workers.memory)
 
 
-def _given_up(plan: Plan, source: Source, lost: Lost) -> Done:
+def _given_up(plan: Plan, item: Task, lost: Lost) -> Done:
     """Write down that a campaign was lost; without facts of its files, so that the next call tries it again."""
+    source = item.source
     content = content_of(source, "lost", plan.options)
     tables = tables_of(Found(source, fault=lost.why, state="failed"), content)
     rows = {name: len(table) for name, table in tables.items()}
     manifest = Manifest(source.name, content, "failed", lost.why, rows=rows, options=asdict(plan.options))
-    plan.store.put(manifest, tables)
+    plan.store.put(manifest, tables, item.older)
     return Done(manifest)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, not_installed
 from wheelsoil import __version__
-from wheelsoil.fleet.manifests import DONE, Damage, Manifest, Part, campaign_of, part_of, quoted, single_of
+from wheelsoil.fleet.manifests import DONE, Damage, Manifest, Part, campaign_of, part_of, single_of
 from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
@@ -34,6 +34,15 @@ if TYPE_CHECKING:
 SCHEMA = "wheelsoil/store/1"
 _HEAD = "store.json"
 _AT_ONCE = 200
+
+
+@dataclass(frozen=True)
+class Listing:
+    """What a store has by its manifests: parts in use, manifests that cannot be read, parts that newer ones replace."""
+
+    parts: tuple[Part, ...]
+    damaged: tuple[Damage, ...] = ()
+    older: tuple[Part, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,13 +65,14 @@ class Store:
         known = self.files.protocol
         return known if isinstance(known, str) else str(known[0])
 
-    def parts(self) -> tuple[list[Part], list[Damage]]:
-        """Return what was written of finished campaigns, by name, and manifests that cannot be read.
+    def listing(self) -> Listing:
+        """Return what was written of finished campaigns, by name.
 
         While a campaign's new rows replace older ones there are two for a moment: the newer file is taken.
         """
         damaged = [Damage("", _HEAD, "manifest")] if self.head_damaged else []
         found: dict[str, Part] = {}
+        older: list[Part] = []
         with _reached(self.url):
             self.files.invalidate_cache()
             listed = self.files.ls(f"{self.root}/{DONE}", detail=True) if self._holds(DONE) else []
@@ -76,13 +86,16 @@ class Store:
                     manifest = single_of(name, text)
                 except ValueError:
                     damaged.append(Damage(campaign_of(name), f"{DONE}/{name}", "manifest", f"{DONE}/{name}"))
-                else:
-                    found[manifest.campaign] = part_of(manifest)
-        return [found[name] for name in sorted(found)], [one for one in damaged if one.campaign not in found]
+                    continue
+                if manifest.campaign in found:
+                    older.append(found[manifest.campaign])
+                found[manifest.campaign] = part_of(manifest)
+        damaged = [one for one in damaged if one.campaign not in found]
+        return Listing(tuple(found[name] for name in sorted(found)), tuple(damaged), tuple(older))
 
     def manifests(self) -> dict[str, Manifest]:
         """Return the manifest of each campaign, by name."""
-        return {one.campaign: one for part in self.parts()[0] for one in part.manifests}
+        return {one.campaign: one for part in self.listing().parts for one in part.manifests}
 
     def sizes(self, paths: Sequence[str]) -> list[int | None]:
         """Return the bytes of files of one table; None of one that is not there."""
@@ -127,8 +140,8 @@ class Store:
         with _reached(self.url):
             return self._holds(f"{DONE}/{Manifest(campaign, content, '').name}", anew=True)
 
-    def put(self, manifest: Manifest, tables: Mapping[str, pa.Table]) -> None:
-        """Write a campaign: its tables, then its manifest; then remove what it replaces."""
+    def put(self, manifest: Manifest, tables: Mapping[str, pa.Table], older: Iterable[str] = ()) -> None:
+        """Write a campaign: its tables, then its manifest; then remove the older manifests of it, and their files."""
         with _reached(self.url):
             made = {table: encoded(rows) for table, rows in tables.items()}
             parts = {table: (len(data), hashlib.sha256(data).hexdigest()) for table, data in made.items()}
@@ -136,15 +149,32 @@ class Store:
             for table, file in part_of(manifest).files.items():
                 self._write(f"{self.root}/{file.path}", made[table])
             self._write(f"{self.root}/{DONE}/{manifest.name}", manifest.text(), once=True)
-            self._remove_older(manifest)
+        self.remove(name for name in older if name != f"{DONE}/{manifest.name}")
 
     def withdraw(self, names: Iterable[str]) -> None:
         """Remove manifests, by the names of their files: these campaigns are no longer finished."""
         with _reached(self.url):
             for name in names:
-                with suppress(FileNotFoundError):
-                    self.files.rm_file(f"{self.root}/{name}")
+                self._remove(name)
             self.files.invalidate_cache()
+
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove the manifests of single campaigns, then the files that they name."""
+        for name in names:
+            self.withdraw([name])
+            campaign, content = campaign_of(name.rpartition("/")[2]), name.rpartition(".")[0].rpartition(".")[2]
+            everything = Manifest(campaign, content, "done", rows=dict.fromkeys(COLUMNS, 0))
+            with _reached(self.url):
+                for file in part_of(everything).files.values():
+                    self._remove(file.path)
+
+    def _remove(self, path: str) -> None:
+        """Remove a file if it is there, and the folder of its campaign if nothing else is in it."""
+        with suppress(FileNotFoundError):
+            self.files.rm_file(f"{self.root}/{path}")
+        if self.is_local and "/campaign=" in path:
+            with suppress(OSError):
+                Path(self.root, path).parent.rmdir()
 
     def _holds(self, name: str, *, anew: bool = False) -> bool:
         if anew:
@@ -160,20 +190,6 @@ class Store:
             self.files.pipe_file(path, data, mode="create" if once else "overwrite")
         except FileExistsError:
             return
-
-    def _remove_older(self, manifest: Manifest) -> None:
-        begins = f"{quoted(manifest.campaign)}."
-        self.files.invalidate_cache()
-        for path in self.files.ls(f"{self.root}/{DONE}", detail=False):
-            name = path.rpartition("/")[2]
-            if not name.startswith(begins) or name == manifest.name:
-                continue
-            self.files.rm_file(path)
-            content = name.removeprefix(begins).removesuffix(".json")
-            everything = replace(manifest, content=content, rows=dict.fromkeys(COLUMNS, 0))
-            for file in part_of(everything).files.values():
-                with suppress(FileNotFoundError):
-                    self.files.rm_file(f"{self.root}/{file.path}")
 
 
 def encoded(rows: pa.Table, **options: Any) -> bytes:
