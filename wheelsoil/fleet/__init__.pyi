@@ -5,6 +5,8 @@ from .manifests import Damage as Damage
 from .manifests import Manifest as Manifest
 from .overview import Overview as Overview
 from .overview import overview_of as overview_of
+from .packs import Compacted as Compacted
+from .packs import compact as compact
 from .pooled import Pooled as Pooled
 from .pooled import day_of as day_of
 from .pooled import pool as pool

@@ -48,10 +48,11 @@ class FleetOptions:
 
 @dataclass(frozen=True)
 class Task:
-    """A campaign to be worked on, and the manifests of its older rows in the store."""
+    """A campaign to be worked on, manifests of its older rows in the store, and what the store has of it."""
 
     source: Source
     older: tuple[str, ...] = ()
+    content: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def work_on(task: Task, url: str, options: FleetOptions) -> Done:
             facts = source.facts()
             opened = _Opened(content_of(source, _hashes(facts), options), facts)
             opened = _open(source, facts, options)
-            if store.has(source.name, opened.content):
+            if opened.content == task.content or store.has(source.name, opened.content):
                 return Done(Manifest(source.name, opened.content, "done"), new=False)
             found = _of_tables(source, opened, options) if source.is_table else _of_runs(source, opened, options)
             tables = tables_of(found, opened.content)

@@ -6,18 +6,16 @@ table and these campaigns. What a file holds has a checksum; it is compared wher
 
 from __future__ import annotations
 
-import hashlib
-import struct
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field, replace
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from daq import ConfigError
-from wheelsoil.fleet.manifests import Damage, Manifest, Part, PartFile
+from wheelsoil.fleet.checks import failures, wrong_groups
+from wheelsoil.fleet.manifests import Damage, Manifest, Part
 from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import COLUMNS, schema_of
+from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,9 +23,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_TAIL = 1 << 16
-"""Bytes at the end of a file that are read at once: most footers are shorter."""
-_MAGIC = b"PAR1"
 _TRIES = 3
 
 
@@ -38,59 +33,120 @@ class Holdings:
     Attributes
     ----------
     parts : tuple of Part
-        Sound ones, in the order of their campaigns.
+        Sound ones.
     damaged : tuple of Damage
         What was set aside.
     older : tuple of Part
         What newer parts replace.
+    newest : mapping campaign -> time in ns
+        Of the campaigns in packs.
     """
 
     store: Store
     parts: tuple[Part, ...]
     damaged: tuple[Damage, ...] = ()
     older: tuple[Part, ...] = ()
+    newest: dict[str, int] = field(default_factory=dict)
 
     @property
     def manifests(self) -> dict[str, Manifest]:
-        """What the store has of each campaign, by name."""
-        return {one.campaign: one for part in self.parts for one in part.manifests}
+        """What the store has of each campaign, by name; without files and options of those in packs."""
+        return dict(sorted((one.campaign, one) for part in self.parts for one in part.manifests))
 
-    def dataset(self, table: str) -> Dataset:
-        """Return a table with its campaign as the first column; its files are read when it is."""
-        import pyarrow as pa
+    def sourced(self) -> dict[str, Manifest]:
+        """Return the manifests with files and options, also of those in packs."""
+        found = {}
+        for part in self.parts:
+            made_of = self.store.sources(part.name) if part.is_pack else {}
+            for one in part.manifests:
+                found[one.campaign] = _with_sources(one, made_of.get(one.campaign)) if part.is_pack else one
+        return found
+
+    def datasets(self, table: str) -> list[Dataset]:
+        """Return a table with its campaign as the first column; its files are read when it is.
+
+        The first one has all rows but those of packs of which some campaigns are replaced.
+        """
+        from pyarrow import dataset
+
+        holding = [part for part in self.parts if table in part.files]
+        whole = self._dataset(table, [part for part in holding if not part.hidden])
+        content = dataset.field("content")
+        return [
+            whole,
+            *(
+                self._dataset(table, [part]).filter(~content.isin(sorted(part.hidden)))
+                for part in holding
+                if part.hidden
+            ),
+        ]
+
+    def _dataset(self, table: str, parts: Sequence[Part]) -> Dataset:
         from pyarrow import dataset, fs
 
         store = self.store
-        holding = [(part, part.files[table]) for part in self.parts if table in part.files]
+        files = fs.LocalFileSystem() if store.is_local else fs.PyFileSystem(fs.FSSpecHandler(store.files))
         checks = dataset.ParquetFragmentScanOptions(page_checksum_verification=True)
-        return dataset.FileSystemDataset.from_paths(
-            [f"{store.root}/{file.path}" for _, file in holding],
-            schema=schema_of(table).insert(0, pa.field("campaign", pa.string())),
-            format=dataset.ParquetFileFormat(default_fragment_scan_options=checks),
-            filesystem=fs.LocalFileSystem() if store.is_local else fs.PyFileSystem(fs.FSSpecHandler(store.files)),
-            partitions=[dataset.field("campaign") == part.groups[0][0].campaign for part, _ in holding],
-        )
+        format = dataset.ParquetFileFormat(default_fragment_scan_options=checks)
+        fragments = []
+        for part in parts:
+            path = f"{store.root}/{part.files[table].path}"
+            if part.is_pack:
+                groups = [place for group, place in part.row_groups(table).items() if group not in part.lost]
+                fragments += [format.make_fragment(path, files, row_groups=groups)] if groups else []
+            else:
+                named = dataset.field("campaign") == part.groups[0][0].campaign
+                fragments.append(format.make_fragment(path, files, partition_expression=named))
+        return dataset.FileSystemDataset(fragments, packed_schema_of(table), format, files)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return the rows of a table of all campaigns, with their campaign as a column."""
+        """Return the rows of a table of all campaigns, by campaign, which is its first column."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         columns = schema_of(name).names if columns is None else list(columns)
-        none = pa.schema([schema_of(name).field(column) for column in columns]).empty_table()
-        pieces = [_of_campaign("", none)]
+        wanted = ["campaign", *columns]
         holding = [part for part in self.parts if name in part.files]
-        paths = [part.files[name].path for part in holding]
-        for part, data in zip(holding, self.store.contents(paths), strict=True):
-            file = pq.ParquetFile(BytesIO(data), page_checksum_verification=True)
-            pieces.append(_of_campaign(part.groups[0][0].campaign, file.read(columns, use_threads=False)))
-        return pa.concat_tables(pieces)
+        pieces = [pa.schema([packed_schema_of(name).field(column) for column in wanted]).empty_table()]
+        singles = [part for part in holding if not part.is_pack]
+        for part, data in zip(singles, self.store.contents([one.files[name].path for one in singles]), strict=True):
+            rows = pq.ParquetFile(BytesIO(data), page_checksum_verification=True).read(columns, use_threads=False)
+            pieces.append(_of_campaign(part, rows))
+        packs = replace(self, parts=tuple(part for part in holding if part.is_pack))
+        if packs.parts:
+            pieces += [each.to_table(columns=wanted, use_threads=False) for each in packs.datasets(name)]
+        rows = pa.concat_tables(pieces)
+        return rows.sort_by("campaign") if packs.parts else rows
 
 
-def _of_campaign(name: str, rows: pa.Table) -> pa.Table:
+def _with_sources(one: Manifest, made_of: object) -> Manifest:
+    try:
+        return Manifest.of({**vars(one), **made_of})  # type: ignore[dict-item]
+    except (TypeError, ValueError):
+        return one
+
+
+def _of_campaign(part: Part, rows: pa.Table) -> pa.Table:
     import pyarrow as pa
 
-    return rows.add_column(0, "campaign", pa.array([name] * len(rows), pa.string()))
+    return rows.add_column(0, "campaign", pa.array([part.groups[0][0].campaign] * len(rows), pa.string()))
+
+
+def rows_of_group(store: Store, part: Part, group: int, table: str, contents: set[str]) -> pa.Table | None:
+    """Return the rows of some campaigns of a group, with their campaign; None where it has none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    place = part.row_groups(table).get(group)
+    if table not in part.files or place is None:
+        return None
+    with store.files.open(f"{store.root}/{part.files[table].path}", "rb") as opened:
+        file = pq.ParquetFile(opened, page_checksum_verification=True)
+        if not part.is_pack:
+            return _of_campaign(part, file.read(use_threads=False)).cast(packed_schema_of(table))
+        rows = file.read_row_group(place, use_threads=False)
+    return rows.filter(pc.is_in(rows["content"], pa.array(sorted(contents))))
 
 
 def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thorough: bool = False) -> Holdings:
@@ -107,18 +163,16 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
     parts, damaged = list(listing.parts), list(listing.damaged)
     for table in tables:
         holding = [part for part in parts if table in part.files]
-        wrong = _wrong_files(store, table, holding)
-        if thorough:
-            sound = [part for part in holding if part.name not in wrong]
-            wrong |= {part.name: what for part in sound if (what := _wrong_data(store, part.files[table]))}
-        damaged += [
-            Damage(one.campaign, part.files[table].path, wrong[part.name], part.name)
-            for part in holding
-            if part.name in wrong
-            for one in part.manifests
-        ]
-        parts = [part for part in parts if part.name not in wrong]
-    return Holdings(store, tuple(parts), tuple(damaged), listing.older)
+        wrong = wrong_groups(store, table, holding, thorough=thorough)
+        if not wrong:
+            continue
+        for part in holding:
+            for group, what in sorted(wrong.get(part.name, {}).items()):
+                path = part.files[table].path
+                damaged += [Damage(one.campaign, path, what, part.name) for one in part.used(group)]
+        parts = [replace(part, lost=part.lost | wrong.get(part.name, {}).keys()) for part in parts]
+        parts = [part for part in parts if any(part.manifests)]
+    return Holdings(store, tuple(parts), tuple(damaged), listing.older, listing.newest)
 
 
 def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> tuple[T, tuple[Damage, ...]]:
@@ -136,101 +190,10 @@ def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> t
     for last in (False,) * _TRIES + (True,):
         try:
             return use(holdings), holdings.damaged
-        except _failures() as error:
+        except failures() as error:
             found = holdings_of(store, tables, thorough=True)
             if last or found == holdings:
                 step = "check the address, the rights and the memory; `wheelsoil fleet check STORE` reads every file"
                 raise ConfigError.of("the store cannot be read", store.url, str(error), next_step=step) from None
             holdings = found
     raise AssertionError
-
-
-def _failures() -> tuple[type[Exception], ...]:
-    """Return what pyarrow raises for data that it cannot read."""
-    import pyarrow as pa
-
-    return (OSError, pa.ArrowException)
-
-
-def _wrong_files(store: Store, table: str, parts: Sequence[Part]) -> dict[str, str]:
-    """Return the parts whose file of a table is not as it should be, and why."""
-    paths = [part.files[table].path for part in parts]
-    sizes = store.sizes(paths)
-    wrong = {}
-    readable = []
-    for part, size in zip(parts, sizes, strict=True):
-        stated = part.files[table].bytes
-        if size is None:
-            wrong[part.name] = "missing"
-        elif stated is not None and size != stated:
-            wrong[part.name] = "size"
-        else:
-            readable.append(part)
-    tails = store.contents([part.files[table].path for part in readable], start=-_TAIL, gone=b"")
-    for part, tail in zip(readable, tails, strict=True):
-        what = _wrong_footer(table, part, tail, store)
-        if what:
-            wrong[part.name] = what
-    return wrong
-
-
-def _wrong_footer(table: str, part: Part, tail: bytes, store: Store) -> str:
-    """Return what is wrong with the footer at the end of a file; "" if nothing."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    if len(tail) < 12 or tail[-4:] != _MAGIC:
-        return "footer"
-    length = struct.unpack("<I", tail[-8:-4])[0] + 8
-    if length > len(tail):
-        [tail] = store.contents([part.files[table].path], start=-length, gone=b"")
-    try:
-        footer = pq.read_metadata(pa.BufferReader(tail))
-        if not footer.schema.equals(_schema(table)) and not _means(footer, table):
-            return "another table"
-        return "" if _has_rows(footer, table, part) else "another campaign"
-    except (OSError, pa.ArrowException, ValueError, IndexError):
-        return "footer"
-
-
-@cache
-def _schema(table: str) -> Any:
-    """Return the schema of a table's files as Parquet has it."""
-    import pyarrow.parquet as pq
-
-    buffer = BytesIO()
-    pq.write_table(schema_of(table).empty_table(), buffer)
-    return pq.read_metadata(buffer).schema
-
-
-def _means(footer: Any, table: str) -> bool:
-    """Return whether a schema that another program wrote means the same."""
-    return bool(footer.schema.to_arrow_schema().remove_metadata().equals(schema_of(table)))
-
-
-def _has_rows(footer: Any, table: str, part: Part) -> bool:
-    """Return whether the row groups are those of the part's campaigns, by their number of rows and statistics."""
-    [[manifest]] = part.groups
-    if footer.num_rows != manifest.rows[table]:
-        return False
-    return all(
-        found is None or not found.has_min_max or found.min == found.max == manifest.content
-        for found in (footer.row_group(i).column(0).statistics for i in range(footer.num_row_groups))
-    )
-
-
-def _wrong_data(store: Store, file: PartFile) -> str:
-    """Return what is wrong with what a file holds; "" if nothing. Without a checksum it is read as a table."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with store.files.open(f"{store.root}/{file.path}", "rb") as opened:
-            if file.sha256:
-                return "" if hashlib.file_digest(opened, "sha256").hexdigest() == file.sha256 else "checksum"
-            with pq.ParquetFile(opened, page_checksum_verification=True) as table:
-                for i in range(table.num_row_groups):
-                    table.read_row_group(i, use_threads=False)
-    except (OSError, pa.ArrowException):
-        return "data"
-    return ""

@@ -12,7 +12,7 @@ from urllib.parse import quote, unquote
 from wheelsoil import __version__
 from wheelsoil.fleet.tables import COLUMNS
 
-DONE = "done"
+DONE, PACKS = "done", "packs"
 _SEAL = "checksum"
 
 
@@ -37,7 +37,9 @@ class Manifest:
     cpu_s, peak_bytes : float, int
         What it took.
     parts : mapping table -> (bytes, SHA-256)
-        Of its own files; empty in stores of older versions.
+        Of its own files; empty in stores of older versions, and in a pack.
+    made_at_ns : int
+        Of two packs with a campaign the one with the later time counts.
     """
 
     campaign: str
@@ -52,6 +54,7 @@ class Manifest:
     peak_bytes: int = 0
     version: str = __version__
     parts: dict[str, tuple[int, str]] = field(default_factory=dict)
+    made_at_ns: int = 0
 
     @property
     def name(self) -> str:
@@ -115,6 +118,7 @@ _KINDS: dict[str, Any] = {
     "options": lambda value: isinstance(value, dict),
     "cpu_s": lambda value: isinstance(value, int | float) and value >= 0,
     "peak_bytes": _is_count,
+    "made_at_ns": _is_count,
     "parts": _is_pairs(str),
 }
 
@@ -159,16 +163,41 @@ class Part:
     groups : tuple of tuple of Manifest
         Campaigns of each row group.
     files : mapping table -> PartFile
+    hidden : set of str
+        Contents that a newer part replaces.
+    lost : set of int
+        Groups that are damaged.
     """
 
     name: str
     groups: tuple[tuple[Manifest, ...], ...]
     files: dict[str, PartFile]
+    hidden: frozenset[str] = frozenset()
+    lost: frozenset[int] = frozenset()
+
+    @property
+    def is_pack(self) -> bool:
+        """Whether it is of many campaigns, which are a column of its tables."""
+        return self.name.startswith(PACKS)
+
+    @property
+    def all(self) -> Iterator[Manifest]:
+        """All of its campaigns."""
+        return (one for group in self.groups for one in group)
+
+    def used(self, group: int) -> Iterator[Manifest]:
+        """Return the campaigns of a group that are neither replaced nor damaged."""
+        return (one for one in self.groups[group] if group not in self.lost and one.content not in self.hidden)
 
     @property
     def manifests(self) -> Iterator[Manifest]:
-        """All of its campaigns."""
-        return (one for group in self.groups for one in group)
+        """Campaigns that are neither replaced nor damaged."""
+        return (one for group in range(len(self.groups)) for one in self.used(group))
+
+    def row_groups(self, table: str) -> dict[int, int]:
+        """Return the row group that each group's rows of a table are in, where it has any."""
+        holding = [i for i, group in enumerate(self.groups) if any(one.rows.get(table) for one in group)]
+        return {group: row_group for row_group, group in enumerate(holding)}
 
 
 def part_of(manifest: Manifest) -> Part:
@@ -176,6 +205,31 @@ def part_of(manifest: Manifest) -> Part:
     place = f"campaign={quoted(manifest.campaign)}/{manifest.content}.parquet"
     files = {table: PartFile(f"{table}/{place}", *manifest.parts.get(table, (None, ""))) for table in manifest.rows}
     return Part(f"{DONE}/{manifest.name}", ((manifest,),), files)
+
+
+def pack_of(name: str, text: bytes) -> Part:
+    """Return the pack whose manifest has a name below the store and this text.
+
+    Raises
+    ------
+    ValueError
+        It is damaged.
+    """
+    values = unsealed(text)
+    if not isinstance(values, dict) or values.keys() != {"groups", "parts"} or not _is_pairs(str)(values["parts"]):
+        raise ValueError("no pack")
+    if not isinstance(values["groups"], list) or not all(isinstance(group, list) for group in values["groups"]):
+        raise ValueError("groups")
+    groups = tuple(tuple(map(Manifest.of, group)) for group in values["groups"])
+    folder = name.removesuffix(".json")
+    tables = {file.removesuffix(".parquet"): tuple(facts) for file, facts in values["parts"].items()}
+    files = {table: PartFile(f"{folder}/{table}.parquet", *tables[table]) for table in COLUMNS if table in tables}
+    return Part(name, groups, files)
+
+
+def sources_path(name: str) -> str:
+    """Return where a pack has the files and options of its campaigns."""
+    return f"{name.removesuffix('.json')}/sources.json"
 
 
 def sealed(values: Mapping[str, Any]) -> bytes:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -106,9 +107,11 @@ def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator
     wanted = serial.isin([one for one in serials if one is not None])
     wanted = wanted | serial.is_null() if None in serials else wanted
     alike: dict[tuple[Any, ...], tuple[Any, ...]] = {}  # what most campaigns have in common is held once
-    for batch in holdings.dataset("evidence").to_batches(
-        filter=wanted, batch_size=_ROWS, batch_readahead=1, fragment_readahead=1
-    ):
+    scanned = (
+        each.to_batches(filter=wanted, batch_size=_ROWS, batch_readahead=1, fragment_readahead=1)
+        for each in holdings.datasets("evidence")
+    )
+    for batch in chain.from_iterable(scanned):
         matrices = batch["matrix"]
         for i, row in enumerate(batch.drop_columns(["matrix"]).to_pylist()):
             lists = {name: alike.setdefault(tuple(row[name]), tuple(row[name])) for name in _LISTS}

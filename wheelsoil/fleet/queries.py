@@ -121,7 +121,14 @@ def _connected(holdings: Holdings, tables: Iterable[str]) -> Iterator[Any]:
 
     with duckdb.connect(":memory:") as connection:
         for table in tables:
-            connection.register(table, holdings.dataset(table))
+            whole, *partly = holdings.datasets(table)
+            if not partly:
+                connection.register(table, whole)
+                continue
+            for i, each in enumerate((whole, *partly)):
+                connection.register(f"{table}_{i}", each)
+            pieces = " union all ".join(f"select * from {table}_{i}" for i in range(1 + len(partly)))
+            connection.execute(f"create temporary view {table} as {pieces}")
         for setting in _CLOSED:
             connection.execute(f"set {setting}")
         connection.execute("begin transaction read only")

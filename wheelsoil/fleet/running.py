@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +16,7 @@ from wheelsoil import __version__
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, Task, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
 from wheelsoil.fleet.holdings import holdings_of
-from wheelsoil.fleet.manifests import Damage, Manifest
+from wheelsoil.fleet.manifests import DONE, Damage, Manifest
 from wheelsoil.fleet.roots import Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.fleet.store import Store, open_store
@@ -111,23 +111,27 @@ class Plan:
 
     Attributes
     ----------
-    found, todo : tuple of Source
-        All campaigns, and those that the store does not have as they are now.
+    found : tuple of Source
+        All campaigns.
+    tasks : tuple of Task
+        Those that the store does not have as they are now.
     failed : mapping name -> fault
         Of those that it has.
     damaged : tuple of Damage
         Of the store's files; the campaigns that were found are made anew.
-    older : mapping name -> names of manifests
-        What a campaign's new rows replace.
     """
 
     store: Store
     found: tuple[Source, ...]
-    todo: tuple[Source, ...]
+    tasks: tuple[Task, ...]
     failed: dict[str, str]
     options: FleetOptions
     damaged: tuple[Damage, ...] = ()
-    older: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def todo(self) -> tuple[Source, ...]:
+        """What is to be done."""
+        return tuple(task.source for task in self.tasks)
 
 
 def plan_fleet(
@@ -153,7 +157,7 @@ def plan_fleet(
     found = tuple(source for source in find_sources(roots) if shard.has(source))
     store = open_store(url, create=True)
     holdings = holdings_of(store, thorough=thorough)
-    known = holdings.manifests
+    known = holdings.sourced()
 
     def is_there(source: Source) -> bool:
         manifest = known.get(source.name)
@@ -166,9 +170,11 @@ def plan_fleet(
     failed = {name: known[name].fault for name in sorted(left) if known[name].state == "failed"}
     older: dict[str, tuple[str, ...]] = {}
     for part in (*holdings.parts, *holdings.older):
-        for one in part.manifests:
+        for one in () if part.is_pack else part.all:
             older[one.campaign] = (*older.get(one.campaign, ()), part.name)
-    return Plan(store, found, todo, failed, options, holdings.damaged, older)
+    contents = {name: one.content for name, one in known.items()}
+    items = tuple(Task(one, older.get(one.name, ()), contents.get(one.name, "")) for one in todo)
+    return Plan(store, found, items, failed, options, holdings.damaged)
 
 
 def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
@@ -195,7 +201,8 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     """
     begin_s, failed = time.monotonic(), 0
     todo = {source.name for source in plan.todo}
-    plan.store.withdraw({one.manifest for one in plan.damaged if one.campaign in todo})
+    withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
+    plan.store.withdraw(name for name in withdrawn if name.startswith(DONE))
     task = partial(work_on, url=plan.store.url, options=plan.options)
     for finished, (item, result) in enumerate(_results(task, plan, workers), 1):
         source = item.source
@@ -217,7 +224,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
 def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Task, Done | Lost]]:
     if not plan.todo:
         return iter(())
-    items = [Task(source, plan.older.get(source.name, ())) for source in plan.todo]
+    items = plan.tasks
     if workers.engine == "local":
         return in_processes(task, items, min(workers.count, len(items)), workers.memory)
     keys = [f"campaign-{content_of(source, plan.store.url, plan.options)}" for source in plan.todo]

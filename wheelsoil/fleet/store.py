@@ -5,6 +5,7 @@
     STORE/store.json                               the schema's version
     STORE/TABLE/campaign=NAME/CONTENT.parquet      rows of one campaign; its name is the partition
     STORE/done/NAME.CONTENT.json                   the manifest: this campaign is whole
+    STORE/packs/                                   many campaigns together (`wheelsoil.fleet.packs`)
 
 CONTENT is a hash of everything the rows depend on, so that who writes a campaign a second time writes the same files.
 A file that no manifest names belongs to a campaign that is not finished: queries do not see it.
@@ -15,16 +16,29 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, not_installed
 from wheelsoil import __version__
-from wheelsoil.fleet.manifests import DONE, Damage, Manifest, Part, campaign_of, part_of, single_of
+from wheelsoil.fleet.manifests import (
+    DONE,
+    PACKS,
+    Damage,
+    Manifest,
+    Part,
+    campaign_of,
+    pack_of,
+    part_of,
+    single_of,
+    sources_path,
+    unsealed,
+)
 from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
@@ -38,11 +52,24 @@ _AT_ONCE = 200
 
 @dataclass(frozen=True)
 class Listing:
-    """What a store has by its manifests: parts in use, manifests that cannot be read, parts that newer ones replace."""
+    """What a store has by its manifests.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        In use: single ones by name, then packs.
+    damaged : tuple of Damage
+        Manifests that cannot be read.
+    older : tuple of Part
+        What newer parts replace.
+    newest : mapping campaign -> time in ns
+        Of the campaigns in packs.
+    """
 
     parts: tuple[Part, ...]
     damaged: tuple[Damage, ...] = ()
     older: tuple[Part, ...] = ()
+    newest: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -68,30 +95,78 @@ class Store:
     def listing(self) -> Listing:
         """Return what was written of finished campaigns, by name.
 
-        While a campaign's new rows replace older ones there are two for a moment: the newer file is taken.
+        While a campaign's new rows replace older ones there are two for a moment. A single part counts more than a
+        pack, of two the newer file; of two packs the one in which the campaign is newer.
         """
-        damaged = [Damage("", _HEAD, "manifest")] if self.head_damaged else []
-        found: dict[str, Part] = {}
-        older: list[Part] = []
         with _reached(self.url):
             self.files.invalidate_cache()
-            listed = self.files.ls(f"{self.root}/{DONE}", detail=True) if self._holds(DONE) else []
-            names = [one["name"].rpartition("/")[2] for one in sorted(listed, key=_changed)]
-            names = [name for name in names if name.endswith(".json") and not name.startswith(".")]
-            texts = self.contents([f"{DONE}/{name}" for name in names], gone=b"gone")
-            for name, text in zip(names, texts, strict=True):
-                if text == b"gone":
-                    continue
-                try:
-                    manifest = single_of(name, text)
-                except ValueError:
-                    damaged.append(Damage(campaign_of(name), f"{DONE}/{name}", "manifest", f"{DONE}/{name}"))
-                    continue
-                if manifest.campaign in found:
-                    older.append(found[manifest.campaign])
-                found[manifest.campaign] = part_of(manifest)
-        damaged = [one for one in damaged if one.campaign not in found]
-        return Listing(tuple(found[name] for name in sorted(found)), tuple(damaged), tuple(older))
+            singles, damaged, older = self._singles()
+            packs, unread = self._packs()
+        damaged = [one for one in damaged if one.campaign not in singles]
+        newest: dict[str, tuple[int, str]] = {}
+        for pack in packs:
+            for one in pack.all:
+                newest[one.campaign] = max(newest.get(one.campaign, (-1, "")), (one.made_at_ns, pack.name))
+        parts = [singles[name] for name in sorted(singles)]
+        for pack in packs:
+            won = [one for one in pack.all if newest[one.campaign][1] == pack.name and one.campaign not in singles]
+            hidden = frozenset(one.content for one in pack.all) - {one.content for one in won}
+            (parts if won else older).append(replace(pack, hidden=hidden))
+        for name, campaigns in unread.items():
+            left = [one for one in campaigns if one not in singles and one not in newest]
+            damaged += [Damage(one, name, "manifest", name) for one in left]
+            older += [] if left else [Part(name, (), {})]
+        damaged += [Damage("", _HEAD, "manifest")] if self.head_damaged else []
+        made = {campaign: made_at_ns for campaign, (made_at_ns, _) in newest.items()}
+        return Listing(tuple(parts), tuple(damaged), tuple(older), made)
+
+    def _singles(self) -> tuple[dict[str, Part], list[Damage], list[Part]]:
+        """Return the parts of one campaign, manifests that cannot be read, and parts that newer ones replace."""
+        found: dict[str, Part] = {}
+        damaged: list[Damage] = []
+        older: list[Part] = []
+        names = self._manifest_names(DONE)
+        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
+            file = name.rpartition("/")[2]
+            if text == b"gone":
+                continue
+            try:
+                manifest = single_of(file, text)
+            except ValueError:
+                damaged.append(Damage(campaign_of(file), name, "manifest", name))
+                continue
+            if manifest.campaign in found:
+                older.append(found[manifest.campaign])
+            found[manifest.campaign] = part_of(manifest)
+        return found, damaged, older
+
+    def _packs(self) -> tuple[list[Part], dict[str, list[str]]]:
+        """Return the packs, and the campaigns of those whose manifest cannot be read."""
+        found: list[Part] = []
+        unread: dict[str, list[str]] = {}
+        names = self._manifest_names(PACKS)
+        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
+            if text == b"gone":
+                continue
+            try:
+                found.append(pack_of(name, text))
+            except ValueError:
+                unread[name] = list(self.sources(name)) or [""]
+        return sorted(found, key=lambda pack: pack.name), unread
+
+    def sources(self, pack: str) -> dict[str, Any]:
+        """Return the files and options of a pack's campaigns; nothing if they cannot be read."""
+        try:
+            values = unsealed(next(self.contents([sources_path(pack)])))
+        except (OSError, ValueError):
+            return {}
+        return values if isinstance(values, dict) else {}
+
+    def _manifest_names(self, folder: str) -> list[str]:
+        """Return the manifests in a folder, the newest last."""
+        listed = self.files.ls(f"{self.root}/{folder}", detail=True) if self._holds(folder) else []
+        names = [one["name"].rpartition("/")[2] for one in sorted(listed, key=_changed)]
+        return [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
 
     def manifests(self) -> dict[str, Manifest]:
         """Return the manifest of each campaign, by name."""
@@ -145,7 +220,7 @@ class Store:
         with _reached(self.url):
             made = {table: encoded(rows) for table, rows in tables.items()}
             parts = {table: (len(data), hashlib.sha256(data).hexdigest()) for table, data in made.items()}
-            manifest = replace(manifest, parts=parts)
+            manifest = replace(manifest, parts=parts, made_at_ns=time.time_ns())
             for table, file in part_of(manifest).files.items():
                 self._write(f"{self.root}/{file.path}", made[table])
             self._write(f"{self.root}/{DONE}/{manifest.name}", manifest.text(), once=True)
@@ -167,6 +242,31 @@ class Store:
             with _reached(self.url):
                 for file in part_of(everything).files.values():
                     self._remove(file.path)
+
+    def remove_pack(self, name: str) -> None:
+        """Remove a pack, by the name of its manifest, and its files."""
+        self.withdraw([name])
+        folder = f"{self.root}/{name.removesuffix('.json')}"
+        with _reached(self.url), suppress(FileNotFoundError):
+            self.files.rm(folder, recursive=True)
+
+    def discard(self, paths: Iterable[str]) -> None:
+        """Remove files below the store."""
+        with _reached(self.url):
+            for path in paths:
+                self._remove(path)
+
+    def older_than(self, folder: str, seconds: float) -> list[str]:
+        """Return files in a folder, however deep, that were written before some time, by their path below the store."""
+        with _reached(self.url):
+            found = self._found(folder) if self._holds(folder) else {}
+        limit = time.time() - seconds
+        return [name.removeprefix(f"{self.root}/") for name, one in found.items() if _seconds(_changed(one)) <= limit]
+
+    def write(self, path: str, data: bytes) -> None:
+        """Write a whole file or nothing, at a place below the store."""
+        with _reached(self.url):
+            self._write(f"{self.root}/{path}", data)
 
     def _remove(self, path: str) -> None:
         """Remove a file if it is there, and the folder of its campaign if nothing else is in it."""
@@ -239,7 +339,7 @@ def open_store(url: str, *, create: bool = False) -> Store:
             store._write(head, _head(), once=True)
         schema = _schema_in(files.cat_file(head))
         if schema is None:
-            if not store._holds(DONE):
+            if not (store._holds(DONE) or store._holds(PACKS)):
                 step = f"remove {_HEAD} if no campaign was finished, or name another folder"
                 raise ConfigError.of("there is no store", url, f"{_HEAD} cannot be read", SCHEMA, step)
             if create:
@@ -296,6 +396,10 @@ def _size(path: str) -> int | None:
         return Path(path).stat().st_size
     except OSError:
         return None
+
+
+def _seconds(changed: Any) -> float:
+    return float(changed.timestamp() if hasattr(changed, "timestamp") else changed)
 
 
 def _changed(entry: Mapping[str, Any]) -> Any:
