@@ -32,6 +32,15 @@ LIBRARY_MEMORY_BYTES = 2 << 30
 LONGEST_MESSAGE_BYTES = 4095
 """Of a message in a DBC: what ISO-TP can carry; J1939's transport protocol carries 1785, a CAN FD frame 64."""
 
+LONGEST_ARXML_BITS = 8 * 65_535
+"""Of a length or position in an ARXML file, which also describes Ethernet: the longest PDU there."""
+
+MOST_MULTIPLEXER_VALUES = 1_000_000
+"""Of all ranges of multiplexed signals in a DBC (SG_MUL_VAL_): cantools makes a list of each."""
+
+MOST_MESSAGES_OF_A_RANGE = 4096
+"""Of a range of identifiers in a SYM file: cantools makes a message for each. There are 2,048 of 11 bits."""
+
 LARGEST_DBC_BYTES = 64 << 20
 """Of a DBC file. A whole vehicle takes less than 10 MB; cantools takes 50 times the size in memory."""
 

@@ -18,7 +18,7 @@ from typing import IO
 import pyarrow as pa
 from cli_support import ok
 
-from wheelsoil.fleet import COLUMNS, open_store
+from wheelsoil.fleet import COLUMNS, holdings_of, open_store
 
 PATIENCE_S = 120.0
 WHEELSOIL = (sys.executable, "-c", "from wheelsoil.cli.app import main; main()")
@@ -49,8 +49,8 @@ def small_fleet(folder: Path, campaigns: int = 6) -> Path:
 
 def rows_of(url: object) -> dict[str, pa.Table]:
     """Every table of a store."""
-    store = open_store(str(url))
-    return {name: store.table(name) for name in COLUMNS}
+    holdings = holdings_of(open_store(str(url)))
+    return {name: holdings.table(name) for name in COLUMNS}
 
 
 def contents(url: object) -> dict[str, str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.can.bits import Message, RawKind, Signal
+from daq.can.database_limits import MOST_BITS, of_bits, of_length, too_long
 from daq.config import VehicleConfig
 from daq.errors import DatabaseError, Fault, every_error_as, nearest, shortened
 from daq.limits import LARGEST_DBC_BYTES, LONGEST_MESSAGE_BYTES
@@ -22,15 +23,12 @@ _DANGLING = re.compile(r"^\s*((?:VAL_|SIG_VALTYPE_) \d+ \w+)\s*$", re.MULTILINE)
 _OVERLONG = re.compile(r"(Standard|Extended) frame id 0x[0-9a-f]+ is more than (\d+) bits")
 _SYNTAX = re.compile(r"[Ii]nvalid syntax at line (\d+), column (\d+)")
 _IN_MESSAGE = re.compile(r"^The signals? (\w+)(?: and (\w+) are overlapping| does not fit) in message (\w+)")
-_LENGTH = re.compile(r"^\s*BO_\s+\d+\s+\S+?\s*:\s*(\d+)")
-_BITS = re.compile(r"^\s*SG_\s+[^:\n]*:\s*(\d+)\s*\|\s*(\d+)")
 _MULTIPLEXER = re.compile(r"\s*SG_\s+\S+\s+(?:m\d+)?M\s*:")
 _WITH_SEMICOLON = ("VAL_", "CM_", "BA_", "SIG_VALTYPE_", "VAL_TABLE_", "SIG_GROUP_", "BO_TX_BU_", "SG_MUL_VAL_")
 _STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
 
 LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was excluded is listed)"
 MAX_SIGNAL_BITS = 64
-_MOST_BITS = 8 * LONGEST_MESSAGE_BYTES
 _KINDS = {".kcd": "kcd", ".sym": "sym", ".arxml": "arxml"}
 _SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
@@ -281,27 +279,20 @@ def _parse(text: str, *, strict: bool, kind: str = "dbc") -> tuple[Any, str]:
         return None, str(error.e_dbc or error)
 
 
-def _too_long(text: str) -> list[BadLine]:
-    """Return the lines of messages and signals that no bus can carry; cantools would take gigabytes for them."""
+def _too_long(text: str, kind: str = "dbc") -> list[BadLine]:
+    """Return the lines of what no bus can carry, a message with those of its signals."""
     lines = text.split("\n")
     found = []
-    for i, line in enumerate(lines, 1):
-        length, bits = _LENGTH.match(line), _BITS.match(line)
-        if length and _beyond(length[1], LONGEST_MESSAGE_BYTES):
-            why = f"a message of {shortened(length[1])} bytes; at most {LONGEST_MESSAGE_BYTES} are possible"
-            found.append(BadLine(i, line, why, _block_end(lines, i)))
-        elif bits and any(_beyond(number, _MOST_BITS) for number in bits.groups()):
-            why = f"a signal beyond bit {_MOST_BITS}, the last of the longest message"
-            found.append(BadLine(i, line, why, i))
+    for start, end, why in too_long(text, kind):
+        first, last = (text.count("\n", 0, at) + 1 for at in (start, end))
+        if kind == "dbc":
+            first, last = first, max(last, _block_end(lines, last) if text.startswith("BO_", start) else last)
+        found.append(BadLine(first, lines[first - 1], why, last))
     return found
 
 
-def _beyond(digits: str, limit: int) -> bool:
-    return len(digits.lstrip("0")) > len(str(limit)) or int(digits[-20:]) > limit
-
-
 def _parse_strict(text: str, where: str, kind: str) -> Any:
-    bad = _too_long(text) if kind == "dbc" else []
+    bad = _too_long(text, kind)
     parsed, complaint = (None, "") if bad else _parse(text, strict=True, kind=kind)
     if parsed is not None:
         return parsed
@@ -310,10 +301,12 @@ def _parse_strict(text: str, where: str, kind: str) -> Any:
         raise DatabaseError.of(
             f"cantools cannot load this {kind.upper()}", where, complaint, next_step="correct the file"
         )
+    step = LENIENT_HINT if kind == "dbc" else "correct the file"
     texts = [
-        (f"this DBC is refused: {line.why}", f"line {line.number}: {shortened(line.text.strip())}") for line in bad
+        (f"this {kind.upper()} is refused: {line.why}", f"line {line.number}: {shortened(line.text.strip())}")
+        for line in bad
     ]
-    raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
+    raise DatabaseError(*(Fault(what, where, found, "", step) for what, found in texts))
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
@@ -368,6 +361,8 @@ def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> t
 
 
 def _message(message: Any, parsed: Any) -> Message:
+    if message.length > LONGEST_MESSAGE_BYTES:
+        raise ValueError(of_length(message.length))
     attributes = (parsed.dbc.attributes if parsed.dbc else None) or {}
     protocol = str(attributes["ProtocolType"].value) if "ProtocolType" in attributes else ""
     j1939 = message.is_extended_frame and (message.protocol == "j1939" or "J1939" in protocol.upper())
@@ -395,6 +390,8 @@ def _cycle_time_s(value: object) -> float | None:
 
 def _signal(signal: Any) -> Signal:
     scale, offset = signal.scale, signal.offset
+    if max(signal.start, signal.length) > MOST_BITS:
+        raise ValueError(f"{signal.name}: {of_bits()}")
     if not (math.isfinite(scale) and math.isfinite(offset)):
         raise ValueError(f"signal {signal.name} has the scale {scale} and the offset {offset}")
     if not signal.is_float and float(scale).is_integer() and float(offset).is_integer():

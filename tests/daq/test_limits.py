@@ -11,6 +11,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from database_texts import ARXML, KCD, SYM
 
 from daq.can.databases import load_database
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
@@ -48,6 +49,64 @@ def test_a_dbc_beyond_every_message_is_refused_with_its_line(change: dict[str, o
     lenient = load_database(text, "a.dbc", lenient=True)
     assert [len(message.signals) for message in lenient.messages] == ([1] if "length" in change else [0, 1])
     assert lenient.left_out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("M: 8 A", "M:\n400000000 A", 5),
+        ("SG_ s : 0|", "SG_ s\n:\n2147483648 |", 6),
+        ("BO_ 257", "SG_MUL_VAL_ 256 s s 0-5, 7-4294967295;\nBO_ 257", 8),
+    ],
+)
+def test_a_dbc_may_break_its_lines_anywhere(old: str, new: str, line: int) -> None:
+    with pytest.raises(DatabaseError, match="this DBC is refused") as caught:
+        load_database(DBC.format(**USUAL).replace(old, new, 1).encode(), "a.dbc")
+    assert caught.value.faults[0].found.startswith(f"line {line}: ")
+
+
+def test_what_a_comment_says_is_no_statement() -> None:
+    text = DBC.format(**USUAL) + 'CM_ "BO_ 1 x: 99999999 A\nSG_ s : 99999999|1";\n'
+    assert len(load_database(text.encode(), "a.dbc").messages) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new", "line"),
+    [
+        ("kcd", 'length="8"', 'length="400000000"', 3),
+        ("kcd", 'offset="16"', 'offset="2147483648"', 4),
+        ("kcd", 'offset="16"', 'offset="2_147_483_648"', 4),
+        ("kcd", 'length="12"', 'length="400000000"', 4),
+        ("kcd", "<NetworkDefinition", '<!DOCTYPE x [<!ENTITY a "aaaa">]>\n<NetworkDefinition', 1),
+        ("sym", "unsigned 12", "unsigned 400000000", 5),
+        ("sym", "Len=8", "Len=\n400000000", 11),
+        ("sym", "Fz 16", "Fz\n2147483648", 12),
+        ("sym", "Sig=Fz 16", "Var=a unsigned 0,2147483648", 12),
+        ("sym", "Sig=Fz 16", "Mux=a 2147483648,8 1", 12),
+        ("sym", "ID=123h", "ID=0h-1FFFFFFFh", 10),
+        ("arxml", "<START-POSITION>16", "<START-POSITION>2147483648", 14),
+        ("arxml", "<START-POSITION>0", "<START-POSITION>0x80000000", 10),
+        ("arxml", "<LENGTH>12", "<LENGTH>1e9", 16),
+        ("arxml", "<LENGTH>8", f"<LENGTH>{'9' * 5000}", 12),
+        ("arxml", "<FRAME-LENGTH>8", "<FRAME-LENGTH>400000000", 8),
+    ],
+)
+def test_every_format_of_database_has_the_same_limits(kind: str, old: str, new: str, line: int) -> None:
+    text = {"kcd": KCD, "sym": SYM, "arxml": ARXML}[kind]
+    assert load_database(text.encode(), f"a.{kind}").messages[0].signals[0].length_bits == 12
+    assert text.count(old) == 1
+    with pytest.raises(DatabaseError, match=f"this {kind.upper()} is refused") as caught:
+        load_database(text.replace(old, new).encode(), f"a.{kind}")
+    assert caught.value.faults[0].found.startswith(f"line {line}: ")
+    assert "lenient" not in caught.value.faults[0].next_step and len(str(caught.value)) < 2000
+
+
+@pytest.mark.parametrize("place", ["40000", "524280"])
+def test_what_only_the_loaded_signal_shows_is_refused(place: str) -> None:
+    text = ARXML.replace("<START-POSITION>16", f"<START-POSITION>{place}")
+    text = text.replace("<FRAME-LENGTH>8", "<FRAME-LENGTH>4095").replace("<LENGTH>8", "<LENGTH>65535")
+    with pytest.raises(DatabaseError):
+        load_database(text.encode(), "a.arxml")
 
 
 @pytest.mark.parametrize("scale", ["9" * 400, "1e400", "9" * 5000])

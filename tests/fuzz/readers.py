@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from database_texts import ARXML, KCD, SYM
 from frames_support import some_frames
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
@@ -135,6 +136,9 @@ FORMATS = {
     "vehicle.toml": Format(".toml", _text((_CLAY / "vehicle.toml").read_text()), _toml),
     "terrain.toml": Format(".toml", _text((_CLAY / "terrain.toml").read_text()), _toml),
     "dbc": Format(".dbc", _text(shipped_dbc("wheel_speed.dbc").read_text()), load_database, weight=0.2),
+    "kcd": Format(".kcd", _text(KCD), load_database, weight=0.2),
+    "sym": Format(".sym", _text(SYM), load_database, weight=0.1),
+    "arxml": Format(".arxml", _text(ARXML), load_database, weight=0.1),
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from decimal import Decimal
 from enum import StrEnum
@@ -18,7 +18,7 @@ from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
-    from wheelsoil.fleet import Step
+    from wheelsoil.fleet import Damage, Step
 
 StoreUrl = Annotated[str, typer.Argument(metavar="STORE", help="A folder, or a bucket: s3://bucket/folder.")]
 
@@ -55,6 +55,7 @@ def fleet_run(
     shard: Annotated[str, typer.Option(metavar="I/N", help="Only this part of the campaigns: 3/20.")] = "1/1",
     effects: options.Effects = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Read all of the store for damage.")] = False,
     json: options.Json = False,
 ) -> None:
     """Take every campaign and single-wheel table through processing, fit and diagnosis into a store.
@@ -72,9 +73,12 @@ def fleet_run(
     chosen = options.split(effects)
     diagnosis_options(effects=chosen)
     settings = FleetOptions(tuple(chosen))
-    plan = plan_fleet(roots, store, settings, shard=Shard.of(shard), retry_failed=retry_failed)
+    plan = plan_fleet(roots, store, settings, shard=Shard.of(shard), retry_failed=retry_failed, thorough=check)
     there = len(plan.found) - len(plan.todo)
     say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
+    anew = {one.campaign for one in plan.damaged} & {source.name for source in plan.todo}
+    if anew:
+        say(f"made anew, since their files in the store are damaged: {', '.join(sorted(anew))}")
     workers = Workers(engine.value, scheduler, jobs, int(memory * 1e9))
     failed = dict(plan.failed)
     for step in _shown(run_fleet(plan, workers), len(plan.todo)):
@@ -85,6 +89,18 @@ def fleet_run(
     if failed:
         before = f", {len(plan.failed)} of them before: --retry-failed" if plan.failed else ""
         say(f"{len(failed)} failed{before}; `wheelsoil fleet status {store}` lists them")
+    _set_aside(store, [one for one in plan.damaged if one.campaign and one.campaign not in anew])
+    if failed:
+        raise SystemExit(1)
+
+
+def _set_aside(store: str, damaged: Sequence[Damage]) -> None:
+    """Name what is damaged, and end with exit code 1; nothing if nothing is."""
+    from wheelsoil.wording.store_text import damage_lines
+
+    for line in damage_lines(store, damaged):
+        say(line)
+    if damaged:
         raise SystemExit(1)
 
 
@@ -126,10 +142,10 @@ def _duration(seconds: float) -> str:
 @fleet_app.command("status")
 def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     """Report what a store holds: campaigns and their verdicts, rows, what failed and why, what it took."""
-    from wheelsoil.fleet import open_store
+    from wheelsoil.fleet import holdings_of, open_store
 
-    opened = open_store(store)
-    manifests = list(opened.manifests().values())
+    holdings = holdings_of(open_store(store))
+    manifests = list(holdings.manifests.values())
     failed = {one.campaign: one.fault for one in manifests if one.state == "failed"}
     rows: Counter[str] = Counter()
     for one in manifests:
@@ -143,16 +159,23 @@ def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
         "cpu_s": sum(one.cpu_s for one in manifests),
         "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
         "versions": sorted({one.version for one in manifests}),
+        "damaged": [vars(one) for one in holdings.damaged],
     }
     if json:
         print_json(facts)
-        return
+    else:
+        _print_status(facts)
+    _set_aside(store, holdings.damaged)
+
+
+def _print_status(facts: Mapping[str, Any]) -> None:
+    rows, failed = facts["rows"], facts["failed"]
     verdicts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in facts["verdicts"].items())
-    each = facts["cpu_s"] / max(len(manifests), 1)
+    each = facts["cpu_s"] / max(facts["campaigns"], 1)
     print_pairs(
         [
-            ("store", store),
-            ("campaigns", f"{len(manifests)}, {len(failed)} failed"),
+            ("store", facts["store"]),
+            ("campaigns", f"{facts['campaigns']}, {len(failed)} failed"),
             ("verdicts", verdicts or "none"),
             ("rows", ", ".join(f"{name} {count:,}" for name, count in rows.items()) or "none"),
             ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign"),
@@ -182,7 +205,8 @@ def fleet_sql(
     from wheelsoil.fleet import ask, open_store, write_answer
 
     target = check_output(output, force=force) if output else None
-    answer = ask(open_store(store), sys.stdin.read() if query == "-" else query)
+    found = ask(open_store(store), sys.stdin.read() if query == "-" else query)
+    answer = found.rows
     if target:
         write_answer(answer, target)
         say(f"wrote {target}")
@@ -193,6 +217,7 @@ def fleet_sql(
         print_table(answer.column_names, [[_cell(value) for value in row.values()] for row in rows])
         if len(answer) > _SHOWN:
             say(f"{len(answer) - _SHOWN:,} more rows: give -o FILE, --json, or a limit")
+    _set_aside(store, found.damaged)
 
 
 def _plain(value: Any) -> Any:
@@ -220,8 +245,43 @@ def fleet_export(
     """Write the store's tables as one file each, all campaigns in it."""
     from wheelsoil.fleet import export, open_store
 
-    for path in export(open_store(store), output, tuple(options.split(tables)), f".{format.removeprefix('.')}"):
+    paths, damaged = export(open_store(store), output, tuple(options.split(tables)), f".{format.removeprefix('.')}")
+    for path in paths:
         say(f"wrote {path}")
+    _set_aside(store, damaged)
+
+
+@fleet_app.command("compact")
+def fleet_compact(store: StoreUrl) -> None:
+    """Put the files of single campaigns together: at most one a table for 1,000 campaigns. Rows stay as they are.
+
+    Queries may run meanwhile, and so may `fleet run`. A call that is killed loses nothing; the next one goes on.
+    """
+    from wheelsoil.fleet import compact, open_store
+
+    done = compact(open_store(store))
+    print(f"{done.campaigns} campaigns put together; {done.packs} pack{'s' * (done.packs != 1)} in the store")
+
+
+@fleet_app.command("check")
+def fleet_check(store: StoreUrl, json: options.Json = False) -> None:
+    """Read every file of a store and compare it with its checksum; name the campaigns that are damaged.
+
+    Other commands look at the size and the footer of the files that they read.
+
+    Exit codes: 1 a file is damaged.
+    """
+    from wheelsoil.fleet import holdings_of, open_store
+
+    holdings = holdings_of(open_store(store), thorough=True)
+    sound = len(holdings.manifests)
+    files = sum(len(part.files) for part in holdings.parts)
+    if json:
+        damaged = [vars(one) for one in holdings.damaged]
+        print_json({"store": store, "campaigns": sound, "files": files, "damaged": damaged})
+    else:
+        print(f"{sound} campaigns in {files} files are as they were written")
+    _set_aside(store, holdings.damaged)
 
 
 @fleet_app.command("diagnose")
@@ -237,6 +297,7 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
     found = pool(open_store(store))
     if json:
         print_json(pooled_json(found))
+        _set_aside(store, found.damaged)
         return
     for one in found.passports:
         days = [day_of(point.years) for trend in one.trends.values() for point in trend.points]
@@ -249,6 +310,7 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
         say(left_out_line(found.nameless, "a serial ([transducer] serial in vehicle.toml)"))
     if found.dateless:
         say(left_out_line(found.dateless, "a date"))
+    _set_aside(store, found.damaged)
 
 
 @fleet_app.command("report")
@@ -269,3 +331,4 @@ def fleet_report(
     for path in overview.write(target):
         say(f"wrote {path}")
     print(overview.headline)
+    _set_aside(store, overview.pooled.damaged)

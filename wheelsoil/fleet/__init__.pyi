@@ -1,10 +1,17 @@
 from .campaign_task import FleetOptions as FleetOptions
+from .holdings import Holdings as Holdings
+from .holdings import holdings_of as holdings_of
+from .manifests import Damage as Damage
+from .manifests import Manifest as Manifest
 from .overview import Overview as Overview
 from .overview import overview_of as overview_of
+from .packs import Compacted as Compacted
+from .packs import compact as compact
 from .pooled import Pooled as Pooled
 from .pooled import day_of as day_of
 from .pooled import pool as pool
 from .pooled import pooled_json as pooled_json
+from .queries import Answer as Answer
 from .queries import ask as ask
 from .queries import export as export
 from .queries import write_answer as write_answer
@@ -16,7 +23,6 @@ from .running import Step as Step
 from .running import Workers as Workers
 from .running import plan_fleet as plan_fleet
 from .running import run_fleet as run_fleet
-from .store import Manifest as Manifest
 from .store import Store as Store
 from .store import open_store as open_store
 from .tables import COLUMNS as COLUMNS

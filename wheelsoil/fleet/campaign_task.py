@@ -18,9 +18,10 @@ from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
 from wheelsoil.cache.store import nothing_kept
+from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Manifest, open_store
+from wheelsoil.fleet.store import open_store
 from wheelsoil.workflows.choice import CHOICE_FILE, Choice, load_choice
 from wheelsoil.workflows.diagnosis import (
     bench_of,
@@ -46,6 +47,15 @@ class FleetOptions:
 
 
 @dataclass(frozen=True)
+class Task:
+    """A campaign to be worked on, manifests of its older rows in the store, and what the store has of it."""
+
+    source: Source
+    older: tuple[str, ...] = ()
+    content: str = ""
+
+
+@dataclass(frozen=True)
 class Done:
     """What became of a campaign; `new` tells one that was worked on from one that the store had already."""
 
@@ -66,7 +76,7 @@ class _Opened:
 
 
 @one_thread
-def work_on(source: Source, url: str, options: FleetOptions) -> Done:
+def work_on(task: Task, url: str, options: FleetOptions) -> Done:
     """Process, fit and diagnose a campaign and write it into the store at `url`, unless it is there.
 
     What is wrong with a campaign is a result, and written down like one. Nothing is printed.
@@ -76,7 +86,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
     ConfigError
         The store cannot be written.
     """
-    store = open_store(url)
+    store, source = open_store(url), task.source
     with _ONE_AT_A_TIME, nothing_kept(), processes(1), contextlib.redirect_stderr(io.StringIO()):
         start_s = time.process_time()
         opened = _Opened(content_of(source, "", options))
@@ -84,7 +94,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
             facts = source.facts()
             opened = _Opened(content_of(source, _hashes(facts), options), facts)
             opened = _open(source, facts, options)
-            if store.has(source.name, opened.content):
+            if opened.content == task.content or store.has(source.name, opened.content):
                 return Done(Manifest(source.name, opened.content, "done"), new=False)
             found = _of_tables(source, opened, options) if source.is_table else _of_runs(source, opened, options)
             tables = tables_of(found, opened.content)
@@ -104,7 +114,7 @@ def work_on(source: Source, url: str, options: FleetOptions) -> Done:
             cpu_s=round(time.process_time() - start_s, 3),
             peak_bytes=peak_memory_bytes(),
         )
-        store.put(manifest, tables)
+        store.put(manifest, tables, task.older)
         return Done(manifest)
 
 

@@ -7,7 +7,7 @@ import os
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.resources import files
@@ -20,7 +20,8 @@ import pandas as pd
 from daq import number
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
-from wheelsoil.fleet.pooled import Pooled, day_of, pool, pooled_json
+from wheelsoil.fleet.holdings import Holdings, read
+from wheelsoil.fleet.pooled import Pooled, day_of, pooled_json, pooled_of
 from wheelsoil.fleet.store import Store
 from wheelsoil.report import Curve, Drawing, Plane, drawn, reach
 from wheelsoil.to_json import plain
@@ -141,21 +142,26 @@ class Overview:
 
 def overview_of(store: Store) -> Overview:
     """Return the overview of a store."""
-    campaigns = store.table("campaigns").to_pandas()
-    diagnoses = store.table("diagnoses").to_pandas()[["campaign", "verdict", "R0_base", "R0_extended"]]
-    causes = store.table("causes").to_pandas()[["campaign", "family", "role"]].drop_duplicates()
+    found, damaged = read(store, ("campaigns", "diagnoses", "causes", "runs", "evidence"), _overview)
+    return replace(found, pooled=replace(found.pooled, damaged=damaged))
+
+
+def _overview(holdings: Holdings) -> Overview:
+    campaigns = holdings.table("campaigns").to_pandas()
+    diagnoses = holdings.table("diagnoses", ["verdict", "R0_base", "R0_extended"]).to_pandas()
+    causes = holdings.table("causes", ["family", "role"]).to_pandas().drop_duplicates()
     shown = causes[causes["role"].isin(["named", "one_of"])]
     names = shown.groupby("campaign")["family"].agg(lambda own: ", ".join(map(plain_name, own))).rename("cause")
-    grades = store.table("runs").to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
+    grades = holdings.table("runs", ["grade"]).to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
     whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
     counts = Counter(zip(shown["family"], shown["role"], strict=True))
     families = dict.fromkeys(shown["family"])
     return Overview(
-        url=store.url,
+        url=holdings.store.url,
         campaigns=whole.drop(columns=["content"]),
         causes={family: (counts[family, "named"], counts[family, "one_of"]) for family in families},
-        pooled=pool(store),
+        pooled=pooled_of(holdings),
         made_at=datetime.now(UTC),
     )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,11 +20,17 @@ from model.diagnosis.pooling import (
     passport_of,
     soil_departure,
 )
+from wheelsoil.fleet.holdings import Holdings, read
+from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
 
 _YEAR_S = 365.25 * 86400
 _SURPRISING = 0.01
 """Probability, over all campaigns, from which on a soil differs from its laboratory."""
+_AT_ONCE = 5_000
+"""Campaigns whose evidence, some 20 kB each, is in memory together; more only if one transducer has more."""
+_ROWS = 256
+_LISTS = ("soil", "effects", "parameters", "units", "scales", "neutrals", "one_sided", "about")
 
 
 @dataclass(frozen=True)
@@ -37,39 +45,82 @@ class Pooled:
         That differ from their laboratory, the most surprising one first.
     nameless, dateless : tuple of str
         Campaigns without a transducer's serial, or without a date.
+    damaged : tuple of Damage
+        What was set aside.
     """
 
     passports: tuple[Passport, ...]
     soils: tuple[SoilDeparture, ...]
     nameless: tuple[str, ...]
     dateless: tuple[str, ...]
+    damaged: tuple[Damage, ...] = ()
 
 
 def pool(store: Store) -> Pooled:
     """Pool what the store's table ``evidence`` has; no recording is read."""
-    rows = store.table("evidence").to_pylist()
-    nameless = tuple(row["campaign"] for row in rows if not row["transducer"])
-    dateless = tuple(row["campaign"] for row in rows if row["transducer"] and row["start"] is None)
-    by_serial: dict[str, list[Observation]] = {}
-    for row in rows:
-        if row["transducer"] and row["start"] is not None:
-            by_serial.setdefault(row["transducer"], []).append(_observation(row))
-    passports = {serial: passport_of(serial, own) for serial, own in sorted(by_serial.items())}
-    others = [_observation(row) for row in rows if row["campaign"] in {*nameless, *dateless}]
-    soils = [soil_departure(one) for one in others]
-    soils += [soil_departure(one, _known(passports[s], one)) for s, own in by_serial.items() for one in own]
-    far = sorted((one for one in soils if one.p_value < _SURPRISING / len(soils)), key=lambda one: one.p_value)
-    return Pooled(tuple(passports.values()), tuple(far), nameless, dateless)
+    found, damaged = read(store, ("evidence",), pooled_of)
+    return replace(found, damaged=damaged)
 
 
-def _observation(row: Mapping[str, Any]) -> Observation:
-    size = 1 + len(row["soil"]) + len(row["effects"])
-    names = ("soil", "effects", "parameters", "units", "scales", "neutrals", "one_sided", "about")
-    lists = {name: tuple(row[name]) for name in names}
-    matrix = np.array(row["matrix"], float).reshape(size, size)
-    information = Information(matrix=matrix, samples=row["samples"], **lists)
-    years = row["start"].timestamp() / _YEAR_S if row["start"] is not None else 0.0
-    return Observation(row["campaign"], years, information)
+def pooled_of(holdings: Holdings) -> Pooled:
+    """Pool the evidence of the campaigns that can be read; that of `_AT_ONCE` campaigns is in memory together."""
+    listed = holdings.table("evidence", ("transducer", "start")).to_pydict()
+    rows = list(zip(listed["campaign"], listed["transducer"], listed["start"], strict=True))
+    nameless = tuple(campaign for campaign, serial, _ in rows if not serial)
+    dateless = tuple(campaign for campaign, serial, start in rows if serial and start is None)
+    surprising = _SURPRISING / max(len(rows), 1)
+    passports: dict[str, Passport] = {}
+    far: list[SoilDeparture] = []
+    for serials in _in_turn(Counter(serial for _, serial, _ in rows)):
+        by_serial: dict[str, list[Observation]] = {}
+        for serial, one in _observations(holdings, serials):
+            by_serial.setdefault(serial, []).append(one)
+        for serial, own in by_serial.items():
+            if serial:
+                passports[serial] = passport_of(serial, own)
+            soils = (soil_departure(one, _known(passports[serial], one) if serial else None) for one in own)
+            far += [soil for soil in soils if soil.p_value < surprising]
+    ordered = [passports[serial] for serial in sorted(passports)]
+    far.sort(key=lambda soil: (soil.p_value, soil.campaign))
+    return Pooled(tuple(ordered), tuple(far), nameless, dateless)
+
+
+def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
+    """Yield the transducers whose evidence is read together."""
+    some: list[str | None] = []
+    total = 0
+    for serial, count in sorted(counts.items(), key=lambda item: item[0] or ""):
+        if some and total + count > _AT_ONCE:
+            yield some
+            some, total = [], 0
+        some.append(serial)
+        total += count
+    if some:
+        yield some
+
+
+def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator[tuple[str, Observation]]:
+    """Yield the campaigns of some transducers, with "" for one without a serial or a date."""
+    from pyarrow import dataset
+
+    serial = dataset.field("transducer")
+    wanted = serial.isin([one for one in serials if one is not None])
+    wanted = wanted | serial.is_null() if None in serials else wanted
+    alike: dict[tuple[Any, ...], tuple[Any, ...]] = {}  # what most campaigns have in common is held once
+    scanned = (
+        each.to_batches(filter=wanted, batch_size=_ROWS, batch_readahead=1, fragment_readahead=1)
+        for each in holdings.datasets("evidence")
+    )
+    for batch in chain.from_iterable(scanned):
+        matrices = batch["matrix"]
+        for i, row in enumerate(batch.drop_columns(["matrix"]).to_pylist()):
+            lists = {name: alike.setdefault(tuple(row[name]), tuple(row[name])) for name in _LISTS}
+            size = 1 + len(row["soil"]) + len(row["effects"])
+            matrix = np.array(matrices[i].values, float).reshape(size, size)
+            information = Information(matrix=matrix, samples=row["samples"], **lists)
+            dated = row["start"] is not None
+            years = row["start"].timestamp() / _YEAR_S if dated else 0.0
+            yield (row["transducer"] or "") if dated else "", Observation(row["campaign"], years, information)
 
 
 def _known(passport: Passport, one: Observation) -> np.ndarray[Any, Any] | None:
@@ -97,6 +148,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "soils_off_laboratory": [vars(one) for one in found.soils],
         "without_serial": list(found.nameless),
         "without_date": list(found.dateless),
+        "damaged": [vars(one) for one in found.damaged],
     }
 
 

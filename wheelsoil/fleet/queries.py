@@ -1,79 +1,137 @@
-"""Questions to a store: SQL by DuckDB over the tables of finished campaigns, and tables in one file each."""
+"""Questions to a store: SQL by DuckDB over the tables of finished campaigns, and tables in one file each.
+
+DuckDB gets the tables as datasets of pyarrow, through the store's own file system. It needs no file itself, and may
+open none.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, Fault, nearest, not_installed
 from daq.series import draft_of
+from wheelsoil.fleet.holdings import Holdings, holdings_of, read
+from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import COLUMNS, schema_of
+from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMATS = (".parquet", ".csv")
+_CLOSED = (
+    "timezone = 'UTC'",
+    "autoinstall_known_extensions = false",
+    "autoload_known_extensions = false",
+    "python_enable_replacements = false",  # a name in SQL is no variable of this program
+    "temp_directory = ''",  # what memory does not hold is not written elsewhere
+    "enable_external_access = false",
+    "lock_configuration = true",
+)
+"""What a connection is set to before the query: the last one keeps the query from changing the others."""
+_EXPLAIN = re.compile(
+    r"""^(?P<gap>\s|--[^\n]*(\n|$)|/\*.*?\*/)*explain\b(\s*\([^()]*\)|\s*analyze\b)*""", re.IGNORECASE | re.DOTALL
+)
 
 
-def ask(store: Store, sql: str) -> pa.Table:
-    """Return the answer to one query; the store's tables are views by their names.
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a query, and what was set aside for it."""
+
+    rows: pa.Table
+    damaged: tuple[Damage, ...] = ()
+
+
+def ask(store: Store, sql: str) -> Answer:
+    """Return the answer to one query, which sees the store's tables by their names and nothing else.
+
+    No file, no address and no environment is read, nothing is written and nothing is installed.
 
     Raises
     ------
     ConfigError
-        duckdb is not installed; the SQL is wrong, is not one statement, or would write.
+        duckdb is not installed; the SQL is wrong, is not one SELECT, or asks for more than the store.
     """
-    with _connected(store) as connection:
-        import duckdb
-
-        try:
-            statements = connection.extract_statements(sql)
-        except duckdb.Error as error:
-            raise _wrong(sql, error) from None
-        kinds = [statement.type for statement in statements]
-        if kinds not in ([duckdb.StatementType.SELECT], [duckdb.StatementType.EXPLAIN]):
-            found = ", ".join(kind.name for kind in kinds) or "nothing"
-            step = "to write an answer to a file give -o FILE"
-            raise ConfigError.of("the store is only read", sql, found, "one SELECT", step)
-        try:
-            return connection.sql(sql).to_arrow_table()
-        except duckdb.Error as error:
-            raise _wrong(sql, error) from None
-
-
-def _wrong(sql: str, error: Exception) -> ConfigError:
-    step = f"tables: {', '.join(COLUMNS)}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
-    return ConfigError.of("the query cannot be answered", sql, str(error).split("\n\n")[0], next_step=step)
-
-
-@contextmanager
-def _connected(store: Store) -> Iterator[Any]:
-    """Yield a connection that knows the store's tables."""
     try:
         import duckdb
     except ImportError:
         raise not_installed("queries", "duckdb", store.url, "sql") from None
+    named = {word.lower() for word in re.findall(r"\w+", sql)} & COLUMNS.keys()
+    tables = tuple(named) or tuple(COLUMNS)
+    holdings = holdings_of(store, tables)
+    try:
+        return Answer(_answer(holdings, tables, sql), holdings.damaged)
+    except duckdb.Error as error:
+        unread = isinstance(error, duckdb.IOException | duckdb.InvalidInputException)
+        found = holdings_of(store, tables, thorough=True) if unread else holdings
+        if found.damaged == holdings.damaged:
+            step = f"tables: {', '.join(COLUMNS)}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
+            raise ConfigError.of("the query cannot be answered", sql, _first(error), next_step=step) from None
+    try:
+        return Answer(_answer(found, tables, sql), found.damaged)
+    except duckdb.Error as error:
+        raise ConfigError.of("the store cannot be read", store.url, _first(error)) from None
+
+
+def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
+    import duckdb
+
+    with _connected(holdings, tables) as connection:
+        try:
+            kinds = _kinds(connection, sql)
+            if kinds != ["SELECT"]:
+                found = ", ".join(kinds) or "nothing"
+                step = "to write an answer to a file give -o FILE"
+                raise ConfigError.of("the store is only read", sql, found, "one SELECT", step)
+            return connection.sql(sql).to_arrow_table()
+        except duckdb.PermissionException as error:
+            step = f"ask for the store's tables: {', '.join(COLUMNS)}"
+            what = "a query reads the store and nothing else"
+            raise ConfigError.of(what, sql, _first(error), next_step=step) from None
+
+
+def _first(error: Exception) -> str:
+    return str(error).split("\n\n")[0]
+
+
+def _kinds(connection: Any, sql: str) -> list[str]:
+    """Return the kinds of some statements; that of an EXPLAIN is what it explains, since ANALYZE also runs it."""
+    kinds = [_kind(statement) for statement in connection.extract_statements(sql)]
+    if kinds == ["EXPLAIN"]:
+        kinds = [_kind(statement) for statement in connection.extract_statements(_EXPLAIN.sub("", sql, count=1))]
+    return kinds
+
+
+def _kind(statement: Any) -> str:
+    try:
+        return str(statement.type.name)
+    except ValueError:  # a kind that the grammar has and the binding has no name for: UPDATE EXTENSIONS
+        return "a statement of another kind"
+
+
+@contextmanager
+def _connected(holdings: Holdings, tables: Iterable[str]) -> Iterator[Any]:
+    """Yield a connection that knows some tables, and that cannot be opened for anything else."""
+    import duckdb
+
     with duckdb.connect(":memory:") as connection:
-        connection.execute("set timezone = 'UTC'")
-        prefix = "" if store.is_local else f"{store.protocol}://"
-        if prefix:
-            connection.register_filesystem(store.files)
-        manifests = store.manifests()
-        for table in COLUMNS:
-            paths = [prefix + path for path in store.paths(table, manifests)]
-            if paths:
-                listed = ", ".join("'" + path.replace("'", "''") + "'" for path in paths)
-                connection.execute(
-                    f"create view {table} as select * from read_parquet([{listed}], hive_partitioning = true, "
-                    "hive_types = {'campaign': varchar})"
-                )
-            else:
-                empty = schema_of(table).empty_table()
-                connection.register(f"no_{table}", empty)
-                connection.execute(f"create view {table} as select *, ''::varchar as campaign from no_{table}")
+        for table in tables:
+            whole, *partly = holdings.datasets(table)
+            if not partly:
+                connection.register(table, whole)
+                continue
+            for i, each in enumerate((whole, *partly)):
+                connection.register(f"{table}_{i}", each)
+            pieces = " union all ".join(f"select * from {table}_{i}" for i in range(1 + len(partly)))
+            connection.execute(f"create temporary view {table} as {pieces}")
+        for setting in _CLOSED:
+            connection.execute(f"set {setting}")
+        connection.execute("begin transaction read only")
         yield connection
 
 
@@ -95,8 +153,10 @@ def write_answer(answer: pa.Table, target: Path) -> None:
         write(answer, draft)
 
 
-def export(store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str = ".parquet") -> list[Path]:
-    """Write tables of the store as one file each; all of them where none is named.
+def export(
+    store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str = ".parquet"
+) -> tuple[list[Path], tuple[Damage, ...]]:
+    """Write tables of the store as one file each, all of them where none is named; return paths and what was set aside.
 
     Raises
     ------
@@ -107,8 +167,12 @@ def export(store: Store, target: Path, tables: tuple[str, ...] = (), suffix: str
     if unknown:
         raise ConfigError(*(Fault(f"no table is called {name!r}", expected=nearest(name, COLUMNS)) for name in unknown))
     target.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in tables or COLUMNS:
-        written.append(target / f"{name}{suffix}")
-        write_answer(store.table(name), written[-1])
-    return written
+    chosen = tables or tuple(COLUMNS)
+
+    def write(holdings: Holdings) -> list[Path]:
+        written = [target / f"{name}{suffix}" for name in chosen]
+        for name, path in zip(chosen, written, strict=True):
+            write_answer(holdings.table(name), path)
+        return written
+
+    return read(store, chosen, write)

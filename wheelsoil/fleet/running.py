@@ -13,11 +13,13 @@ from typing import Any, Literal
 from daq import ConfigError, machine_memory_bytes
 from model import available_cores
 from wheelsoil import __version__
-from wheelsoil.fleet.campaign_task import Done, FleetOptions, content_of, work_on
+from wheelsoil.fleet.campaign_task import Done, FleetOptions, Task, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
+from wheelsoil.fleet.holdings import holdings_of
+from wheelsoil.fleet.manifests import DONE, Damage, Manifest
 from wheelsoil.fleet.roots import Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Manifest, Store, open_store
+from wheelsoil.fleet.store import Store, open_store
 
 Engine = Literal["local", "dask"]
 
@@ -109,17 +111,27 @@ class Plan:
 
     Attributes
     ----------
-    found, todo : tuple of Source
-        All campaigns, and those that the store does not have as they are now.
+    found : tuple of Source
+        All campaigns.
+    tasks : tuple of Task
+        Those that the store does not have as they are now.
     failed : mapping name -> fault
         Of those that it has.
+    damaged : tuple of Damage
+        Of the store's files; the campaigns that were found are made anew.
     """
 
     store: Store
     found: tuple[Source, ...]
-    todo: tuple[Source, ...]
+    tasks: tuple[Task, ...]
     failed: dict[str, str]
     options: FleetOptions
+    damaged: tuple[Damage, ...] = ()
+
+    @property
+    def todo(self) -> tuple[Source, ...]:
+        """What is to be done."""
+        return tuple(task.source for task in self.tasks)
 
 
 def plan_fleet(
@@ -129,11 +141,12 @@ def plan_fleet(
     *,
     shard: Shard | None = None,
     retry_failed: bool = False,
+    thorough: bool = False,
 ) -> Plan:
     """Find the campaigns, and what the store has of them.
 
     A campaign is there if it was finished by this version with these options, and its files have the size and the time
-    of change that they had.
+    of change that they had. `thorough` compares the checksums of the store's own files.
 
     Raises
     ------
@@ -143,7 +156,8 @@ def plan_fleet(
     options, shard = options or FleetOptions(), shard or Shard()
     found = tuple(source for source in find_sources(roots) if shard.has(source))
     store = open_store(url, create=True)
-    known = store.manifests()
+    holdings = holdings_of(store, thorough=thorough)
+    known = holdings.sourced()
 
     def is_there(source: Source) -> bool:
         manifest = known.get(source.name)
@@ -152,12 +166,19 @@ def plan_fleet(
         return _as_now(source, manifest, options)
 
     todo = tuple(source for source in found if not is_there(source))
-    there = (known[source.name] for source in found if source not in todo)
-    return Plan(store, found, todo, {one.campaign: one.fault for one in there if one.state == "failed"}, options)
+    left = {source.name for source in found} - {source.name for source in todo}
+    failed = {name: known[name].fault for name in sorted(left) if known[name].state == "failed"}
+    older: dict[str, tuple[str, ...]] = {}
+    for part in (*holdings.parts, *holdings.older):
+        for one in () if part.is_pack else part.all:
+            older[one.campaign] = (*older.get(one.campaign, ()), part.name)
+    contents = {name: one.content for name, one in known.items()}
+    items = tuple(Task(one, older.get(one.name, ()), contents.get(one.name, "")) for one in todo)
+    return Plan(store, found, items, failed, options, holdings.damaged)
 
 
 def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
-    if manifest.version != __version__ or FleetOptions(**_tuples(manifest.options)) != options:
+    if manifest.version != __version__ or _tuples(manifest.options) != asdict(options):
         return False
     try:
         there = facts_of(map(Path, manifest.files))
@@ -179,9 +200,13 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         The store cannot be written; see `wheelsoil.fleet.engines.on_dask`. What is finished is in the store.
     """
     begin_s, failed = time.monotonic(), 0
+    todo = {source.name for source in plan.todo}
+    withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
+    plan.store.withdraw(name for name in withdrawn if name.startswith(DONE))
     task = partial(work_on, url=plan.store.url, options=plan.options)
-    for finished, (source, result) in enumerate(_results(task, plan, workers), 1):
-        done = _given_up(plan, source, result) if isinstance(result, Lost) else result
+    for finished, (item, result) in enumerate(_results(task, plan, workers), 1):
+        source = item.source
+        done = _given_up(plan, item, result) if isinstance(result, Lost) else result
         manifest = done.manifest
         failed += manifest.state == "failed"
         left = len(plan.todo) - finished
@@ -196,20 +221,22 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         )
 
 
-def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Source, Done | Lost]]:
+def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Task, Done | Lost]]:
     if not plan.todo:
         return iter(())
+    items = plan.tasks
     if workers.engine == "local":
-        return in_processes(task, plan.todo, min(workers.count, len(plan.todo)), workers.memory)
+        return in_processes(task, items, min(workers.count, len(items)), workers.memory)
     keys = [f"campaign-{content_of(source, plan.store.url, plan.options)}" for source in plan.todo]
-    return on_dask(task, plan.todo, keys, workers.scheduler, workers.count, workers.memory)
+    return on_dask(task, items, keys, workers.scheduler, workers.count, workers.memory)
 
 
-def _given_up(plan: Plan, source: Source, lost: Lost) -> Done:
+def _given_up(plan: Plan, item: Task, lost: Lost) -> Done:
     """Write down that a campaign was lost; without facts of its files, so that the next call tries it again."""
+    source = item.source
     content = content_of(source, "lost", plan.options)
     tables = tables_of(Found(source, fault=lost.why, state="failed"), content)
     rows = {name: len(table) for name, table in tables.items()}
     manifest = Manifest(source.name, content, "failed", lost.why, rows=rows, options=asdict(plan.options))
-    plan.store.put(manifest, tables)
+    plan.store.put(manifest, tables, item.older)
     return Done(manifest)

@@ -5,6 +5,7 @@
     STORE/store.json                               the schema's version
     STORE/TABLE/campaign=NAME/CONTENT.parquet      rows of one campaign; its name is the partition
     STORE/done/NAME.CONTENT.json                   the manifest: this campaign is whole
+    STORE/packs/                                   many campaigns together (`wheelsoil.fleet.packs`)
 
 CONTENT is a hash of everything the rows depend on, so that who writes a campaign a second time writes the same files.
 A file that no manifest names belongs to a campaign that is not finished: queries do not see it.
@@ -12,74 +13,63 @@ A file that no manifest names belongs to a campaign that is not finished: querie
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote
 
 from daq import ConfigError, not_installed
 from wheelsoil import __version__
-from wheelsoil.fleet.tables import schema_of
+from wheelsoil.fleet.manifests import (
+    DONE,
+    PACKS,
+    Damage,
+    Manifest,
+    Part,
+    campaign_of,
+    pack_of,
+    part_of,
+    single_of,
+    sources_path,
+    unsealed,
+)
+from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from fsspec import AbstractFileSystem
 
 SCHEMA = "wheelsoil/store/1"
-_HEAD, _DONE = "store.json", "done"
+_HEAD = "store.json"
 _AT_ONCE = 200
 
 
 @dataclass(frozen=True)
-class Manifest:
-    """What the store has of one campaign.
+class Listing:
+    """What a store has by its manifests.
 
     Attributes
     ----------
-    campaign, content : str
-        Name, and the hash of what the rows depend on.
-    state : "done" or "failed"
-    fault : str
-        Why it failed.
-    verdict : str
-        Of its diagnosis.
-    files : mapping path -> (bytes, time of change in ns)
-        Of its sources when it was made.
-    rows : mapping table -> number of rows
-    options : mapping
-        How it was made.
-    cpu_s, peak_bytes : float, int
-        What it took.
+    parts : tuple of Part
+        In use: single ones by name, then packs.
+    damaged : tuple of Damage
+        Manifests that cannot be read.
+    older : tuple of Part
+        What newer parts replace.
+    newest : mapping campaign -> time in ns
+        Of the campaigns in packs.
     """
 
-    campaign: str
-    content: str
-    state: str
-    fault: str = ""
-    verdict: str = ""
-    files: dict[str, tuple[int, int]] = field(default_factory=dict)
-    rows: dict[str, int] = field(default_factory=dict)
-    options: dict[str, Any] = field(default_factory=dict)
-    cpu_s: float = 0.0
-    peak_bytes: int = 0
-    version: str = __version__
-
-    @property
-    def name(self) -> str:
-        """Name of its file."""
-        return f"{_quoted(self.campaign)}.{self.content}.json"
-
-    @staticmethod
-    def of(text: str | bytes) -> Manifest:
-        """Read one."""
-        values = json.loads(text)
-        values["files"] = {path: (size, changed) for path, (size, changed) in values["files"].items()}
-        return Manifest(**values)
+    parts: tuple[Part, ...]
+    damaged: tuple[Damage, ...] = ()
+    older: tuple[Part, ...] = ()
+    newest: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,6 +79,7 @@ class Store:
     files: AbstractFileSystem
     root: str
     url: str
+    head_damaged: bool = False
 
     @property
     def is_local(self) -> bool:
@@ -101,23 +92,105 @@ class Store:
         known = self.files.protocol
         return known if isinstance(known, str) else str(known[0])
 
-    def manifests(self) -> dict[str, Manifest]:
-        """Return the manifest of each campaign, by name.
+    def listing(self) -> Listing:
+        """Return what was written of finished campaigns, by name.
 
-        While a campaign's new rows replace older ones there are two for a moment: the newer file is taken.
+        While a campaign's new rows replace older ones there are two for a moment. A single part counts more than a
+        pack, of two the newer file; of two packs the one in which the campaign is newer.
         """
         with _reached(self.url):
             self.files.invalidate_cache()
-            found = self.files.ls(f"{self.root}/{_DONE}", detail=True) if self._holds(_DONE) else []
-            paths = [one["name"] for one in sorted(found, key=_changed) if one["name"].endswith(".json")]
-            read = [Manifest.of(text) for text in self._contents(paths, gone=b"") if text]
-        return dict(sorted((one.campaign, one) for one in read))
+            singles, damaged, older = self._singles()
+            packs, unread = self._packs()
+        damaged = [one for one in damaged if one.campaign not in singles]
+        newest: dict[str, tuple[int, str]] = {}
+        for pack in packs:
+            for one in pack.all:
+                newest[one.campaign] = max(newest.get(one.campaign, (-1, "")), (one.made_at_ns, pack.name))
+        parts = [singles[name] for name in sorted(singles)]
+        for pack in packs:
+            won = [one for one in pack.all if newest[one.campaign][1] == pack.name and one.campaign not in singles]
+            hidden = frozenset(one.content for one in pack.all) - {one.content for one in won}
+            (parts if won else older).append(replace(pack, hidden=hidden))
+        for name, campaigns in unread.items():
+            left = [one for one in campaigns if one not in singles and one not in newest]
+            damaged += [Damage(one, name, "manifest", name) for one in left]
+            older += [] if left else [Part(name, (), {})]
+        damaged += [Damage("", _HEAD, "manifest")] if self.head_damaged else []
+        made = {campaign: made_at_ns for campaign, (made_at_ns, _) in newest.items()}
+        return Listing(tuple(parts), tuple(damaged), tuple(older), made)
 
-    def _contents(self, paths: Sequence[str], gone: bytes | None = None) -> Iterator[bytes]:
-        """Yield what files hold, many at once of a bucket; `gone` for one that is no longer there."""
-        for start in range(0, len(paths), _AT_ONCE):
-            # `cat` would take the brackets of a folder's name for a pattern
-            for found in self.files.cat_ranges(list(paths[start : start + _AT_ONCE]), None, None):
+    def _singles(self) -> tuple[dict[str, Part], list[Damage], list[Part]]:
+        """Return the parts of one campaign, manifests that cannot be read, and parts that newer ones replace."""
+        found: dict[str, Part] = {}
+        damaged: list[Damage] = []
+        older: list[Part] = []
+        names = self._manifest_names(DONE)
+        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
+            file = name.rpartition("/")[2]
+            if text == b"gone":
+                continue
+            try:
+                manifest = single_of(file, text)
+            except ValueError:
+                damaged.append(Damage(campaign_of(file), name, "manifest", name))
+                continue
+            if manifest.campaign in found:
+                older.append(found[manifest.campaign])
+            found[manifest.campaign] = part_of(manifest)
+        return found, damaged, older
+
+    def _packs(self) -> tuple[list[Part], dict[str, list[str]]]:
+        """Return the packs, and the campaigns of those whose manifest cannot be read."""
+        found: list[Part] = []
+        unread: dict[str, list[str]] = {}
+        names = self._manifest_names(PACKS)
+        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
+            if text == b"gone":
+                continue
+            try:
+                found.append(pack_of(name, text))
+            except ValueError:
+                unread[name] = list(self.sources(name)) or [""]
+        return sorted(found, key=lambda pack: pack.name), unread
+
+    def sources(self, pack: str) -> dict[str, Any]:
+        """Return the files and options of a pack's campaigns; nothing if they cannot be read."""
+        try:
+            values = unsealed(next(self.contents([sources_path(pack)])))
+        except (OSError, ValueError):
+            return {}
+        return values if isinstance(values, dict) else {}
+
+    def _manifest_names(self, folder: str) -> list[str]:
+        """Return the manifests in a folder, the newest last."""
+        listed = self.files.ls(f"{self.root}/{folder}", detail=True) if self._holds(folder) else []
+        names = [one["name"].rpartition("/")[2] for one in sorted(listed, key=_changed)]
+        return [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
+
+    def manifests(self) -> dict[str, Manifest]:
+        """Return the manifest of each campaign, by name."""
+        return {one.campaign: one for part in self.listing().parts for one in part.manifests}
+
+    def sizes(self, paths: Sequence[str]) -> list[int | None]:
+        """Return the bytes of files of one table; None of one that is not there."""
+        with _reached(self.url):
+            if self.is_local:
+                return [_size(f"{self.root}/{path}") for path in paths]
+            folders = {path.partition("/")[0] for path in paths}
+            found = {name: one["size"] for each in folders for name, one in self._found(each).items()}
+            return [found.get(f"{self.root}/{path}") for path in paths]
+
+    def _found(self, folder: str) -> dict[str, Any]:
+        return dict(self.files.find(f"{self.root}/{folder}", detail=True))
+
+    def contents(self, paths: Sequence[str], *, start: int | None = None, gone: bytes | None = None) -> Iterator[bytes]:
+        """Yield what files hold from `start` on, many at once of a bucket; `gone` for one that is no longer there."""
+        for begin in range(0, len(paths), _AT_ONCE):
+            some = [f"{self.root}/{path}" for path in paths[begin : begin + _AT_ONCE]]
+            with _served(self.url):  # `cat` would take the brackets of a folder's name for a pattern
+                read = self.files.cat_ranges(some, None, None) if start is None else list(self._tails(some, start))
+            for found in read:
                 if isinstance(found, FileNotFoundError) and gone is not None:
                     yield gone
                 elif isinstance(found, BaseException):
@@ -125,46 +198,83 @@ class Store:
                 else:
                     yield found
 
+    def _tails(self, paths: Sequence[str], start: int) -> Iterator[bytes | BaseException]:
+        if not self.is_local:
+            yield from self.files.cat_ranges(list(paths), [start] * len(paths), None)
+            return
+        for path in paths:
+            try:
+                with Path(path).open("rb") as file:
+                    file.seek(max(0, file.seek(0, os.SEEK_END) + start))
+                    yield file.read()
+            except OSError as error:
+                yield error
+
     def has(self, campaign: str, content: str) -> bool:
         """Return whether a campaign is there in full."""
         with _reached(self.url):
-            return self._holds(f"{_DONE}/{Manifest(campaign, content, '').name}", anew=True)
+            return self._holds(f"{DONE}/{Manifest(campaign, content, '').name}", anew=True)
 
-    def put(self, manifest: Manifest, tables: Mapping[str, pa.Table]) -> None:
-        """Write a campaign: its tables, then its manifest; then remove what it replaces."""
-        import pyarrow.parquet as pq
-
+    def put(self, manifest: Manifest, tables: Mapping[str, pa.Table], older: Iterable[str] = ()) -> None:
+        """Write a campaign: its tables, then its manifest; then remove the older manifests of it, and their files."""
         with _reached(self.url):
-            for table, rows in tables.items():
-                buffer = BytesIO()
-                pq.write_table(rows, buffer, compression="zstd")
-                self._write(self._path(table, manifest), buffer.getvalue())
-            text = json.dumps(asdict(manifest), indent=1).encode()
-            self._write(f"{self.root}/{_DONE}/{manifest.name}", text, once=True)
-            self._remove_older(manifest, tables)
+            made = {table: encoded(rows) for table, rows in tables.items()}
+            parts = {table: (len(data), hashlib.sha256(data).hexdigest()) for table, data in made.items()}
+            manifest = replace(manifest, parts=parts, made_at_ns=time.time_ns())
+            for table, file in part_of(manifest).files.items():
+                self._write(f"{self.root}/{file.path}", made[table])
+            self._write(f"{self.root}/{DONE}/{manifest.name}", manifest.text(), once=True)
+        self.remove(name for name in older if name != f"{DONE}/{manifest.name}")
 
-    def paths(self, table: str, manifests: Mapping[str, Manifest] | None = None) -> list[str]:
-        """Return the files of a table, as the file system names them; of finished campaigns only."""
-        known = self.manifests() if manifests is None else manifests
-        return [self._path(table, one) for one in known.values() if table in one.rows]
-
-    def table(self, name: str, columns: list[str] | None = None) -> pa.Table:
-        """Return the rows of a table of all campaigns, with their campaign as a column."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        columns = schema_of(name).names if columns is None else columns
-        none = pa.schema([schema_of(name).field(column) for column in columns]).empty_table()
-        pieces = [_of_campaign("", none)]
-        holding = {self._path(name, one): one.campaign for one in self.manifests().values() if one.rows.get(name)}
+    def withdraw(self, names: Iterable[str]) -> None:
+        """Remove manifests, by the names of their files: these campaigns are no longer finished."""
         with _reached(self.url):
-            for campaign, data in zip(holding.values(), self._contents(list(holding)), strict=True):
-                rows = pq.ParquetFile(BytesIO(data)).read(columns, use_threads=False)
-                pieces.append(_of_campaign(campaign, rows))
-        return pa.concat_tables(pieces)
+            for name in names:
+                self._remove(name)
+            self.files.invalidate_cache()
 
-    def _path(self, table: str, manifest: Manifest) -> str:
-        return f"{self.root}/{table}/campaign={_quoted(manifest.campaign)}/{manifest.content}.parquet"
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove the manifests of single campaigns, then the files that they name."""
+        for name in names:
+            self.withdraw([name])
+            campaign, content = campaign_of(name.rpartition("/")[2]), name.rpartition(".")[0].rpartition(".")[2]
+            everything = Manifest(campaign, content, "done", rows=dict.fromkeys(COLUMNS, 0))
+            with _reached(self.url):
+                for file in part_of(everything).files.values():
+                    self._remove(file.path)
+
+    def remove_pack(self, name: str) -> None:
+        """Remove a pack, by the name of its manifest, and its files."""
+        self.withdraw([name])
+        folder = f"{self.root}/{name.removesuffix('.json')}"
+        with _reached(self.url), suppress(FileNotFoundError):
+            self.files.rm(folder, recursive=True)
+
+    def discard(self, paths: Iterable[str]) -> None:
+        """Remove files below the store."""
+        with _reached(self.url):
+            for path in paths:
+                self._remove(path)
+
+    def older_than(self, folder: str, seconds: float) -> list[str]:
+        """Return files in a folder, however deep, that were written before some time, by their path below the store."""
+        with _reached(self.url):
+            found = self._found(folder) if self._holds(folder) else {}
+        limit = time.time() - seconds
+        return [name.removeprefix(f"{self.root}/") for name, one in found.items() if _seconds(_changed(one)) <= limit]
+
+    def write(self, path: str, data: bytes) -> None:
+        """Write a whole file or nothing, at a place below the store."""
+        with _reached(self.url):
+            self._write(f"{self.root}/{path}", data)
+
+    def _remove(self, path: str) -> None:
+        """Remove a file if it is there, and the folder of its campaign if nothing else is in it."""
+        with suppress(FileNotFoundError):
+            self.files.rm_file(f"{self.root}/{path}")
+        if self.is_local and "/campaign=" in path:
+            with suppress(OSError):
+                Path(self.root, path).parent.rmdir()
 
     def _holds(self, name: str, *, anew: bool = False) -> bool:
         if anew:
@@ -181,23 +291,14 @@ class Store:
         except FileExistsError:
             return
 
-    def _remove_older(self, manifest: Manifest, tables: Mapping[str, pa.Table]) -> None:
-        begins = f"{_quoted(manifest.campaign)}."
-        self.files.invalidate_cache()
-        for path in self.files.ls(f"{self.root}/{_DONE}", detail=False):
-            name = path.rpartition("/")[2]
-            if not name.startswith(begins) or name == manifest.name:
-                continue
-            old = Manifest.of(self.files.cat_file(path))
-            self.files.rm(path)
-            for table in old.rows:
-                self.files.rm(self._path(table, old))
 
+def encoded(rows: pa.Table, **options: Any) -> bytes:
+    """Return rows as a Parquet file whose pages have checksums."""
+    import pyarrow.parquet as pq
 
-def _of_campaign(name: str, rows: pa.Table) -> pa.Table:
-    import pyarrow as pa
-
-    return rows.add_column(0, "campaign", pa.array([name] * len(rows), pa.string()))
+    buffer = BytesIO()
+    pq.write_table(rows, buffer, compression="zstd", write_page_checksum=True, **options)
+    return buffer.getvalue()
 
 
 def open_store(url: str, *, create: bool = False) -> Store:
@@ -235,26 +336,54 @@ def open_store(url: str, *, create: bool = False) -> Store:
             if files.exists(store.root) and files.ls(store.root):
                 step = "name an empty or a new folder"
                 raise ConfigError.of("the folder is no store, and not empty", url, next_step=step)
-            store._write(
-                head, json.dumps({"schema": SCHEMA, "made_by": f"wheelsoil {__version__}"}).encode(), once=True
-            )
-        schema = json.loads(files.cat_file(head)).get("schema")
+            store._write(head, _head(), once=True)
+        schema = _schema_in(files.cat_file(head))
+        if schema is None:
+            if not (store._holds(DONE) or store._holds(PACKS)):
+                step = f"remove {_HEAD} if no campaign was finished, or name another folder"
+                raise ConfigError.of("there is no store", url, f"{_HEAD} cannot be read", SCHEMA, step)
+            if create:
+                store._write(head, _head())
+            return replace(store, head_damaged=not create)
     if schema != SCHEMA:
         step = "name another store, or use the version of wheelsoil that made it"
         raise ConfigError.of("the store is of another schema version", url, str(schema), SCHEMA, step)
     return store
 
 
+def _head() -> bytes:
+    return json.dumps({"schema": SCHEMA, "made_by": f"wheelsoil {__version__}"}).encode()
+
+
+def _schema_in(head: bytes) -> str | None:
+    """Return the schema that a store's head states; None if it is damaged."""
+    try:
+        found = json.loads(head)["schema"]
+    except (ValueError, LookupError, TypeError):
+        return None
+    return found if isinstance(found, str) else None
+
+
 @contextmanager
 def _reached(url: str) -> Iterator[None]:
     """Raise what a file system says as `ConfigError`."""
     try:
-        yield
+        with _served(url):
+            yield
     except ConfigError:
         raise
     except (OSError, ValueError) as error:
         step = "check the address, the rights (`aws s3 ls`, `ls -ld`) and the space that is left"
         raise ConfigError.of("the store cannot be read or written", url, str(error), next_step=step) from None
+
+
+@contextmanager
+def _served(url: str) -> Iterator[None]:
+    """Raise what a bucket's server says as `ConfigError`."""
+    try:
+        yield
+    except (ConfigError, OSError, ValueError):
+        raise
     except Exception as error:
         if type(error).__module__.partition(".")[0] not in ("botocore", "aiobotocore", "s3fs", "fsspec", "aiohttp"):
             raise
@@ -262,13 +391,15 @@ def _reached(url: str) -> Iterator[None]:
         raise ConfigError.of("the store cannot be reached", url, str(error), next_step=step) from None
 
 
-def _quoted(name: str) -> str:
-    return quote(name, safe=" ,()+@").replace(".", "%2E")
+def _size(path: str) -> int | None:
+    try:
+        return Path(path).stat().st_size
+    except OSError:
+        return None
 
 
-def campaign_of(path: str) -> str:
-    """Return the campaign that a file of the store belongs to."""
-    return unquote(path.rpartition("/campaign=")[2].partition("/")[0])
+def _seconds(changed: Any) -> float:
+    return float(changed.timestamp() if hasattr(changed, "timestamp") else changed)
 
 
 def _changed(entry: Mapping[str, Any]) -> Any:

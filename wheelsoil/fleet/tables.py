@@ -79,3 +79,10 @@ def schema_of(name: str) -> pa.Schema:
         "truths": pa.list_(pa.bool_()),
     }  # fmt: skip
     return pa.schema([("content", pa.string()), *((column, types[kind]) for column, kind in COLUMNS[name].items())])
+
+
+def packed_schema_of(name: str) -> pa.Schema:
+    """Return the schema of a table with its campaign as the first column."""
+    import pyarrow as pa
+
+    return schema_of(name).insert(0, pa.field("campaign", pa.string()))

@@ -299,8 +299,9 @@ def _disagreeing(
     """Return the campaigns that the others do not predict, with the probability that one would be as far."""
     found = {}
     m = len(OF_THE_TRANSDUCER)
+    whole = _sums(data, tau, middle)
     for i, one in enumerate(data):
-        rest = _sums([*data[:i], *data[i + 1 :]], tau, middle) if len(data) > 1 else Sums.none(len(one.score))
+        rest = whole.without(_sums([one], tau, middle)) if len(data) > 1 else Sums.none(len(one.score))
         mean, covariance = rest.fit(places)
         rows = one.precision[:m] @ rest.design(places, _SLOPE * (one.years - middle))
         error = one.score[:m] - rows @ mean

@@ -76,6 +76,10 @@ class Sums:
         """Return the sums of no campaign."""
         return cls(np.zeros((2 * size, 2 * size)), np.zeros(2 * size), 0.0)
 
+    def without(self, other: Sums) -> Sums:
+        """Return the sums less those of some of their campaigns."""
+        return Sums(self.precision - other.precision, self.score - other.score, self.left - other.left)
+
     @property
     def size(self) -> int:
         """Return k."""

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 from cli_support import invoke, ok
 from doctor_support import free_port
-from fleet_support import WHEELSOIL, contents, running
-
-from wheelsoil.fleet import open_store
+from fleet_support import WHEELSOIL, contents, rows_of, running
 
 _SECRETS = {"AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1"}
 
@@ -39,7 +37,7 @@ def test_a_bucket_holds_what_a_folder_does(fleet: Path, store: Path, bucket: str
     assert again.code == 1 and "0 in the store" not in again.err  # one is broken
     assert contents(bucket) == contents(store)
     for name in ("runs", "samples", "evidence"):
-        assert open_store(bucket).table(name).equals(open_store(str(store)).table(name)), name
+        assert rows_of(bucket)[name].equals(rows_of(store)[name]), name
     sql = "select campaign, verdict, sentence from diagnoses order by campaign"
     assert ok("fleet", "sql", bucket, sql, "--json").json == ok("fleet", "sql", store, sql, "--json").json
 

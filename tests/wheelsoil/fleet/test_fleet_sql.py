@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import duckdb
@@ -51,26 +52,99 @@ def test_what_no_manifest_names_is_not_there(store: Path, tmp_path: Path) -> Non
 
     own = shutil.copytree(store, tmp_path / "own")
     next((own / "done").glob("spring%2Fday-1.*")).unlink()  # as if its writer had been killed before the last file
-    found = {row["campaign"] for row in ask(open_store(str(own)), "select campaign from runs").to_pylist()}
+    found = {row["campaign"] for row in ask(open_store(str(own)), "select campaign from runs").rows.to_pylist()}
     assert found == {row["campaign"] for row in rows_of(store)["runs"].to_pylist()} - {"spring/day-1"}
 
 
+STATEMENTS = """
+alter table runs add column x int; comment on table runs is 'x'; analyze runs; vacuum; vacuum analyze
+attach 'x.db'; attach 'https://x.invalid/x.db'; detach memory; use memory
+call checkpoint(); checkpoint; force checkpoint; call enable_logging(); copy from database memory to x
+copy runs to 'x.csv'; copy (select 1) to 'x' (format parquet); copy (select 1) to 's3://b/x'; copy runs from 'x.csv'
+create table x as select 1; create view x as select 1; create function f() as 1; create macro f() as 1; create schema s
+create secret (type s3); create persistent secret s (type s3); drop secret s; create type t as enum ('a')
+delete from runs; truncate runs; drop view runs; insert into runs select * from runs; update runs set run = 'x'
+merge into runs using runs r on true when matched then delete; pivot runs on grade using count(*)
+execute x; prepare x as copy (select 1) to 'x.csv'; deallocate x; begin; commit
+export database 'x'; import database 'x'; install httpfs; force install httpfs from 'http://x.invalid'; load httpfs
+load './x.duckdb_extension'; update extensions; pragma database_list; pragma enable_profiling
+set threads = 1; set enable_external_access = true; set global temp_directory = '.'; set variable x = 1; reset threads
+explain copy (select 1) to 'x'; explain analyze copy (select 1) to 'x'; explain (analyze) copy runs to 'x'
+explain analyze create table x as select 1; explain analyze vacuum; explain analyze install httpfs
+explain analyze prepare x as copy (select 1) to 'x'; explain analyze create persistent secret s (type s3)
+explain analyze update extensions; explain analyze drop view runs; /* x */ explain /* y */ analyze copy runs to 'x'
+explain analyze call checkpoint(); explain analyze set threads = 1; explain explain select 1
+"""
+"""Every kind of statement of DuckDB's grammar that is not a SELECT, and what one may hide behind EXPLAIN."""
+SELECTS = """
+from 'STORE/store.json'; from 'STORE/runs/*/*.parquet'; from 'https://x.invalid/x.parquet'; from 's3://b/x.parquet'
+from 'hf://datasets/x/y.csv'; from read_text('STORE/store.json'); from read_blob('STORE/store.json')
+from read_csv('/etc/passwd'); from read_csv_auto('/etc/passwd'); from sniff_csv('/etc/passwd')
+from read_json('STORE/store.json'); from read_json_objects('STORE/store.json'); from read_ndjson('STORE/store.json')
+from read_parquet('STORE/runs/*/*.parquet'); from parquet_scan('x'); from parquet_metadata('x')
+from parquet_file_metadata('x'); from parquet_kv_metadata('x'); from parquet_schema('x'); from read_duckdb('x.db')
+from read_text('http://x.invalid/x'); from glob('/etc/*'); from glob('https://x.invalid/*'); select getenv('HOME')
+from sqlite_scan('x.db', 't'); from postgres_scan('', 's', 't'); from st_read('x'); from iceberg_scan('x')
+from delta_scan('x'); from read_xlsx('x.xlsx'); from duckdb_secrets(); from which_secret('s3://x', 's3')
+from duckdb_extensions(); from enable_logging(); from enable_profiling(); from force_checkpoint()
+from query('copy runs to ''x'''); from query('from read_text(''/etc/passwd'')'); from query_table('/etc/passwd')
+from json_execute_serialized_sql(json_serialize_sql('from read_text(''/etc/passwd'')'))
+with x as (insert into runs select 1) select 1; from (copy runs to 'x'); from sql; from store; from connection
+from arrow_scan(1, 2, 3); from pandas_scan(1); from python_map_function(); select count(*) from read_csv('/dev/stdin')
+explain analyze from read_text('/etc/passwd'); describe from read_csv('/etc/passwd'); summarize '/etc/passwd'
+select (select content from read_text('/etc/passwd')); from runs, read_text('/etc/passwd'); select nextval('x')
+"""
+"""What reads files, addresses, the environment or this program's variables from within a SELECT."""
+
+
+def _each(statements: str, store: Path) -> list[str]:
+    return [one.replace("STORE", str(store)) for one in statements.strip().replace("\n", "; ").split("; ")]
+
+
+@pytest.mark.parametrize("statements", [STATEMENTS, SELECTS], ids=["statements", "selects"])
+def test_the_store_is_read_and_nothing_else(
+    statements: str, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))  # where DuckDB keeps secrets and extensions
+    before = {path: path.stat().st_mtime_ns for path in store.rglob("*")}
+    for sql in _each(statements, store):
+        result = invoke("fleet", "sql", store, sql)
+        assert result.code == 2 and not result.out and "next:" in result.err, f"{sql}\n{result.out}{result.err}"
+        assert "Traceback" not in result.err and "root:" not in result.err, sql
+    assert not list(tmp_path.iterdir())
+    assert before == {path: path.stat().st_mtime_ns for path in store.rglob("*")}
+
+
+def test_every_kind_of_statement_is_tried() -> None:
+    connection, tried = duckdb.connect(), set()
+    for sql in _each(STATEMENTS, Path()):
+        with suppress(duckdb.Error, ValueError):  # a kind that has no name
+            tried |= {statement.type.name for statement in connection.extract_statements(sql)}
+    of_no_text = {"INVALID", "RELATION", "LOGICAL_PLAN", "ANALYZE", "VARIABLE_SET", "CREATE_FUNC", "COPY_DATABASE"}
+    assert set(duckdb.StatementType.__members__) - tried <= of_no_text | {"SELECT", "EXTENSION"}
+
+
 @pytest.mark.parametrize(
-    "sql",
+    ("sql", "rows"),
     [
-        "copy runs to 'stolen.csv'",
-        "create table x as select 1",
-        "drop view runs",
-        "attach 'x.db'",
-        "set threads = 1",
-        "select 1; select 2",
-        "",
+        ("describe runs", 23),
+        ("show tables", len(COLUMNS)),
+        ("explain select 1", 1),
+        ("-- why\nEXPLAIN (analyze) select count(*) from samples", 1),
+        ("pivot runs on grade in ('good', 'poor') using count(*) group by run", 1),
+        ("with t as (select 1 as a) from t", 1),
+        ("values (1), (2)", 2),
     ],
 )
-def test_only_one_select_is_taken(sql: str, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_what_only_reads_is_taken(sql: str, rows: int, store: Path) -> None:
+    assert ask(open_store(str(store)), sql).rows.num_rows == rows
+
+
+@pytest.mark.parametrize("sql", ["select 1; select 2", "", "select 1; copy runs to 'x'"])
+def test_only_one_statement_is_taken(sql: str, store: Path) -> None:
     result = invoke("fleet", "sql", store, sql)
-    assert result.code == 2 and "the store is only read" in result.err and not list(tmp_path.iterdir())
+    assert result.code == 2 and "the store is only read" in result.err
 
 
 def test_wrong_sql_and_names_are_said(store: Path, tmp_path: Path) -> None:

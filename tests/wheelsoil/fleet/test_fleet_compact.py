@@ -1,0 +1,214 @@
+"""Packs of many campaigns: the same rows before, while and after they are made, whatever is killed or damaged."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+from fleet_support import contents, rows_of
+
+from wheelsoil.fleet import Store, ask, compact, holdings_of, open_store, packs
+from wheelsoil.fleet.manifests import Manifest
+
+SQL = "select campaign, run, grade, duration_s from runs order by campaign, run"
+
+
+class KilledError(BaseException):
+    """As if the process had ended here."""
+
+
+@pytest.fixture(autouse=True)
+def small_packs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the eight campaigns two packs, of three and two groups."""
+    monkeypatch.setattr(packs, "CAMPAIGNS_OF_A_PACK", 5)
+    monkeypatch.setattr(packs, "CAMPAIGNS_OF_A_GROUP", 2)
+
+
+@pytest.fixture
+def own(store: Path, tmp_path: Path) -> Path:
+    """Return a store that may be changed."""
+    return Path(shutil.copytree(store, tmp_path / "own"))
+
+
+def _same(url: Path, other: Path) -> None:
+    found, expected = rows_of(url), rows_of(other)
+    for name, table in expected.items():
+        assert found[name].equals(table), name
+    assert ask(open_store(str(url)), SQL).rows.equals(ask(open_store(str(other)), SQL).rows)
+    assert contents(url) == contents(other)
+
+
+def _files(url: Path) -> list[str]:
+    return sorted(str(path.relative_to(url)) for path in url.rglob("*") if path.is_file())
+
+
+def test_a_compacted_store_has_the_same_rows_in_few_files(own: Path, store: Path, fleet: Path, tmp_path: Path) -> None:
+    assert ok("fleet", "compact", own).out == "8 campaigns put together; 2 packs in the store\n"
+    _same(own, store)
+    assert not list(own.rglob("campaign=*")) and not list(own.glob("done/*"))
+    names = _files(own)
+    assert len(names) <= 2 + 2 * (2 + 11) and len(list(own.glob("packs/*.json"))) == 2
+    assert (
+        ok("fleet", "compact", own).out == "0 campaigns put together; 2 packs in the store\n" and _files(own) == names
+    )
+    for command in (("status",), ("diagnose",), ("sql", SQL)):
+        here, there = (ok("fleet", command[0], at, *command[1:], "--json").json for at in (own, store))
+        assert {**here, "store": ""} == {**there, "store": ""} if isinstance(here, dict) else here == there
+    again = invoke("fleet", "run", fleet, "--store", own)
+    assert "8 in the store already" in again.err and "1/" not in again.err
+    ok("fleet", "export", own, "-o", tmp_path / "tables", "--tables", "runs")
+
+
+def test_what_changes_afterwards_replaces_the_row_of_the_pack(own: Path, store: Path) -> None:
+    ok("fleet", "compact", own)
+    target = open_store(str(own))
+    old = holdings_of(open_store(str(store)))
+    tables = {name: old.table(name) for name in ("campaigns", "runs")}
+    import pyarrow.compute as pc
+
+    for content, vehicle in (("a" * 16, "first"), ("b" * 16, "second")):
+        changed = {}
+        for name, table in tables.items():
+            rows = table.filter(pc.field("campaign") == "spring/day-3").drop_columns(["campaign"])
+            place = rows.schema.get_field_index("content")
+            changed[name] = rows.set_column(place, rows.schema.field(place), [[content] * len(rows)])
+        known = [part.name for part in holdings_of(target).parts if not part.is_pack]
+        target.put(
+            Manifest("spring/day-3", content, "done", verdict=vehicle, rows={"campaigns": 1, "runs": 1}), changed, known
+        )
+        for _ in range(2):  # beside the pack, then within one
+            said = ask(target, "select content, count(*) over () as n from campaigns where campaign = 'spring/day-3'")
+            assert said.rows.to_pylist() == [{"content": content, "n": 1}]
+            assert len(rows_of(own)["campaigns"]) == 8 and len(rows_of(own)["evidence"]) == 4
+            assert holdings_of(target).manifests["spring/day-3"].verdict == vehicle
+            compact(target)
+    assert sum(path.name == "campaigns.parquet" for path in own.rglob("*")) == 2
+    assert "spring/day-3" not in rows_of(own)["evidence"]["campaign"].to_pylist()
+
+
+def _killed_at(step: int, own: Path, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Compact, and end at the n-th file that is written or removed; return whether it came to that."""
+    done = 0
+
+    def counted(name: str) -> None:
+        real = getattr(Store, name)
+
+        def call(self: Store, *args: object, **options: object) -> object:
+            nonlocal done
+            done += 1
+            if done > step:
+                raise KilledError
+            return real(self, *args, **options)
+
+        monkeypatch.setattr(Store, name, call)
+
+    with monkeypatch.context() as patched:
+        monkeypatch = patched
+        counted("_write")
+        counted("_remove")
+        try:
+            compact(open_store(str(own)))
+        except KilledError:
+            return True
+    return False
+
+
+def _kills(steps: range, own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    killed = 0
+    monkeypatch.setattr(packs, "_STALE_S", -1.0)  # no other writer is at work
+    for step in steps:
+        place = tmp_path / f"killed-{step}"
+        shutil.copytree(own, place)
+        if not _killed_at(step, place, monkeypatch):
+            break
+        killed += 1
+        _same(place, store)
+        compact(open_store(str(place)))
+        _same(place, store)
+        assert {name.partition("/")[0] for name in _files(place)} == {".compact.lock", "packs", "store.json"}, step
+        assert len(list(place.glob("packs/*.json"))) == len(list(place.glob("packs/*/sources.json"))) == 2, step
+        shutil.rmtree(place)
+    return killed
+
+
+def test_a_kill_while_it_compacts_changes_no_row(
+    own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert _kills(range(10, 90, 40), own, store, tmp_path, monkeypatch) == 2
+
+
+@pytest.mark.slow
+def test_no_kill_changes_a_row(own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _kills(range(0, 300, 7), own, store, tmp_path, monkeypatch) > 10
+
+
+@pytest.mark.parametrize("kind", ["byte flipped", "cut", "another table", "manifest {}", "sources cut"])
+def test_a_damaged_pack_costs_its_row_group_or_its_campaigns(kind: str, own: Path, store: Path) -> None:
+    ok("fleet", "compact", own)
+    everything = [row["campaign"] for row in rows_of(store)["campaigns"].to_pylist()]
+    [pack] = [path for path in own.glob("packs/*.json") if "spring/day-5" in path.read_text()]
+    of_pack = {
+        one.campaign
+        for part in holdings_of(open_store(str(own))).parts
+        if part.name.endswith(pack.name)
+        for one in part.all
+    }
+    path = pack.with_suffix("") / "campaigns.parquet"
+    data = bytearray(path.read_bytes())
+    if kind == "byte flipped":
+        data[60] ^= 0xFF
+        path.write_bytes(data)
+    elif kind == "cut":
+        path.write_bytes(data[:500])
+    elif kind == "another table":
+        shutil.copy(path.with_name("diagnoses.parquet"), path)
+    elif kind == "manifest {}":
+        pack.write_text("{}")
+    else:
+        path.with_name("sources.json").write_text("{")
+    said = invoke("fleet", "sql", own, "from campaigns order by campaign", "--json")
+    if kind == "sources cut":
+        assert said.code == 0 and len(said.json) == 8
+    else:
+        lost = set(everything) - {row["campaign"] for row in said.json}
+        assert said.code == 1 and lost == (of_pack if kind != "byte flipped" else set(sorted(of_pack)[:2]))
+        assert all(f"  {name}: " in said.err for name in lost)
+        assert invoke("fleet", "compact", own).code == 0
+        assert lost == {one["campaign"] for one in invoke("fleet", "check", own, "--json").json["damaged"]}
+    assert json.loads((own / "store.json").read_text())
+
+
+@pytest.mark.slow
+def test_a_damaged_pack_is_made_anew(own: Path, store: Path, fleet: Path) -> None:
+    ok("fleet", "compact", own)
+    for path in own.glob("packs/*/campaigns.parquet"):
+        path.write_bytes(path.read_bytes()[:500])
+    again = invoke("fleet", "run", fleet, "--store", own)
+    assert "0 in the store already" in again.err and "made anew" in again.err
+    _same(own, store)
+    ok("fleet", "compact", own)
+    ok("fleet", "check", own)
+    _same(own, store)
+    assert len(list(own.glob("packs/*.json"))) == 2
+
+
+def test_a_store_of_before_sizes_were_kept_is_opened_and_compacted(own: Path, store: Path) -> None:
+    for path in own.glob("done/*.json"):
+        values = json.loads(path.read_text())
+        old = {key: value for key, value in values.items() if key not in ("parts", "checksum", "made_at_ns")}
+        path.write_text(json.dumps(old))
+    _same(own, store)
+    ok("fleet", "compact", own)
+    _same(own, store)
+
+
+def test_two_compactions_do_not_meet(own: Path) -> None:
+    import fcntl
+
+    with (own / ".compact.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        said = invoke("fleet", "compact", own)
+    assert said.code == 2 and "another compaction is at work" in said.err and list(own.glob("done/*"))

@@ -1,0 +1,278 @@
+"""What the store has of each campaign, and in which files: manifests, the parts they name, and what is damaged."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+from urllib.parse import quote, unquote
+
+from wheelsoil import __version__
+from wheelsoil.fleet.tables import COLUMNS
+
+DONE, PACKS = "done", "packs"
+_SEAL = "checksum"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What the store has of one campaign.
+
+    Attributes
+    ----------
+    campaign, content : str
+        Name, and the hash of what the rows depend on.
+    state : "done" or "failed"
+    fault : str
+        Why it failed.
+    verdict : str
+        Of its diagnosis.
+    files : mapping path -> (bytes, time of change in ns)
+        Of its sources when it was made.
+    rows : mapping table -> number of rows
+    options : mapping
+        How it was made.
+    cpu_s, peak_bytes : float, int
+        What it took.
+    parts : mapping table -> (bytes, SHA-256)
+        Of its own files; empty in stores of older versions, and in a pack.
+    made_at_ns : int
+        Of two packs with a campaign the one with the later time counts.
+    """
+
+    campaign: str
+    content: str
+    state: str
+    fault: str = ""
+    verdict: str = ""
+    files: dict[str, tuple[int, int]] = field(default_factory=dict)
+    rows: dict[str, int] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    cpu_s: float = 0.0
+    peak_bytes: int = 0
+    version: str = __version__
+    parts: dict[str, tuple[int, str]] = field(default_factory=dict)
+    made_at_ns: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return f"{quoted(self.campaign)}.{self.content}.json"
+
+    def text(self) -> bytes:
+        """Return what its file holds."""
+        return sealed(asdict(self))
+
+    @staticmethod
+    def of(values: Any) -> Manifest:
+        """Check what a file holds.
+
+        Raises
+        ------
+        ValueError
+            A key is missing or unknown, or a value is of another kind.
+        """
+        if not isinstance(values, dict):
+            raise ValueError("no mapping")
+        try:
+            found = Manifest(**values)
+        except TypeError as error:
+            raise ValueError(str(error)) from None
+        for one in fields(found):
+            if not _KINDS[one.name](getattr(found, one.name)):
+                raise ValueError(one.name)
+        pairs = {name: {key: tuple(pair) for key, pair in values.get(name, {}).items()} for name in ("files", "parts")}
+        values |= pairs
+        return Manifest(**values)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_pairs(second: type) -> Any:
+    def check(value: object) -> bool:
+        return isinstance(value, dict) and all(
+            isinstance(pair, list | tuple) and len(pair) == 2 and _is_count(pair[0]) and isinstance(pair[1], second)
+            for pair in value.values()
+        )
+
+    return check
+
+
+def _is_rows(value: object) -> bool:
+    return isinstance(value, dict) and value.keys() <= COLUMNS.keys() and all(map(_is_count, value.values()))
+
+
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(("campaign", "content", "fault", "verdict", "version"), _is_text),
+    "state": lambda value: value in ("done", "failed"),
+    "files": _is_pairs(int),
+    "rows": _is_rows,
+    "options": lambda value: isinstance(value, dict),
+    "cpu_s": lambda value: isinstance(value, int | float) and value >= 0,
+    "peak_bytes": _is_count,
+    "made_at_ns": _is_count,
+    "parts": _is_pairs(str),
+}
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What a campaign is set aside for; it is all in the store's head (store.json) where `campaign` is empty.
+
+    Attributes
+    ----------
+    file : str
+        Below the store.
+    what : str
+        "manifest", "missing", "size", "footer", "another table", "another campaign", "checksum" or "data".
+    manifest : str
+        File of the campaign's manifest, below the store.
+    """
+
+    campaign: str
+    file: str
+    what: str
+    manifest: str = ""
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """One table of a part; `bytes` and `sha256` are None and empty where its manifest does not state them."""
+
+    path: str
+    bytes: int | None
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Part:
+    """Campaigns that are written together.
+
+    Attributes
+    ----------
+    name : str
+        Of its manifest's file, below the store.
+    groups : tuple of tuple of Manifest
+        Campaigns of each row group.
+    files : mapping table -> PartFile
+    hidden : set of str
+        Contents that a newer part replaces.
+    lost : set of int
+        Groups that are damaged.
+    """
+
+    name: str
+    groups: tuple[tuple[Manifest, ...], ...]
+    files: dict[str, PartFile]
+    hidden: frozenset[str] = frozenset()
+    lost: frozenset[int] = frozenset()
+
+    @property
+    def is_pack(self) -> bool:
+        """Whether it is of many campaigns, which are a column of its tables."""
+        return self.name.startswith(PACKS)
+
+    @property
+    def all(self) -> Iterator[Manifest]:
+        """All of its campaigns."""
+        return (one for group in self.groups for one in group)
+
+    def used(self, group: int) -> Iterator[Manifest]:
+        """Return the campaigns of a group that are neither replaced nor damaged."""
+        return (one for one in self.groups[group] if group not in self.lost and one.content not in self.hidden)
+
+    @property
+    def manifests(self) -> Iterator[Manifest]:
+        """Campaigns that are neither replaced nor damaged."""
+        return (one for group in range(len(self.groups)) for one in self.used(group))
+
+    def row_groups(self, table: str) -> dict[int, int]:
+        """Return the row group that each group's rows of a table are in, where it has any."""
+        holding = [i for i, group in enumerate(self.groups) if any(one.rows.get(table) for one in group)]
+        return {group: row_group for row_group, group in enumerate(holding)}
+
+
+def part_of(manifest: Manifest) -> Part:
+    """Return the part of a campaign that has one of its own."""
+    place = f"campaign={quoted(manifest.campaign)}/{manifest.content}.parquet"
+    files = {table: PartFile(f"{table}/{place}", *manifest.parts.get(table, (None, ""))) for table in manifest.rows}
+    return Part(f"{DONE}/{manifest.name}", ((manifest,),), files)
+
+
+def pack_of(name: str, text: bytes) -> Part:
+    """Return the pack whose manifest has a name below the store and this text.
+
+    Raises
+    ------
+    ValueError
+        It is damaged.
+    """
+    values = unsealed(text)
+    if not isinstance(values, dict) or values.keys() != {"groups", "parts"} or not _is_pairs(str)(values["parts"]):
+        raise ValueError("no pack")
+    if not isinstance(values["groups"], list) or not all(isinstance(group, list) for group in values["groups"]):
+        raise ValueError("groups")
+    groups = tuple(tuple(map(Manifest.of, group)) for group in values["groups"])
+    folder = name.removesuffix(".json")
+    tables = {file.removesuffix(".parquet"): tuple(facts) for file, facts in values["parts"].items()}
+    files = {table: PartFile(f"{folder}/{table}.parquet", *tables[table]) for table in COLUMNS if table in tables}
+    return Part(name, groups, files)
+
+
+def sources_path(name: str) -> str:
+    """Return where a pack has the files and options of its campaigns."""
+    return f"{name.removesuffix('.json')}/sources.json"
+
+
+def sealed(values: Mapping[str, Any]) -> bytes:
+    """Return values as JSON with a checksum of all of it."""
+    text = json.dumps(values, sort_keys=True)
+    return json.dumps({**values, _SEAL: hashlib.sha256(text.encode()).hexdigest()}).encode()
+
+
+def unsealed(text: bytes) -> Any:
+    """Return values that were written with `sealed`, or by an older version without a checksum.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, or another checksum.
+    """
+    values = json.loads(text)
+    if isinstance(values, dict) and _SEAL in values:
+        seal = values.pop(_SEAL)
+        if seal != hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest():
+            raise ValueError("another checksum")
+    return values
+
+
+def single_of(name: str, text: bytes) -> Manifest:
+    """Return the manifest in the file of one campaign.
+
+    Raises
+    ------
+    ValueError
+        It is none, or of another campaign.
+    """
+    found = Manifest.of(unsealed(text))
+    if found.name != name:
+        raise ValueError("of another campaign")
+    return found
+
+
+def quoted(name: str) -> str:
+    """Return a campaign's name as its files have it."""
+    return quote(name, safe=" ,()+@").replace(".", "%2E")
+
+
+def campaign_of(manifest_name: str) -> str:
+    """Return the campaign that a manifest's file belongs to, by the name of the file."""
+    return unquote(manifest_name.partition(".")[0])

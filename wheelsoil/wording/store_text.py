@@ -1,0 +1,36 @@
+"""What is damaged in a fleet's store, as a reader is told it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from wheelsoil.fleet import Damage
+
+_WHAT = {
+    "manifest": "its manifest cannot be read",
+    "missing": "the file is missing",
+    "size": "the file is not as long as it was",
+    "footer": "the file has no Parquet footer",
+    "another table": "the file is of another table",
+    "another campaign": "the file is of another campaign",
+    "checksum": "the file has another checksum",
+    "data": "the file's data cannot be read",
+}
+_LISTED = 40
+
+
+def damage_lines(store: str, damaged: Sequence[Damage]) -> Iterator[str]:
+    """Yield what was set aside and why, and how it is made anew."""
+    if not damaged:
+        return
+    names = {one.campaign for one in damaged if one.campaign}
+    count = len(names)
+    yield f"{count} campaign{'s' * (count != 1)} of the store {'is' if count == 1 else 'are'} damaged and set aside:"
+    for one in damaged[:_LISTED]:
+        if one.campaign:
+            yield f"  {one.campaign}: {_WHAT[one.what]} ({one.file})"
+        else:
+            yield f"  {one.file} cannot be read; the campaigns were"
+    if len(damaged) > _LISTED:
+        yield f"  and {len(damaged) - _LISTED} more files"
+    yield f"next: `wheelsoil fleet run ROOT --store {store} --check` makes them anew"
