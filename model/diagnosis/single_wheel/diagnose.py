@@ -28,7 +28,7 @@ from model.diagnosis.single_wheel.findings import (
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.form_error import Judged, form_errors_of, steady
+from model.diagnosis.single_wheel.form_error import Judged, adequate_at, form_errors_of, steady
 from model.diagnosis.single_wheel.noise import FormError
 from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
@@ -79,8 +79,10 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
             lambda other: _verdict(other, weighing, known, gain, options),
         )
     turned = None
-    if problem.form_is_taken:
-        with clock.stage("error_of_form"):
+    with clock.stage("error_of_form"):
+        if not weighing.any_adequate:
+            turned = adequate_at(weighing, rng)
+        elif problem.form_is_taken:
             base = Judged(verdict, weighing.posterior)
             after, turned = steady(base, lambda factor: _again(weighing, known, options, factor))
             if after != verdict:
@@ -89,6 +91,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     grounds = Grounds(
         barred=verdict.barred,
         beside=verdict.beside,
+        most_probable=tuple(sorted(weighing.sets[0].families)),
         lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
         cautions=mixed_repeats(problem),
@@ -180,7 +183,7 @@ def _judged(
     if after.verdict == "named" and (usual := usual_families(known.uses)):
         own = np.random.default_rng(options.seed)
         chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, own)
-        after = asked_again(after, chances, usual, options.name_at)
+        after = asked_again(after, chances, usual, options.name_at, keep=True)
     return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
 

@@ -46,12 +46,13 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
 
     Parameters
     ----------
-    rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are excluded.
+    rows : array, shape (n,) or (B, n), optional
+        1 for rows that count, 0 for rows that are excluded; the same for all hypotheses, or each its own.
     """
     fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
-    return np.array([_misfit(fixed, optimum, rows) for optimum in found])
+    counted = [rows if rows is None or rows.ndim == 1 else rows[i] for i in range(len(found))]
+    return np.array([_misfit(fixed, optimum, own) for optimum, own in zip(found, counted, strict=True)])
 
 
 def with_usual_form(problem: BenchProblem) -> BenchProblem:
