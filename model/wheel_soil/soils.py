@@ -67,7 +67,8 @@ class Soil:
 
     def state(self, parameters: Mapping[str, Number]) -> SoilState:
         """Return the soil with other values of `SOIL_PARAMETERS`."""
-        return SoilState(*(parameters[name] for name in SOIL_PARAMETERS), reference_speed=self.reference_speed_mps)
+        plain = SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
+        return replace(plain, reference_speed=self.reference_speed_mps)
 
 
 @dataclass(frozen=True)

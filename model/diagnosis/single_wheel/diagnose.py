@@ -33,7 +33,7 @@ from model.diagnosis.single_wheel.noise import FormError
 from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh, weighed_again
 from model.notes import DiagnosisCode, LackCode
 
 _LEAST_ROWS = 4
@@ -83,8 +83,9 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         if not weighing.any_adequate:
             turned = adequate_at(weighing, rng)
         elif problem.form_is_taken:
-            base = Judged(verdict, weighing.posterior)
-            after, turned = steady(base, lambda factor: _again(weighing, known, options, factor))
+            plain = _verdict(weighing.posterior, weighing, known, gain, options)
+            base = Judged(verdict, plain, weighing.posterior)
+            after, turned = steady(base, lambda factor: _again(weighing, known, gain, options, factor))
             if after != verdict:
                 verdict, causes = after, _causes(weighing, after.families, rng)
     worst = findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else ()
@@ -194,13 +195,13 @@ def _verdict(
     return judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
 
 
-def _again(weighing: Weighing, known: Library, options: DiagnosisOptions, factor: float) -> Judged:
-    """Return the verdict with the error of form times a factor."""
-    rng = np.random.default_rng(options.seed)
+def _again(
+    weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions, factor: float
+) -> Judgement:
+    """Return the verdict that the sets which count lead to with the error of form times a factor."""
     problem = weighing.problem.with_form_error(FormError(options.error_of_form, factor))
-    other = weigh(problem, known.uses, options.most_causes, rng, near=weighing)
-    verdict, _ = _judged(other, known, held_out(other, rng), options, rng)
-    return Judged(verdict, other.posterior)
+    other = weighed_again(weighing, problem, np.random.default_rng(options.seed))
+    return _verdict(other.posterior, other, known, gain, options)
 
 
 def _adequacy(weighing: Weighing) -> Adequacy:

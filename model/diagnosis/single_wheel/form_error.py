@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import Note
-from model.diagnosis.core.hypotheses import Posterior, short_set
-from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.hypotheses import Posterior
+from model.diagnosis.core.naming import Judgement, one_of
 from model.diagnosis.core.result import FormUsed
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.weighing import Weighing, misfits, threshold
@@ -31,6 +31,8 @@ _NAMES = {HALF: "half", TWICE: "twice"}
 _ASKED: dict[str, tuple[float, ...]] = {"named": (HALF, TWICE), "nothing_detectable": (HALF,)}
 """Factors that may turn a verdict."""
 _MOST_FACTOR = 16.0
+_LIKELY = 0.9
+"""Probability above which a family stands in the set, needed or not."""
 _STEPS = 5
 """Of a bisection of the logarithm: to within 9 %."""
 _RIVALS = 6
@@ -39,28 +41,31 @@ _RIVALS = 6
 
 @dataclass(frozen=True)
 class Judged:
-    """A verdict with the probabilities that it rests on."""
+    """A verdict, what it was before its names were asked again beside a usual soil, and the probabilities of both."""
 
     judgement: Judgement
+    plain: Judgement
     posterior: Posterior
 
 
-def steady(base: Judged, judged_with: Callable[[float], Judged]) -> tuple[Judgement, Note | None]:
+def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Judgement, Note | None]:
     """Return the verdict that half and twice the error of form leave, and what they turn, where they do.
 
     Parameters
     ----------
     judged_with : callable
-        The verdict with the error of form times a factor.
+        The verdict with the error of form times a factor, its names not asked again.
     """
     own = base.judgement
     others = {factor: judged_with(factor) for factor in _ASKED.get(own.verdict, ())}
-    turned = {factor: one for factor, one in others.items() if not _same(one.judgement, own)}
+    turned = {factor: one for factor, one in others.items() if not _same(one, base.plain)}
     if not turned:
         return own, None
-    values = {_NAMES[factor]: (one.judgement.verdict, one.judgement.families) for factor, one in turned.items()}
-    why = Note(LackCode.FORM_DECIDES, values=values)
-    return (Judgement("one_of", short_set(base.posterior), barred=why) if own.verdict == "named" else own), why
+    why = Note(LackCode.FORM_DECIDES, values={_NAMES[f]: (one.verdict, one.families) for f, one in turned.items()})
+    if own.verdict != "named":
+        return own, why
+    likely = tuple(family for family, p in base.posterior.families().items() if p > _LIKELY)
+    return one_of(base.posterior, why, likely), why
 
 
 def _same(one: Judgement, other: Judgement) -> bool:

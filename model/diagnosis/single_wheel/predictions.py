@@ -97,7 +97,9 @@ def _best_in(weighing: Weighing, folds: Sequence[_Fold], rng: np.random.Generato
     best = []
     gated = [optima[:_GATED] for optima in ranked]
     kept = np.repeat([fold.kept for fold in folds], [len(own) for own in gated], axis=0)
-    missed = np.split(misfits(problem, [o for own in gated for o in own], kept), np.cumsum([len(o) for o in gated])[:-1])
+    missed = np.split(
+        misfits(problem, [o for own in gated for o in own], kept), np.cumsum([len(o) for o in gated])[:-1]
+    )
     for fold, optima, left in zip(folds, ranked, missed, strict=True):
         best.append(optima[int(np.argmax(left <= threshold(problem, rng, fold.kept)))])
     return best
