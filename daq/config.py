@@ -245,6 +245,7 @@ class SoilSection(Section):
     cohesive_modulus_kn: Finite
     frictional_modulus_kn: Finite
     unit_weight_kn_m3: Positive | None = None
+    plate_speed_mps: Positive | None = None
 
 
 class UncertaintySection(Section):

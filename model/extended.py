@@ -17,7 +17,7 @@ from daq import ConfigError, Fault, nearest, parse_mapping
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
+from model.wheel_soil.soils import REFERENCE_SPEED_MPS, SOIL_PARAMETERS, Soil
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
 SCHEMA = "wheelsoil/model/1"
@@ -101,6 +101,7 @@ class ExtendedModel:
                 "name": self.soil.name,
                 "source": self.soil.source,
                 "unit_weight_n_m3": self.soil.unit_weight_n_m3,
+                "reference_speed_mps": self.soil.reference_speed_mps,
                 **{name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS},
             },
             "soil_sigmas": _finite(self.soil_sigmas),
@@ -179,13 +180,22 @@ def extended_model(
 def soil_of(laboratory: Soil, values: Mapping[str, float], source: str) -> Soil:
     """Return the soil with other values of `SOIL_PARAMETERS`; what is not given stays."""
     found = {name: float(getattr(laboratory, name)) for name in SOIL_PARAMETERS} | dict(values)
-    return _soil(laboratory.name, found, laboratory.unit_weight_n_m3, source)
+    return _soil(laboratory.name, found, laboratory.unit_weight_n_m3, source, laboratory.reference_speed_mps)
 
 
-def _soil(name: str, values: Mapping[str, float], unit_weight_n_m3: float, source: str) -> Soil:
+def _soil(
+    name: str, values: Mapping[str, float], unit_weight_n_m3: float, source: str, reference_speed_mps: float
+) -> Soil:
     plain = {key: value for key, value in values.items() if key != "tan_phi"}
     angle = atan(values["tan_phi"])
-    return Soil(name, friction_angle_rad=angle, unit_weight_n_m3=unit_weight_n_m3, source=source, **plain)
+    return Soil(
+        name,
+        friction_angle_rad=angle,
+        unit_weight_n_m3=unit_weight_n_m3,
+        source=source,
+        reference_speed_mps=reference_speed_mps,
+        **plain,
+    )
 
 
 def _extended(cause: Cause) -> ExtendedEffect:
@@ -231,6 +241,7 @@ class _SoilSection(_Section):
     name: str
     source: str = ""
     unit_weight_n_m3: Positive = 16_500.0
+    reference_speed_mps: Positive = REFERENCE_SPEED_MPS
     cohesion_pa: NonNegative
     tan_phi: NonNegative
     shear_modulus_m: Positive
@@ -240,7 +251,7 @@ class _SoilSection(_Section):
 
     def soil(self) -> Soil:
         values = {name: getattr(self, name) for name in SOIL_PARAMETERS}
-        return _soil(self.name, values, self.unit_weight_n_m3, self.source)
+        return _soil(self.name, values, self.unit_weight_n_m3, self.source, self.reference_speed_mps)
 
 
 class _ParameterSection(_Section):

@@ -46,6 +46,8 @@ class LackCode(StrEnum):
     """family, parameter, neutral, low, high, unit"""
     NOTHING_USABLE = "nothing_usable"
     """faults: one of each campaign"""
+    FORM_ADEQUATE = "form_adequate"
+    """factor on the error of form, families; share of load, load x radius and radius, where one was taken"""
     FORM_DECIDES = "form_decides"
     """half, twice: (verdict, families) with half and twice the error of form, where they are others"""
     NO_CHANNEL_MEASURED = "no_channel_measured"

@@ -138,6 +138,7 @@ def read_wheel_tables(
     """
     table = read_table(path, rename=rename, where=where)
     sizes = table.numbers((), WHEEL_SIZES)
+    _refuse_unread_radii(table, sizes)
     _refuse_sizes(table, sizes)
     names = table.columns.get("wheel", ("",) * len(table))
     wheels = [(name, *(float(column[i]) for column in sizes.values())) for i, name in enumerate(names)]
@@ -162,6 +163,20 @@ def _wheel_name(name: str, varying: Mapping[str, float]) -> str:
 
 def _one_size(sizes: Mapping[str, FloatArray], row: int) -> dict[str, float]:
     return {name: float(column[row]) for name, column in sizes.items() if math.isfinite(column[row])}
+
+
+def _refuse_unread_radii(table: Table, sizes: Mapping[str, FloatArray]) -> None:
+    """Raise ConfigError where a column of radii that differ is not read: the rows are of several wheels."""
+    for name, values in table.columns.items() if "radius_m" not in sizes else ():
+        different = list(dict.fromkeys(values))
+        if "radius" in name.lower() and len(different) > 1:
+            raise ConfigError.of(
+                f"the rows are of several wheels: column {name!r} has {len(different)} values and is not read",
+                table.source,
+                "; ".join(different[:5]),
+                "one radius, or a column radius_m",
+                f"--rename radius_m={name} (and width_m), or the rows of one wheel: --where COLUMN=VALUE",
+            )
 
 
 def _refuse_sizes(table: Table, sizes: Mapping[str, FloatArray]) -> None:

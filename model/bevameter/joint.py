@@ -34,8 +34,12 @@ from model.notes import BevameterCode
 Common = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """x, shape (p,) -> what it gives for each test, shape (tests, 2), and its sensitivities, shape (tests, 2, p)."""
 
+POSITIVE = ("stiffness", "sinkage_exponent", "tan_phi", "strength_pa", "shear_modulus_m")
+"""Parameters that are above 0 in every soil: log-normal, so that their intervals stay there. Cohesion may be 0, and k_c
+and k_phi trade off against each other across 0: those are normal."""
 _ROUNDS = 20
 _SETTLED = 1e-6
+_LARGEST_LOG = 50.0  # of an interval's half: any number, and no overflow
 _WIDE = 1.5  # Student's t over the normal quantile from which on there is a warning
 
 
@@ -78,9 +82,13 @@ class JointFit:
 
     @property
     def interval95(self) -> FloatArray:
-        """95 % intervals by Student's t, shape (p, 2)."""
+        """95 % intervals by Student's t, shape (p, 2): of the logarithm for a parameter of `POSITIVE`."""
         half = self.sigma * _quantile(self.freedom)
-        return np.column_stack([self.values - half, self.values + half])
+        plain = np.column_stack([self.values - half, self.values + half])
+        positive = np.array([name in POSITIVE for name in self.names]) & (self.values > 0)
+        size = np.where(positive, self.values, 1.0)
+        ratio = np.exp(np.minimum(half / size, _LARGEST_LOG))
+        return np.where(positive[:, None], np.column_stack([size / ratio, size * ratio]), plain)
 
     @property
     def normal_covariance(self) -> FloatArray:

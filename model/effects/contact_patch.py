@@ -13,7 +13,7 @@ from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA
 from model.wheel_soil.dual import Number, value_of, where
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions
+    from model.wheel_soil.conditions import Conditions, Reaction, WheelState
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
 
@@ -124,7 +124,11 @@ class Grouser(Effect):
 
 
 class TyreFlattening(Effect):
-    """The contact has the radius r (1 + a W/10 kN 340 kPa/p): of the whole contact, not of the slip."""
+    """The contact has the radius r (1 + a W/10 kN 340 kPa/p): of stresses and sinkage, not of slip and torque.
+
+    A tread that runs along its contact at r omega gives the soil the power r omega times the shear force, so that the
+    arm of the torque is r: T omega is then what goes into pull, sinkage and slip, and nothing more.
+    """
 
     name = "tyre_flattening"
     summary = (
@@ -136,5 +140,14 @@ class TyreFlattening(Effect):
 
     def contact_radius(self, radius: Number, conditions: Conditions, values: Values) -> Number:
         """Return the radius of the substitute circle."""
-        load = conditions.vertical_load_n * (1.0 / REFERENCE_LOAD_N)
-        return radius * (1.0 + values["radius_gain"] * load * REFERENCE_INFLATION_KPA / conditions.inflation_kpa)
+        return radius * _larger(conditions, values)
+
+    def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
+        """Return the forces with the torque of the rolling radius."""
+        return replace(reaction, driving_torque=reaction.driving_torque / _larger(state.conditions, values))
+
+
+def _larger(conditions: Conditions, values: Values) -> Number:
+    """Return the radius of the substitute circle over the wheel's."""
+    load = conditions.vertical_load_n * (1.0 / REFERENCE_LOAD_N)
+    return 1.0 + values["radius_gain"] * load * REFERENCE_INFLATION_KPA / conditions.inflation_kpa

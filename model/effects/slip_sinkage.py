@@ -41,7 +41,7 @@ class Lyasko(Effect):
         Parameter(
             "m1", "1", 0.0, 0.1, -1.0, 20.0, 0.35, "Yang Tab. 3: .1 clay, .6 sand; only m1 + m2 is well known", side=1
         ),
-        Parameter("m2", "1", 0.0, 0.05, -1.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand", side=1),
+        Parameter("m2", "1", 0.0, 0.05, 0.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand", side=1),
     )
     total = "p"
     needs = Needs(largest_slip=0.15)

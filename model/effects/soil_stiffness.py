@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from model.wheel_soil.soils import SoilState
 
 
-REFERENCE_MPS = 2.0
 SLOWEST_MPS = 0.2
 
 
 class RateStiffness(Effect):
-    """k (max(V, 0.2 m/s) / 2 m/s)^m: at 2 m/s the laboratory's soil, softer below and stiffer above."""
+    """k (max(V, 0.2 m/s) / V0)^m: at V0 the laboratory's soil, softer below and stiffer above.
+
+    V0 is 2 m/s, or, where terrain.toml states `plate_speed_mps`, the speed at which the wheel presses the soil as fast
+    as the plate did (`SoilState.reference_speed`).
+    """
 
     name = "rate_stiffness"
     summary = "The soil bears more the faster the wheel drives over it."
@@ -33,11 +36,11 @@ class RateStiffness(Effect):
         """Return the soil at the present speed."""
         speed = conditions.ground_speed_mps
         speed = where(value_of(speed) < SLOWEST_MPS, SLOWEST_MPS, speed)
-        return soil.stiffer(np.exp(values["exponent"] * np.log(speed * (1.0 / REFERENCE_MPS))))
+        return soil.stiffer(np.exp(values["exponent"] * np.log(speed * (1.0 / soil.reference_speed))))
 
 
 class MultiPass(Effect):
-    """k (1 + a (pass - 1))."""
+    """k (1 + a)^(log2 pass): 1 + a times as stiff whenever the number of passes doubles; positive for every a > -1."""
 
     name = "multi_pass"
     summary = "Every pass changes the soil of the track: it is compacted (a > 0) or loosened (a < 0)."
@@ -49,7 +52,7 @@ class MultiPass(Effect):
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil of the present pass."""
-        return soil.stiffer(1.0 + values["per_pass"] * (conditions.pass_number - 1.0))
+        return soil.stiffer(np.exp(np.log(1.0 + values["per_pass"]) * np.log2(value_of(conditions.pass_number))))
 
 
 class TrackDrift(Effect):

@@ -7,6 +7,7 @@ from .force_cells import cells_of_table as cells_of_table
 from .sinkage import ShapeRanges as ShapeRanges
 from .sinkage import draw_shapes as draw_shapes
 from .sinkage import sinkage_of_forces as sinkage_of_forces
+from .sinkage_growth import WITHOUT_FORCES as WITHOUT_FORCES
 from .sinkage_growth import Estimate as Estimate
 from .sinkage_growth import Growth as Growth
 from .sinkage_growth import SlipBin as SlipBin

@@ -13,6 +13,8 @@ from model.sinkage_from_forces.force_cells import ForceCells
 from model.sinkage_from_forces.sinkage import ShapeRanges, Shapes, draw_shapes, sinkage_of_forces
 
 DRAWS = 400
+WITHOUT_FORCES = (0.034, 0.454)
+"""95 % band of Z/r of all published wheels with measured sinkage and torque (docs/sinkage.md): known without forces."""
 _LEAST_SPAN = 0.2
 _OWN_SHARE = 0.02
 """Share of a sinkage by which cells differ beyond their noise: keeps quiet cells from deciding a slope alone."""
@@ -49,6 +51,12 @@ class Growth:
     measured: Estimate
     reason: Note | None = None
 
+    @property
+    def contradicted(self) -> bool:
+        """Whether the measured growth lies outside what forces allow, by both intervals."""
+        (low, high), (least, most) = self.from_forces.interval95, self.measured.interval95
+        return bool(most < low or least > high)
+
 
 @dataclass(frozen=True)
 class SlipBin:
@@ -61,6 +69,7 @@ class SlipBin:
         From forces.
     if_peak_stays_m, if_peak_moves_m : medians, given where the stress peaks; see `Growth`
     noise_m : one-sigma from noise of the channels alone
+    tells : whether the band is narrower than what is known without forces, `WITHOUT_FORCES`
     """
 
     slip: float
@@ -71,6 +80,7 @@ class SlipBin:
     noise_m: float
     measured_m: float
     samples: int
+    tells: bool = True
 
 
 @dataclass(frozen=True)
@@ -96,15 +106,18 @@ class ForceSinkage:
         cells, weights = self.cells, self.cells.samples[inside].astype(np.float64)
         share = weights / weights.sum()
         draws, stays = self.draws_m[:, inside] @ share, self.shapes.peak_stays
+        found = estimate(draws)
+        width = min(found.interval95[1], cells.radius_m) - found.interval95[0]
         return SlipBin(
             slip=float(cells.forces.slip[inside] @ share),
             vertical_load_n=float(cells.forces.vertical_load_n[inside] @ share),
-            sinkage_m=estimate(draws),
+            sinkage_m=found,
             if_peak_stays_m=estimate(draws[stays]).value,
             if_peak_moves_m=estimate(draws[~stays]).value,
             noise_m=float(np.sqrt(np.sum((share * cells.noise_m[inside]) ** 2))),
             measured_m=_of_known(cells.measured_m[inside], share),
             samples=int(weights.sum()),
+            tells=bool(width < (WITHOUT_FORCES[1] - WITHOUT_FORCES[0]) * cells.radius_m),
         )
 
     def growth(self) -> Growth:

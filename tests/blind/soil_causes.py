@@ -212,8 +212,8 @@ PHYSICAL = (
         "per_pass",
         0.15,
         (-0.28, 2),
-        "k (1 + a (pass - 1))",
-        softer(lambda m, a: 1 + a * (m.passes - 1)),
+        "k (1 + a)^(log2 pass)",
+        softer(lambda m, a: (1 + a) ** np.log2(m.passes)),
         both=True,
     ),
     Hidden(

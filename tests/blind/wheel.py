@@ -188,7 +188,9 @@ def soil_forces(
     total = static if physics.sinkage is None else np.minimum(physics.sinkage(static, slip), deepest)
     found = sums(rim, total, care.nodes)
     scale = (load - found.load_cohesion) / found.load
-    columns = (found.pull * scale + found.pull_cohesion, found.torque * scale + found.torque_cohesion, total)
+    arm = moments.vehicle.radius_m / np.broadcast_to(rim.radius, load.shape)  # of a tread that runs at r omega
+    torque = arm * (found.torque * scale + found.torque_cohesion)
+    columns = (found.pull * scale + found.pull_cohesion, torque, total)
     return _spread([values[:, 0] for values in columns], turning, len(moments.speed))
 
 

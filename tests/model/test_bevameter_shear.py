@@ -110,3 +110,10 @@ def test_no_test_and_bad_tests_together() -> None:
         fit_shear_strength([])
     with pytest.raises(DataError, match=r"first(.|\n)*second"):
         fit_shear_strength([ShearTest(J, np.zeros(60), 1e3, name) for name in ("first", "second")])
+
+
+def test_the_interval_of_a_positive_parameter_stays_positive() -> None:
+    """Three tests, one degree of freedom: Student's t is 13, and K plus or minus 13 one-sigma went below 0."""
+    found = fit_shear_strength(shear_tests(np.random.default_rng(3), repeats=1, scatter=(0.05, 0.5)))
+    low, high = found.joint.interval95[found.joint.names.index("shear_modulus_m")]
+    assert 0 < low < found.joint["shear_modulus_m"] < high

@@ -39,10 +39,10 @@ def test_the_file_carries_the_values_and_the_covariance_to_the_prior() -> None:
     values = np.concatenate([shear.joint.values, pressure.joint.values[[2, 0, 1]]])
     assert prior.mean == pytest.approx(values, rel=1e-8)
     sigma = np.sqrt(np.diag(prior.covariance))
-    # a normal distribution with the 95 % intervals of the tests
-    half = np.concatenate(
-        [np.ptp(shear.joint.interval95, axis=1), np.ptp(pressure.joint.interval95, axis=1)[[2, 0, 1]]]
-    )
+    # a normal distribution with the 95 % intervals of the tests, of the logarithm where a parameter is above 0
+    low, high = np.concatenate([shear.joint.interval95, pressure.joint.interval95[[2, 0, 1]]]).T
+    assert (low[1:4] > 0).all()
+    half = np.where(np.isin(np.arange(6), (1, 2, 3)), values * np.log(high / np.where(low > 0, low, 1.0)), high - low)
     assert 1.959964 * sigma * 2 == pytest.approx(half, rel=1e-6)
     assert np.count_nonzero(prior.covariance[:3, 3:]) == 0
     expected = pressure.joint.covariance[0, 1] / np.sqrt(np.prod(np.diag(pressure.joint.covariance)[:2]))

@@ -50,6 +50,38 @@ def test_growth_is_found_where_the_peak_stays(grows_m: float) -> None:
     assert found.if_peak_moves.value < found.if_peak_stays.value
 
 
+def test_a_contact_that_lengthens_behind_with_slip_is_no_falling_sinkage() -> None:
+    """As in a granular simulation: the rear contact grows from .08 to .7 of the entry angle, and sinkage grows."""
+    wheels = [
+        StressedWheel(
+            entry=float(np.arccos(1 - (0.02 + 0.03 * s) / 0.15)), slip=s, peak=0.7, exponent=1.0, exit=0.8 * s
+        )
+        for s in SLIPS
+    ]
+    load, pull, torque = np.array([wheel.forces() for wheel in wheels]).T
+    radius = wheels[0].radius
+    measured = radius * (1 - np.cos([wheel.entry for wheel in wheels]))
+    rows = WheelTable("g.csv", SLIPS, load, pull, torque, measured, np.zeros(9, np.intp), ("",), {})
+    found = growth_of(cells_of_table(rows, radius))
+    assert found.from_forces.interval95[1] > 0.0
+    assert not found.contradicted
+
+
+def test_a_measured_growth_that_contradicts_withdraws_the_claim() -> None:
+    rows = table(0.1 + 0.08 * SLIPS, np.zeros(9))
+    falls = replace(rows, sinkage_m=0.2 - 0.5 * (0.1 + 0.3 * SLIPS))
+    assert not growth_of(cells_of_table(rows, 0.47)).contradicted
+    assert growth_of(cells_of_table(falls, 0.47)).contradicted
+
+
+def test_a_number_is_given_where_its_band_says_more_than_is_known_without_forces() -> None:
+    """A shallow wheel's band is narrow against what wheels do; a deep one's is not."""
+    for depth, tells in ((0.02, True), (0.2, False)):
+        cells = cells_of_table(table(np.full(9, depth), np.full(9, 0.4)), 0.47)
+        bins = sinkage_from_forces(cells, np.random.default_rng(0)).bins()
+        assert {one.tells for one in bins[:5]} == {tells}
+
+
 @pytest.mark.parametrize("grows_m", [0.0, 0.03, 0.08])
 def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
     found = growth_of(cells_of_table(table(0.1 + grows_m * SLIPS, 0.3 + 0.32 * SLIPS), 0.47))
@@ -61,7 +93,9 @@ def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
 
 def test_noise_widens_the_band() -> None:
     quiet, noisy = (table(np.full(9, 0.12), np.zeros(9), sigma) for sigma in (0.0, 300.0))
-    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0, (0.0, 0.0), 1.0, 0.0)
+    one = ShapeRanges(
+        (0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0, (0.0, 0.0), 1.0, 0.0, no_exit_growth=1.0
+    )
     widths = []
     for rows in (quiet, noisy):
         bins = sinkage_from_forces(cells_of_table(rows, 0.47), np.random.default_rng(0), one).bins()

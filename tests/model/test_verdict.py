@@ -134,6 +134,10 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     assert lost.barred is not None and lost.barred.code == LackCode.PEAK_MAY_SHIFT
     both = again(0.6, Judgement("named", ("slip_sinkage", "stress_peak_shift")))
     assert both.families == ("slip_sinkage", "stress_peak_shift")
+    chances = {"slip_sinkage": 0.6, "torque_zero": 0.999}
+    kept_name = asked_again(named, chances, ("stress_peak_shift",), 0.9, keep=True)
+    assert (kept_name.verdict, kept_name.families) == ("named", ("torque_zero",))
+    assert kept_name.beside == ("slip_sinkage", "stress_peak_shift")
     for kept in (Judgement("named", ("torque_zero",)), Judgement("one_of", families)):
         assert again(0.0, kept) == kept
 

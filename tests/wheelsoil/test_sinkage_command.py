@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tomllib
 from dataclasses import replace
@@ -253,3 +254,30 @@ def test_the_report_draws_it(measured: Path) -> None:
     without = sinkage.build(bare)
     assert "from_forces" not in without.numbers
     assert any("No sinkage from forces" in getattr(block, "text", "") for block in without.blocks)
+
+
+def test_a_column_of_radii_that_is_not_read_is_several_wheels(tmp_path: Path) -> None:
+    head = "slip,vertical_load_n,drawbar_pull_n,driving_torque_nm,wheel_radius_m,grouser"
+    lines = [f"{s},80,10,4,{r},{g}" for s in (0.1, 0.3) for r, g in ((0.15, 0), (0.16, 10))]
+    (tmp_path / "t.csv").write_text("\n".join([head, *lines]))
+    (tmp_path / "v.toml").write_text("[wheel]\nradius_m = 0.15\nwidth_m = 0.1\n")
+    result = invoke("sinkage", "--table", tmp_path / "t.csv", "--vehicle", tmp_path / "v.toml")
+    assert result.code == 2
+    said = " ".join(result.err.split())
+    assert "several wheels" in said
+    assert "--rename radius_m=wheel_radius_m" in said
+
+
+def test_numbers_that_the_measured_sinkage_contradicts_are_withdrawn(tmp_path: Path) -> None:
+    """In the text and in the JSON alike: ten times the sinkage that the forces give."""
+    wheels = [StressedWheel(entry=0.4, slip=s, peak=0.3, exponent=1.0) for s in (0.1, 0.2, 0.4, 0.6, 0.8)]
+    rows = [(w.slip, *w.forces(), 10 * 0.47 * (1 - np.cos(0.4))) for w in wheels]
+    head = "slip,vertical_load_n,drawbar_pull_n,driving_torque_nm,sinkage_m"
+    (tmp_path / "t.csv").write_text("\n".join([head, *(",".join(f"{x:.6g}" for x in row) for row in rows)]))
+    (tmp_path / "v.toml").write_text(WHEEL)
+    given = ("sinkage", "--table", tmp_path / "t.csv", "--vehicle", tmp_path / "v.toml")
+    text, found = ok(*given).out, json.loads(ok(*given, "--json").out)
+    assert "withdrawn" in text
+    assert "no number is given" in text
+    assert found["withdrawn"]
+    assert all(one["sinkage_m"] is None and one["interval95_m"] is None for one in found["bins"])

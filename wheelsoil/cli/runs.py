@@ -273,7 +273,13 @@ def _sinkage_of_table(
 
 def print_sinkage(facts: SinkageFacts) -> None:
     """Print the table of sinkage against slip, its growth and the bound; notes on stderr."""
-    from wheelsoil.workflows.sinkage import IN_THE_BAND, agreement_sentence, growth_rows, growth_sentence
+    from wheelsoil.workflows.sinkage import (
+        IN_THE_BAND,
+        agreement_sentence,
+        growth_rows,
+        growth_sentence,
+        unknown_sentence,
+    )
 
     measured = any(one.measured_m == one.measured_m for one in facts.bins)
     head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]
@@ -281,8 +287,8 @@ def print_sinkage(facts: SinkageFacts) -> None:
         [
             f"{one.slip:.2f}",
             f"{one.vertical_load_n:.0f}" if one.vertical_load_n >= 100 else number(one.vertical_load_n),
-            number(1e3 * one.sinkage_m.value, 3),
-            " .. ".join(number(1e3 * end, 3) for end in one.sinkage_m.interval95),
+            "-" if (found := facts.number_m(one)) is None else number(1e3 * found, 3),
+            "withdrawn" if facts.withdrawn else " .. ".join(number(1e3 * end, 3) for end in one.sinkage_m.interval95),
             number(1e3 * one.noise_m, 2),
             *([number(1e3 * one.measured_m, 3)] if measured else []),
             f"{one.samples}",
@@ -290,6 +296,8 @@ def print_sinkage(facts: SinkageFacts) -> None:
         for one in facts.bins
     ]
     print_table(head, rows)
+    if unknown := unknown_sentence(facts):
+        print("\n".join(folded(unknown, terminal_width())))
     print()
     grown = growth_rows(facts.growth)
     if grown:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from daq import Note
+from model import LackCode
 from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
@@ -66,13 +67,19 @@ def _reason(why: Note) -> dict[str, Any]:
 
 
 def _form_errors(found: Diagnosis) -> dict[str, Any]:
-    """Return what a table's verdict takes for the error of form, and what half and twice of it turn."""
+    """Return what a table's verdict takes for the error of form, and what another one would change.
+
+    `turned`: the verdicts of half and twice of it, where they differ; `adequate_at`: the one at which an unexplained
+    table has an adequate explanation.
+    """
     turned = found.grounds.form_matters
+    code = turned.code if turned else None
     return {
         "channels": {
             one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
         },
-        "turned": {how: list(verdict) for how, verdict in turned.values.items()} if turned else {},
+        "turned": {how: list(one) for how, one in turned.values.items()} if code == LackCode.FORM_DECIDES else {},
+        "adequate_at": dict(turned.values) if turned and code == LackCode.FORM_ADEQUATE else None,
     }
 
 

@@ -123,6 +123,13 @@ def _form_decides(v: Values) -> str:
     return ", ".join(verdicts)
 
 
+def _form_adequate(v: Values) -> str:
+    size = f"{100.0 * v['share']:.2g} % of load, load x radius and radius" if "share" in v else "this"
+    times = f", {v['factor']:.2g} times the one here" if "share" in v else f" times {v['factor']:.2g}"
+    names = " and ".join(map(plain_name, v["families"])) or "no cause at all"
+    return f"with an error of form of {size}{times}, {names} would be an adequate explanation, and the verdict one_of"
+
+
 def _mixed_repeats(v: Values) -> str:
     share = f"{100.0 * v['share']:.0f} % of the load in {OUTPUTS[v['channel']].name}"
     return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
@@ -265,6 +272,7 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,
+    LackCode.FORM_ADEQUATE: _form_adequate,
     LackCode.FORM_DECIDES: _form_decides,
     LackCode.NO_CHANNEL_MEASURED: "none of the channels that are looked at was measured in these rows",
     LackCode.FEW_ROWS: (

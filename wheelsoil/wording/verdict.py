@@ -36,6 +36,8 @@ _NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
+_IN_ALL = 0.99
+"""Probability above which a family is said to be in every explanation."""
 _UNLISTED_AT = 0.05
 """Probability of something unlisted from which on it is said to keep a name back."""
 _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
@@ -170,7 +172,7 @@ def _of_table(found: Diagnosis) -> list[str]:
 def _error_of_form(grounds: Grounds) -> list[str]:
     """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
     said = form_error_words(grounds.form_errors)
-    if not said or grounds.form_matters is None:
+    if grounds.form_matters is None:
         return said
     return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
 
@@ -206,6 +208,9 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         worth = gain_words(found.gain)
         held_out = [f"On held-out conditions {worth}."] if worth else []
         seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate."
+        if found.grounds.barred is not None and found.grounds.beside:
+            first = plain_name(found.grounds.beside[0]).capitalize()
+            more = [*more, f"{first} is not named: {note_text(found.grounds.barred)}."]
         return [seen, *held_out, *more, *onward]
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
@@ -214,10 +219,24 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         if len(found.causes) == 1:
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
         named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
-        return [f"One of {names}: {channels} of these rows cannot separate them.{named}", *onward]
+        in_all = [c for c in found.causes if c.probability > _IN_ALL]
+        others = [c for c in found.causes if c not in in_all]
+        said = f"One of {names}: {channels} of these rows cannot separate them."
+        if in_all and others:
+            sure, open_ones = (
+                ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part) for part in (in_all, others)
+            )
+            said = (
+                f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "
+                "cannot separate them."
+            )
+        return [f"{said}{named}", *onward]
     if found.verdict == "unexplained":
-        left = found.grounds.lack_of_fit.worst
-        where = [f"The most probable set is off most in {_findings(left)}."] if left else []
+        left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
+        tried = _listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
+        where = [f"The most probable set, {tried}, is off most in {_findings(left)}."] if left else []
+        if found.adequacy is not None:
+            where.insert(0, f"{adequacy_words(found.adequacy).capitalize()}.")
         return [
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
             "and a right model may miss.",

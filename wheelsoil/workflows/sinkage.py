@@ -14,6 +14,7 @@ from daq.series import WheelTable
 from model.diagnosis import BoundRows, Inconsistent, bound_rows_of_runs, bound_rows_of_table, inconsistent
 from model.sinkage_from_forces import (
     LEAST_SLIP,
+    WITHOUT_FORCES,
     Agreement,
     Estimate,
     ForceCells,
@@ -35,10 +36,10 @@ _SEED = 0
 IN_THE_BAND = (
     "the 95 % band holds: noise of load, drawbar pull and torque, their zeros' uncertainty where one was taken off, "
     "the radius (1 %), where the stress peaks (ahead, as Wong and Reece measured, or at the bottom), the sinkage "
-    "exponent (0.5 to 1.4), an exit behind the bottom (none, or up to a fifth of the entry angle), soil pushed in "
-    "front (none, or up to two fifths of the resistance), and 20 % for what else differs from wheel to wheel. It does "
-    "not hold a tyre that flattens, or a gain of the transducer. On measured wheels it is a range, not a "
-    "proven 95 %: few tests have torque and sinkage (docs/sinkage.md)"
+    "exponent (0.5 to 1.4), an exit behind the bottom (none, or up to a fifth of the entry angle at no slip, and up to "
+    "0.9 of it more at full slip), soil pushed in front (none, or up to three fifths of the resistance), and 20 % for "
+    "what else differs from wheel to wheel. It does not hold a tyre that flattens, or a gain of the transducer. On "
+    "measured wheels it is a range, not a proven 95 %: few tests have torque and sinkage (docs/sinkage.md)"
 )
 
 
@@ -64,6 +65,15 @@ class SinkageFacts:
     inconsistent: tuple[Inconsistent, ...]
     notes: tuple[str, ...]
     agreement: Agreement | None = None
+
+    @property
+    def withdrawn(self) -> bool:
+        """Whether the measured sinkage contradicts, so that forces give no number here."""
+        return self.agreement is not None and self.agreement.refuted
+
+    def number_m(self, one: SlipBin) -> float | None:
+        """Return the sinkage of a range of slip; None where forces say no more than is known without them."""
+        return one.sinkage_m.value if one.tells and not self.withdrawn else None
 
 
 def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFacts:
@@ -218,6 +228,12 @@ def growth_sentence(growth: Growth) -> str:
     """Say how the sinkage grows with slip."""
     if growth.reason:
         return f"growth of sinkage with slip: {note_text(growth.reason)}"
+    if growth.contradicted:
+        low, high = (f"{1e3 * end:+.3g}" for end in growth.measured.interval95)
+        return (
+            f"the measured sinkage grows by {_signed(growth.measured.value)} mm ({low} to {high}) from no slip to full "
+            "slip, which contradicts the forces: what they say of its growth is withdrawn"
+        )
     low, high = growth.from_forces.interval95
     if low <= 0 <= high:
         return "over all shapes of the stress, the sinkage may grow with slip or not"
@@ -234,6 +250,22 @@ def growth_sentence(growth: Growth) -> str:
     return f"over all shapes of the stress, the sinkage {trend} with slip{need}"
 
 
+def unknown_sentence(facts: SinkageFacts) -> str:
+    """Say in which rows forces give no number, why, and what would; empty where they do in all."""
+    if facts.withdrawn:
+        return "no number is given: the measured sinkage contradicts those from forces"
+    without = [one.slip for one in facts.bins if not one.tells]
+    if not without:
+        return ""
+    low, high = (share * facts.radius_m for share in WITHOUT_FORCES)
+    slips = ", ".join(f"{slip:.2f}" for slip in without)
+    known = f"{1e3 * low:.3g} to {1e3 * high:.3g} mm"
+    return (
+        f"cannot tell in {len(without)} of {len(facts.bins)} rows (slips {slips}): the band is as wide as what is "
+        f"known of wheels without their forces ({known}). Next: measure the depth of the rut at these slips"
+    )
+
+
 def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:
     """Return what is assumed, the growth from no slip to full slip in mm, and its interval, where it is known."""
     named = (
@@ -241,7 +273,7 @@ def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:
         ("if the stress peaks at the bottom", growth.if_peak_stays),
         ("if its peak moves forward with slip", growth.if_peak_moves),
         ("measured", growth.measured),
-    )
+    )[3 if growth.contradicted else 0 :]
     return [(what, _signed(found.value), _ends(found)) for what, found in named if np.isfinite(found.value)]
 
 
@@ -265,10 +297,10 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
                 "slip": one.slip,
                 "vertical_load_n": one.vertical_load_n,
                 "samples": one.samples,
-                "sinkage_m": one.sinkage_m.value,
-                "interval95_m": one.sinkage_m.interval95,
-                "if_peak_stays_m": one.if_peak_stays_m,
-                "if_peak_moves_m": one.if_peak_moves_m,
+                "sinkage_m": facts.number_m(one),
+                "interval95_m": None if facts.withdrawn else one.sinkage_m.interval95,
+                "if_peak_stays_m": None if facts.withdrawn else one.if_peak_stays_m,
+                "if_peak_moves_m": None if facts.withdrawn else one.if_peak_moves_m,
                 "noise_sigma_m": one.noise_m,
                 "measured_m": one.measured_m,
             }
@@ -278,6 +310,8 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
             "unit": "m from no slip to full slip",
             **{
                 name: {"value": estimate.value, "interval95": estimate.interval95}
+                if name == "measured" or not growth.contradicted
+                else None
                 for name, estimate in (
                     ("from_forces", growth.from_forces),
                     ("if_peak_stays", growth.if_peak_stays),
@@ -286,7 +320,10 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
                 )
             },
             "reason": note_text(growth.reason) if growth.reason else "",
+            "withdrawn": growth.contradicted,
         },
+        "withdrawn": facts.withdrawn,
+        "no_number": unknown_sentence(facts),
         "agreement": None if facts.agreement is None else vars(facts.agreement),
         "bound": {"rows": facts.checked, "inconsistent": list(facts.inconsistent)},
         "band": vars(ShapeRanges()),

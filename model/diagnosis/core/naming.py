@@ -187,7 +187,9 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
     return verdict
 
 
-def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float) -> Judgement:
+def asked_again(
+    verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float, *, keep: bool = False
+) -> Judgement:
     """Return the verdict once its physical causes were asked again beside what soils usually do.
 
     One that does not stay above `name_at` loses its name to the set of it and its rivals. Errors of measurement are
@@ -199,16 +201,25 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
         Probabilities beside what soils usually do.
     rivals : sequence of str
         Families of that.
+    keep : bool
+        Whether the others that stay above `name_at` keep their names, beside one of the set.
     """
     if verdict.verdict != "named":
         return verdict
-    for family in verdict.families:
-        physical = any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
-        if physical and family not in rivals and not chances.get(family, 0.0) > name_at:
-            why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": family, "probability": chances.get(family, 0.0)})
-            kept = tuple(other for other in verdict.families if other != family)
-            return Judgement("one_of", tuple(dict.fromkeys((family, *rivals, *kept))), barred=why)
-    return verdict
+    lost = [f for f in verdict.families if _physical(f) and f not in rivals and not chances.get(f, 0.0) > name_at]
+    if not lost:
+        return verdict
+    why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})
+    kept = tuple(f for f in verdict.families if f != lost[0])
+    sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > name_at)
+    if keep and sure:
+        others = (*lost, *rivals, *verdict.beside)
+        return Judgement("named", sure, tuple(dict.fromkeys(f for f in others if f not in sure)), barred=why)
+    return Judgement("one_of", tuple(dict.fromkeys((lost[0], *rivals, *kept))), barred=why)
+
+
+def _physical(family: str) -> bool:
+    return any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
 
 
 def doubtful(causes: Sequence[Cause]) -> Note | None:

@@ -363,7 +363,8 @@ class Grounds:
     form_errors : tuple of FormUsed
         Of single-wheel tables, one for each of these channels.
     form_matters : Note or None
-        Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
+        Which verdicts half and twice an error of form that was assumed or given lead to, where they are others; or the
+        error of form at which an unexplained table has an adequate explanation.
     """
 
     undecided: Note | None = None

@@ -28,12 +28,12 @@ from model.diagnosis.single_wheel.findings import (
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.form_error import Judged, form_errors_of, steady
+from model.diagnosis.single_wheel.form_error import Judged, adequate_at, form_errors_of, steady
 from model.diagnosis.single_wheel.noise import FormError
 from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh, weighed_again
 from model.notes import DiagnosisCode, LackCode
 
 _LEAST_ROWS = 4
@@ -79,16 +79,20 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
             lambda other: _verdict(other, weighing, known, gain, options),
         )
     turned = None
-    if problem.form_is_taken:
-        with clock.stage("error_of_form"):
-            base = Judged(verdict, weighing.posterior)
-            after, turned = steady(base, lambda factor: _again(weighing, known, options, factor))
+    with clock.stage("error_of_form"):
+        if not weighing.any_adequate:
+            turned = adequate_at(weighing, rng)
+        elif problem.form_is_taken:
+            plain = _verdict(weighing.posterior, weighing, known, gain, options)
+            base = Judged(verdict, plain, weighing.posterior)
+            after, turned = steady(base, lambda factor: _again(weighing, known, gain, options, factor))
             if after != verdict:
                 verdict, causes = after, _causes(weighing, after.families, rng)
     worst = findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else ()
     grounds = Grounds(
         barred=verdict.barred,
         beside=verdict.beside,
+        most_probable=tuple(sorted(weighing.sets[0].families)),
         lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
         cautions=mixed_repeats(problem),
@@ -180,7 +184,7 @@ def _judged(
     if after.verdict == "named" and (usual := usual_families(known.uses)):
         own = np.random.default_rng(options.seed)
         chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, own)
-        after = asked_again(after, chances, usual, options.name_at)
+        after = asked_again(after, chances, usual, options.name_at, keep=True)
     return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
 
@@ -191,13 +195,13 @@ def _verdict(
     return judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
 
 
-def _again(weighing: Weighing, known: Library, options: DiagnosisOptions, factor: float) -> Judged:
-    """Return the verdict with the error of form times a factor."""
-    rng = np.random.default_rng(options.seed)
+def _again(
+    weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions, factor: float
+) -> Judgement:
+    """Return the verdict that the sets which count lead to with the error of form times a factor."""
     problem = weighing.problem.with_form_error(FormError(options.error_of_form, factor))
-    other = weigh(problem, known.uses, options.most_causes, rng, near=weighing)
-    verdict, _ = _judged(other, known, held_out(other, rng), options, rng)
-    return Judged(verdict, other.posterior)
+    other = weighed_again(weighing, problem, np.random.default_rng(options.seed))
+    return _verdict(other.posterior, other, known, gain, options)
 
 
 def _adequacy(weighing: Weighing) -> Adequacy:

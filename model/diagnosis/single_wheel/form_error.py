@@ -1,68 +1,113 @@
-"""Whether the verdict on a table rests on the error of form that was assumed or given for it.
+"""Whether the verdict on a table rests on the error of form that a right model may have.
 
-Without repeats nothing in a table says by how much a right model may be off. A share of load, load x radius and radius
-is taken instead, and the verdict is made again with half and with twice that share. Where it turns, the rows do not
-decide it:
+Names and probabilities come from one posterior, that of the error of form that the table says, that was given, or that
+was assumed. Without repeats nothing in a table says it: a share of load, load x radius and radius is taken, and the
+verdict is asked again with half and with twice that share.
 
 - `named`, and one of the two does not name the same families: `one_of`;
-- `unexplained`, and twice the error has an adequate explanation: `one_of`, of what twice the error leaves;
-- `nothing_detectable`, and half the error names a family: `one_of`, of what half the error leaves.
+- `nothing_detectable`, and half the error leads elsewhere: it stays, and what half leads to is noted.
+
+Where no explanation is adequate the verdict is `unexplained`. The least error of form at which one would be is noted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from daq import Note
-from model.diagnosis.core.hypotheses import Posterior, short_set
-from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.hypotheses import Posterior
+from model.diagnosis.core.naming import Judgement, one_of
 from model.diagnosis.core.result import FormUsed
 from model.diagnosis.single_wheel.problem import BenchProblem
+from model.diagnosis.single_wheel.weighing import Weighing, misfits, threshold
 from model.notes import LackCode
 
 HALF, TWICE = 0.5, 2.0
 _NAMES = {HALF: "half", TWICE: "twice"}
 
-_ASKED: dict[str, tuple[float, ...]] = {"named": (HALF, TWICE), "unexplained": (TWICE,), "nothing_detectable": (HALF,)}
+_ASKED: dict[str, tuple[float, ...]] = {"named": (HALF, TWICE), "nothing_detectable": (HALF,)}
 """Factors that may turn a verdict."""
+_MOST_FACTOR = 16.0
+_LIKELY = 0.9
+"""Probability above which a family stands in the set, needed or not."""
+_STEPS = 5
+"""Of a bisection of the logarithm: to within 9 %."""
+_RIVALS = 6
+"""Sets of the least lack of fit that may be the first to be adequate."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A verdict with the probabilities that it rests on."""
+    """A verdict, what it was before its names were asked again beside a usual soil, and the probabilities of both."""
 
     judgement: Judgement
+    plain: Judgement
     posterior: Posterior
 
 
-def steady(base: Judged, judged_with: Callable[[float], Judged]) -> tuple[Judgement, Note | None]:
+def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Judgement, Note | None]:
     """Return the verdict that half and twice the error of form leave, and what they turn, where they do.
 
     Parameters
     ----------
     judged_with : callable
-        The verdict with the error of form times a factor.
+        The verdict with the error of form times a factor, its names not asked again.
     """
     own = base.judgement
     others = {factor: judged_with(factor) for factor in _ASKED.get(own.verdict, ())}
-    turned = {factor: one for factor, one in others.items() if not _same(one.judgement, own)}
+    turned = {factor: one for factor, one in others.items() if not _same(one, base.plain)}
     if not turned:
         return own, None
-    values = {_NAMES[factor]: (one.judgement.verdict, one.judgement.families) for factor, one in turned.items()}
-    why = Note(LackCode.FORM_DECIDES, values=values)
-    if own.verdict == "named":
-        return Judgement("one_of", short_set(base.posterior), barred=why), why
-    decisive = next(iter(turned.values()))
-    if own.verdict == "nothing_detectable" and decisive.judgement.verdict != "named":
+    why = Note(LackCode.FORM_DECIDES, values={_NAMES[f]: (one.verdict, one.families) for f, one in turned.items()})
+    if own.verdict != "named":
         return own, why
-    families = short_set(decisive.posterior)
-    return (Judgement("one_of", families, barred=why) if families else Judgement("nothing_detectable")), why
+    likely = tuple(family for family, p in base.posterior.families().items() if p > _LIKELY)
+    return one_of(base.posterior, why, likely), why
 
 
 def _same(one: Judgement, other: Judgement) -> bool:
     named = one.verdict == "named"
     return one.verdict == other.verdict and (not named or set(one.families) == set(other.families))
+
+
+def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:
+    """Return the least factor on the error of form at which a set is adequate, and its families.
+
+    None where that of `_MOST_FACTOR` times has no adequate explanation either.
+
+    Parameters
+    ----------
+    weighing : Weighing
+        Without an adequate set.
+    """
+    tried = sorted((w for w in weighing.sets if np.isfinite(w.misfit)), key=lambda w: w.misfit)[:_RIVALS]
+
+    def first(factor: float) -> int | None:
+        problem = _with_form_times(weighing.problem, factor)
+        left = misfits(problem, [w.optima[0] for w in tried])
+        best = int(np.argmin(left))
+        return best if left[best] <= threshold(problem, rng) else None
+
+    low, high = 0.0, float(np.log(_MOST_FACTOR))
+    found = first(_MOST_FACTOR) if tried else None
+    if found is None:
+        return None
+    for _ in range(_STEPS):
+        middle = 0.5 * (low + high)
+        at_middle = first(float(np.exp(middle)))
+        low, high, found = (middle, high, found) if at_middle is None else (low, middle, at_middle)
+    facts = {"factor": float(np.exp(high)), "families": tuple(sorted(tried[found].families))}
+    shares = {noise.form_share for noise in weighing.problem.noises if noise.form_share is not None}
+    if len(shares) == 1:
+        facts["share"] = facts["factor"] * shares.pop()
+    return Note(LackCode.FORM_ADEQUATE, values=facts)
+
+
+def _with_form_times(problem: BenchProblem, factor: float) -> BenchProblem:
+    return replace(problem, noises=tuple(replace(n, form_scale=factor * n.form_scale) for n in problem.noises))
 
 
 def form_errors_of(problem: BenchProblem, *, given: bool) -> tuple[FormUsed, ...]:

@@ -177,10 +177,15 @@ class ChannelNoise:
         """Return ln p of measured minus model, shape (...); see `log_likelihoods`."""
         return np.asarray(_log_sum(self.log_likelihoods(error, rows) + self.log_weight))
 
+    def weighed_nodes(self, error: FloatArray, rows: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return `node_shares` and `log_likelihood` at once."""
+        each = self.log_likelihoods(error, rows) + self.log_weight
+        total = _log_sum(each)
+        return np.asarray(np.exp(each - total[..., None])), np.asarray(total)
+
     def node_shares(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
         """Return the probability of every node given the errors, shape (..., nodes)."""
-        each = self.log_likelihoods(error, rows) + self.log_weight
-        return np.asarray(np.exp(each - _log_sum(each)[..., None]))
+        return self.weighed_nodes(error, rows)[0]
 
     def precision(self, shares: FloatArray, rows: FloatArray | None = None) -> FloatArray:
         """Return the mean precision matrix under the nodes' probabilities, shape (..., m, m)."""

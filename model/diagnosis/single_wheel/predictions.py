@@ -51,7 +51,9 @@ def predict_held_out(
     optima : sequence of Optimum
         Of the hypothesis, on all rows.
     """
-    return tuple(_predicted(problem, _Fold.of(problem, group), optima, rng) for group in np.unique(problem.group))
+    folds = [_Fold.of(problem, group) for group in np.unique(problem.group)]
+    again = _searched(problem, folds, [optima] * len(folds))
+    return tuple(_predicted(problem, fold, own, rng) for fold, own in zip(folds, again, strict=True))
 
 
 def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
@@ -60,13 +62,15 @@ def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
     groups = np.unique(problem.group)
     if len(groups) < _LEAST_GROUPS:
         return None
-    base, extended, chosen = [], [], []
-    for group in groups:
-        fold = _Fold.of(problem, group)
-        best = _best_in(weighing, fold, rng)
-        base.append(_predicted(problem, fold, weighing.of_set(()).optima, rng))
-        extended.append(_predicted(problem, fold, best, rng) if best[0].hypothesis else base[-1])
-        chosen.append(tuple(use.key for use in best[0].hypothesis))
+    folds = [_Fold.of(problem, group) for group in groups]
+    best = _best_in(weighing, folds, rng)
+    null = _searched(problem, folds, [weighing.of_set(()).optima] * len(folds))
+    base = [_predicted(problem, fold, again, rng) for fold, again in zip(folds, null, strict=True)]
+    extended = [
+        _predicted(problem, fold, (one,), rng) if one.hypothesis else plain
+        for fold, one, plain in zip(folds, best, base, strict=True)
+    ]
+    chosen = [tuple(use.key for use in one.hypothesis) for one in best]
     return gain_of(base, extended, chosen, problem.channels[0])
 
 
@@ -81,15 +85,34 @@ class _Fold:
         return _Fold(left_out, np.where(left_out, 0.0, 1.0))
 
 
-def _best_in(weighing: Weighing, fold: _Fold, rng: np.random.Generator) -> tuple[Optimum, ...]:
-    """Return the optima of the set that is chosen on the rows that are kept."""
-    counted = _candidates(weighing, fold)
+def _best_in(weighing: Weighing, folds: Sequence[_Fold], rng: np.random.Generator) -> list[Optimum]:
+    """Return, for every fold, the best of the set that is chosen on the rows that are kept."""
     problem = weighing.problem
-    found = search(problem, [w.hypothesis for w in counted], [w.optima[0].standard for w in counted], fold.kept)
-    score = np.array([o.log_evidence + w.log_prior for o, w in zip(found, counted, strict=True)])
-    ranked = [found[i] for i in np.argsort(-score)]
-    adequate = misfits(problem, ranked[:_GATED], fold.kept) <= threshold(problem, rng, fold.kept)
-    return (ranked[int(np.argmax(adequate))],)
+    counted = [_candidates(weighing, fold) for fold in folds]
+    found = _searched(problem, folds, [[w.optima[0] for w in own] for own in counted])
+    ranked = []
+    for own, optima in zip(counted, found, strict=True):
+        score = np.array([o.log_evidence + w.log_prior for o, w in zip(optima, own, strict=True)])
+        ranked.append([optima[i] for i in np.argsort(-score)])
+    best = []
+    gated = [optima[:_GATED] for optima in ranked]
+    kept = np.repeat([fold.kept for fold in folds], [len(own) for own in gated], axis=0)
+    missed = np.split(
+        misfits(problem, [o for own in gated for o in own], kept), np.cumsum([len(o) for o in gated])[:-1]
+    )
+    for fold, optima, left in zip(folds, ranked, missed, strict=True):
+        best.append(optima[int(np.argmax(left <= threshold(problem, rng, fold.kept)))])
+    return best
+
+
+def _searched(
+    problem: BenchProblem, folds: Sequence[_Fold], optima: Sequence[Sequence[Optimum]]
+) -> list[list[Optimum]]:
+    """Return where hypotheses fit best on the rows that each fold keeps, from where they do on others."""
+    kept = np.repeat([fold.kept for fold in folds], [len(own) for own in optima], axis=0)
+    every = [o for own in optima for o in own]
+    found = iter(search(problem, [o.hypothesis for o in every], [o.standard for o in every], kept))
+    return [[next(found) for _ in own] for own in optima]
 
 
 def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
@@ -107,9 +130,8 @@ def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
 def _predicted(
     problem: BenchProblem, fold: _Fold, optima: Sequence[Optimum], rng: np.random.Generator
 ) -> HeldOutPrediction:
-    hypothesis = optima[0].hypothesis
-    again = search(problem, [hypothesis] * len(optima), [o.standard for o in optima], fold.kept)
-    posterior = posterior_of(problem, again, rng, fold.kept)
+    """Predict the rows of a fold that were held out from where a hypothesis fits the others best."""
+    posterior = posterior_of(problem, optima, rng, fold.kept)
     weights = posterior.weights
     measured = {channel: problem.measured(channel) for channel in posterior.said}
     there = [channel for channel, values in measured.items() if np.isfinite(values).any()]

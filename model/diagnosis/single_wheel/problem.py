@@ -19,6 +19,7 @@ from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Bench
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
 from model.diagnosis.single_wheel.noise import ChannelNoise, FormError, groups_of_rows
+from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import Dual, Number, value_of
@@ -48,6 +49,9 @@ class CauseUse:
 
 
 Hypothesis = tuple[CauseUse, ...]
+
+_SPLIT_ROWS = 400
+"""Rows of all hypotheses from which on those that cost more are evaluated apart from the others."""
 
 
 @dataclass(frozen=True)
@@ -361,6 +365,21 @@ class BenchProblem:
         slopes : mapping channel -> array, shape (B, n, p)
             Empty unless wanted.
         """
+        kinds = [_kind(hypothesis) for hypothesis in hypotheses]
+        parts = [np.flatnonzero([kind == one for kind in kinds]) for one in dict.fromkeys(kinds)]
+        if len(parts) == 1 or len(hypotheses) * len(self.slip) < _SPLIT_ROWS:
+            return self._evaluated(hypotheses, standard, slopes=slopes)
+        found = [self._evaluated([hypotheses[i] for i in p.tolist()], standard[p], slopes=slopes) for p in parts]
+        back = np.argsort(np.concatenate(parts))
+        values, by = (
+            {key: np.concatenate([one[side][key] for one in found])[back] for key in found[0][side]} for side in (0, 1)
+        )
+        return values, by
+
+    def _evaluated(
+        self, hypotheses: Sequence[Hypothesis], standard: FloatArray, *, slopes: bool
+    ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Return what `evaluate` does, of hypotheses that cost alike."""
         columns = Columns(self, tuple(hypotheses), standard, slopes)
         weight = np.array([b.soil.unit_weight_n_m3 for b in self.benches])[self.bench]
         conditions = Conditions(
@@ -388,6 +407,12 @@ class BenchProblem:
                 variance = (by_slip * bench.rows.slip_sigma) ** 2 + (by_load * bench.rows.vertical_load_sigma_n) ** 2
                 found[key].append(np.nan_to_num(variance))
         return {channel: np.concatenate(parts) for channel, parts in found.items()}
+
+
+def _kind(hypothesis: Hypothesis) -> tuple[bool, bool]:
+    """Return whether a hypothesis needs a contact behind the peak or with lugs, and a second sum of the stresses."""
+    effects = [EFFECTS[use.key] for use in hypothesis]
+    return any(e.patch is not Effect.patch for e in effects), any(e.moves_sinkage() for e in effects)
 
 
 def _same_soil(a: Bench, b: Bench) -> bool:

@@ -13,14 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq import FloatArray
+from daq import FloatArray, IndexArray
 from model.diagnosis.single_wheel.problem import BenchProblem, Hypothesis
 
 _ITERATIONS = 40
 _ENOUGH = 1e-3
 """Predicted gain in nats below which a search ends."""
-_BATCH = 64
-"""Hypotheses evaluated at once: small enough for the cache."""
+_BATCH_ROWS = 1536
+"""Rows of all hypotheses that are evaluated at once: enough that they cost more than calling for them."""
+_STEADY = 0.1
+"""Damping below which a step that gained nothing ends a search."""
 
 _PARENTS = 2
 """Sets with a cause less that a search starts from."""
@@ -89,13 +91,15 @@ def search(
     ----------
     starts : sequence of B arrays
         Coordinates of each.
-    rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are excluded.
+    rows : array, shape (n,) or (B, n), optional
+        1 for rows that count, 0 for rows that are excluded; the same for all hypotheses, or each its own.
     """
     found: list[Optimum] = []
-    for first in range(0, len(hypotheses), _BATCH):
-        part = slice(first, first + _BATCH)
-        found += _search(problem, hypotheses[part], starts[part], rows)
+    batch = max(64, _BATCH_ROWS // len(problem.slip))
+    for first in range(0, len(hypotheses), batch):
+        part = slice(first, first + batch)
+        counted = rows if rows is None or rows.ndim == 1 else rows[part]
+        found += _search(problem, hypotheses[part], starts[part], counted)
     return found
 
 
@@ -130,8 +134,10 @@ def _search(
             state.information[todo] + state.damping[todo, None, None] * eye, state.gradient[todo][..., None]
         )[..., 0]
         expected = -np.einsum("bp,bp->b", state.gradient[todo], step) / 2
-        trial = _linearised(problem, [hypotheses[i] for i in todo.tolist()], state.standard[todo] + step, rows)
+        counted = rows if rows is None or rows.ndim == 1 else rows[todo]
+        trial = _linearised(problem, [hypotheses[i] for i in todo.tolist()], state.standard[todo] + step, counted)
         better = trial.objective < state.objective[todo]
+        idle = better & (state.objective[todo] - trial.objective < _ENOUGH) & (state.damping[todo] < _STEADY)
         kept = todo[better]
         for name in ("standard", "objective", "information", "gradient"):
             getattr(state, name)[kept] = getattr(trial, name)[better]
@@ -139,7 +145,7 @@ def _search(
             state.said[channel][kept] = trial.said[channel][better]
             state.slopes[channel][kept] = trial.slopes[channel][better]
         state.damping[todo] = np.where(better, state.damping[todo] * 0.2, np.maximum(state.damping[todo], 0.02) * 6.0)
-        ended = (expected < _ENOUGH) | (state.damping[todo] > 1e7)
+        ended = (expected < _ENOUGH) | idle | (state.damping[todo] > 1e7)
         todo = todo[~ended]
     return [_optimum(problem, state, member, hypothesis) for member, hypothesis in enumerate(hypotheses)]
 
@@ -165,18 +171,27 @@ def _linearised(
     information = np.tile(np.eye(size), (count, 1, 1))
     gradient = standard.copy()
     objective = 0.5 * np.einsum("bp,bp->b", standard, standard)
-    for noise, chosen in zip(problem.noises, problem.rows, strict=True):
-        error = noise.measured - said[noise.channel][:, chosen]
-        slope = slopes[noise.channel][:, chosen]
-        bad = ~(np.isfinite(error).all(axis=1) & np.isfinite(slope).all(axis=(1, 2)))
-        error[bad], slope[bad] = 0.0, 0.0
-        counted = None if rows is None else rows[chosen]
-        precision = noise.precision(noise.node_shares(error, counted), counted)
-        weighted = np.einsum("bij,bjp->bip", precision, slope)
-        information += np.einsum("bip,biq->bpq", slope, weighted)
-        gradient -= np.einsum("bi,bip->bp", error, weighted)
-        objective -= np.where(bad, -np.inf, noise.log_likelihood(error, counted))
+    for members, counted in _alike(rows, count):
+        for noise, chosen in zip(problem.noises, problem.rows, strict=True):
+            error = noise.measured - said[noise.channel][members][:, chosen]
+            slope = slopes[noise.channel][members][:, chosen]
+            bad = ~(np.isfinite(error).all(axis=1) & np.isfinite(slope).all(axis=(1, 2)))
+            error[bad], slope[bad] = 0.0, 0.0
+            own = None if counted is None else counted[chosen]
+            shares, likelihood = noise.weighed_nodes(error, own)
+            weighted = noise.precision(shares, own) @ slope
+            information[members] += slope.transpose(0, 2, 1) @ weighted
+            gradient[members] -= (error[:, None] @ weighted)[:, 0]
+            objective[members] -= np.where(bad, -np.inf, likelihood)
     return _Batch(standard, objective, said, slopes, information, gradient, np.zeros(count))
+
+
+def _alike(rows: FloatArray | None, count: int) -> list[tuple[IndexArray, FloatArray | None]]:
+    """Return which hypotheses count the same rows, and these rows."""
+    if rows is None or rows.ndim == 1:
+        return [(np.arange(count), rows)]
+    patterns, of = np.unique(rows, axis=0, return_inverse=True)
+    return [(np.flatnonzero(of.ravel() == i), pattern) for i, pattern in enumerate(patterns)]
 
 
 class Optima:

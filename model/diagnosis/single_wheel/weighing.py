@@ -36,6 +36,8 @@ _PROMISING = 7.0
 _MOST_PAIRS = 6
 _GATED = 10.0
 """Nats below the best within which a set is put to the gate; the others do not count anyway."""
+_COUNTED = 14.0
+"""Nats below the best within which a set may count with half or twice the error of form."""
 _CORRECTED = 4.5
 """Nats below the best within which an evidence is corrected by importance sampling."""
 _MOST_CORRECTED = 16
@@ -46,12 +48,13 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
 
     Parameters
     ----------
-    rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are excluded.
+    rows : array, shape (n,) or (B, n), optional
+        1 for rows that count, 0 for rows that are excluded; the same for all hypotheses, or each its own.
     """
     fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
-    return np.array([_misfit(fixed, optimum, rows) for optimum in found])
+    counted = [rows if rows is None or rows.ndim == 1 else rows[i] for i in range(len(found))]
+    return np.array([_misfit(fixed, optimum, own) for optimum, own in zip(found, counted, strict=True)])
 
 
 def with_usual_form(problem: BenchProblem) -> BenchProblem:
@@ -205,7 +208,6 @@ def weigh(
     uses: Sequence[CauseUse],
     most: int,
     rng: np.random.Generator,
-    near: Weighing | None = None,
 ) -> Weighing:
     """Weigh every set of up to `most` causes.
 
@@ -213,8 +215,6 @@ def weigh(
     ----------
     most : int
         0 to 3; sets of three are made of promising pairs.
-    near : Weighing, optional
-        Of the same rows with another noise: the search starts where its sets fit best.
 
     Raises
     ------
@@ -224,8 +224,6 @@ def weigh(
     listed = listed_uses(uses, most)
     log_prior = sets_of(uses, listed)
     found = Optima(problem)
-    if near is not None:
-        found.add_from([(w.hypothesis, w.optima[0].standard) for w in near.sets])
     for size in range(min(most, 2) + 1):
         found.add_all(h for h in log_prior if len(h) == size)
         if not size:
@@ -247,6 +245,15 @@ def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
         ", ".join(bench.name for bench in problem.benches),
         next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
     )
+
+
+def weighed_again(near: Weighing, problem: BenchProblem, rng: np.random.Generator) -> Weighing:
+    """Weigh the sets that count again, of the same rows with another noise, from where they fit best."""
+    top = max(w.score for w in near.sets)
+    chosen = [w for w in near.sets if w.score > top - _COUNTED or not w.hypothesis]
+    found = Optima(problem)
+    found.add_from([(w.hypothesis, w.optima[0].standard) for w in chosen])
+    return weighed(found, {w.hypothesis: w.log_prior for w in chosen}, rng)
 
 
 def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random.Generator) -> Weighing:

@@ -44,6 +44,7 @@ from wheelsoil.workflows.sinkage import (
     growth_rows,
     growth_sentence,
     sinkage_as_json,
+    unknown_sentence,
 )
 
 _READING_PULL = (
@@ -206,7 +207,7 @@ def sinkage(material: ReportInputs) -> Contents:
     except DataError as error:
         blocks.append(Text(f"No sinkage from forces: {error.faults[0].what}."))
     else:
-        figure = _with_forces(figure, facts)
+        figure = figure if facts.withdrawn else _with_forces(figure, facts)
         numbers |= {"from_forces": sinkage_as_json(facts)}
         reading += _READING_FORCES
         blocks += _told(facts)
@@ -269,6 +270,8 @@ def _told(facts: SinkageFacts) -> list[Block]:
             "look alike in forces. A ruler in the rut at low and high slip parts them.",
         ),
     ]
+    if unknown := unknown_sentence(facts):
+        blocks.append(Text(f"{unknown[0].upper()}{unknown[1:]}.", "warning" if facts.withdrawn else "text"))
     if facts.agreement is not None:
         kind = "warning" if facts.agreement.refuted else "text"
         blocks.append(Text(f"M{agreement_sentence(facts.agreement)[1:]}.", kind))

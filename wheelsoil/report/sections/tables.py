@@ -12,7 +12,13 @@ from wheelsoil.report.figures import MEASURED, Trace, axes, dots, marked_line, s
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import adequacy_words, form_error_words, sentence_of
-from wheelsoil.workflows.sinkage import agreement_sentence, growth_sentence, sinkage_as_json, sinkage_of_table
+from wheelsoil.workflows.sinkage import (
+    agreement_sentence,
+    growth_sentence,
+    sinkage_as_json,
+    sinkage_of_table,
+    unknown_sentence,
+)
 from wheelsoil.workflows.tables import BenchFiles
 
 _READING = (
@@ -113,8 +119,9 @@ def sinkage(material: ReportInputs) -> Contents:
         said = [f"{one.name}: {growth_sentence(facts.growth)}."]
         if facts.agreement is not None:
             said.append(f"{agreement_sentence(facts.agreement)}.")
-        refuted = facts.agreement is not None and facts.agreement.refuted
-        blocks.append(Text(" ".join(said), "warning" if refuted else "text"))
+        if unknown := unknown_sentence(facts):
+            said.append(f"{unknown[0].upper()}{unknown[1:]}.")
+        blocks.append(Text(" ".join(said), "warning" if facts.withdrawn else "text"))
         numbers[one.name] = sinkage_as_json(facts)
     if not blocks:
         raise DataError("; ".join(why))
