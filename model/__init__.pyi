@@ -5,6 +5,7 @@ from .cores import one_thread as one_thread
 from .cores import processes as processes
 from .extended import ExtendedModel as ExtendedModel
 from .extended import Fact as Fact
+from .extended import averaged_model as averaged_model
 from .extended import extended_model as extended_model
 from .notes import BevameterCode as BevameterCode
 from .notes import DiagnosisCode as DiagnosisCode

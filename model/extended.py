@@ -17,6 +17,7 @@ import numpy as np
 
 from daq import ConfigError, Fault, nearest, parse_mapping
 from model.averaged import AveragedModel, Member
+from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
@@ -363,6 +364,43 @@ def extended_model(
         soil_sigmas=_finite(soil.sigmas),
         provenance=dict(provenance or {}),
     )
+
+
+def averaged_model(
+    wheel: Wheel,
+    laboratory: Soil,
+    average: Average,
+    campaign: str,
+    reading: Reading = "balanced",
+    *,
+    tyre: str = "",
+    provenance: Mapping[str, Fact] | None = None,
+) -> ExtendedModel:
+    """Build the model of one campaign from the sets of causes that a diagnosis could not decide between."""
+    return ExtendedModel(
+        wheel=wheel,
+        soil=laboratory,
+        reading=reading,
+        tyre=tyre,
+        provenance=dict(provenance or {}),
+        sets=tuple(_model_set(one, [soil.campaign for soil in one.soils].index(campaign)) for one in average.sets),
+        rest_probability=average.rest_probability,
+    )
+
+
+def _model_set(one: FittedSet, index: int) -> ModelSet:
+    effects = [_extended(cause) for cause in one.causes]
+    rows = tuple(tuple(map(float, row)) for row in one.covariances[index])
+    return ModelSet(
+        one.probability, dict(one.soils[index].values), tuple(map(_within_bounds, effects)), one.names, rows
+    )
+
+
+def _within_bounds(effect: ExtendedEffect) -> ExtendedEffect:
+    """Return an effect whose values are no rounding error beyond their bounds."""
+    bounds = {p.name: (p.lower, p.upper) for p in EFFECTS[effect.key].parameters}
+    kept = (replace(p, value=min(max(p.value, bounds[p.name][0]), bounds[p.name][1])) for p in effect.parameters)
+    return replace(effect, parameters=tuple(kept))
 
 
 def soil_of(laboratory: Soil, values: Mapping[str, float], source: str) -> Soil:

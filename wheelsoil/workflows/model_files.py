@@ -11,7 +11,7 @@ from pathlib import Path
 import tomli_w
 
 from daq import file_name, read_toml
-from model import ExtendedModel, Fact, extended_model
+from model import ExtendedModel, Fact, averaged_model, extended_model
 from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
@@ -42,14 +42,26 @@ def models_of(
 ) -> list[ExtendedModel]:
     """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
 
-    Nothing else than a named cause is put into it: a set of candidates is none, and a soil that was re-calibrated
-    beside one of them, or beside what nobody can explain, is not worth keeping.
+    Where several sets of causes remain possible, it holds the most probable ones, each with its soil. A soil that was
+    re-calibrated beside what nobody can explain is not worth keeping.
     """
+    average = diagnosis.average
+    averaged = {soil.campaign for one in average.sets[:1] for soil in one.soils} if average else set()
     decided = diagnosis.verdict in ("named", "nothing_detectable")
     estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
     causes = diagnosis.causes if diagnosis.verdict == "named" else ()
     return [
-        extended_model(
+        averaged_model(
+            one.wheel,
+            one.soil,
+            average,
+            one.name,
+            reading,
+            tyre=one.tyre,
+            provenance=_provenance(diagnosis, one, command),
+        )
+        if average and one.name in averaged
+        else extended_model(
             one.wheel,
             one.soil,
             estimates.get(one.name, SoilEstimate(one.name, {}, {})),

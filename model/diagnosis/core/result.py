@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from xarray import DataTree
 
+    from model.diagnosis.core.average import Average
+
 
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
 
@@ -403,6 +405,8 @@ class Diagnosis:
         Of one campaign of driven runs.
     linearisation : Linearisation or None
         Of driven runs.
+    average : Average or None
+        Of driven runs under "one_of", where it was asked for.
     """
 
     verdict: Verdict
@@ -425,6 +429,7 @@ class Diagnosis:
     grounds: Grounds = field(default_factory=Grounds)
     information: Information | None = None
     linearisation: Linearisation | None = None
+    average: Average | None = None
 
     def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
         """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.

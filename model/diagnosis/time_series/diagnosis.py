@@ -33,6 +33,7 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.findings.adequacy import Unlisted, adequacy, excess, findings, lack_of_fit, unlisted
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
+from model.diagnosis.findings.averaging import average_of
 from model.diagnosis.findings.explained import (
     Confounded,
     Explained,
@@ -158,6 +159,9 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             cautions=disputes,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
+    with clock.stage("average"):
+        asked = options.average and verdict.verdict == "one_of"
+        average = average_of(fits, found, options.seed) if asked else None
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
     return Diagnosis(
         verdict=verdict.verdict,
@@ -180,6 +184,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         grounds=grounds,
         information=linearised.information(factor),
         linearisation=linearised.linearisation,
+        average=average,
     )
 
 
