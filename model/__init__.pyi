@@ -1,8 +1,10 @@
+from .averaged import AveragedModel as AveragedModel
 from .cores import available_cores as available_cores
 from .cores import can_copy_processes as can_copy_processes
 from .cores import in_parallel as in_parallel
 from .cores import one_thread as one_thread
 from .cores import processes as processes
+from .extended import ExtendedEffect as ExtendedEffect
 from .extended import ExtendedModel as ExtendedModel
 from .extended import Fact as Fact
 from .extended import averaged_model as averaged_model
