@@ -21,7 +21,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "schema": _SCHEMA,
         "verdict": found.verdict,
         "sentence": sentence_of(found),
-        "causes": [_cause_json(cause) for cause in found.causes],
+        "causes": [_cause_json(cause, why) for cause, why in found.stated],
         "further_causes": [_further(family, found) for family in found.grounds.beside],
         "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
         "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
@@ -93,7 +93,7 @@ def _finding(found: Finding, median: float) -> dict[str, Any]:
     }
 
 
-def _cause_json(cause: Cause) -> dict[str, Any]:
+def _cause_json(cause: Cause, why: Note | None) -> dict[str, Any]:
     return {
         "name": cause.name,
         "form": cause.form,
@@ -104,6 +104,7 @@ def _cause_json(cause: Cause) -> dict[str, Any]:
             {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
             for p in cause.parameters
         ],
+        **({"barred": _reason(why)} if why else {}),
     }
 
 

@@ -60,6 +60,14 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class BarredCause:
+    """A cause, without values, that is likely enough for a name, and the rule that bars it."""
+
+    cause: Cause
+    why: Note
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A family and its probability of being among the causes."""
 
@@ -346,6 +354,8 @@ class Grounds:
         Why a family that is likely enough is not named; or what makes it "unexplained" where lack of fit does not.
     beside : tuple of str
         Families of which one more probably acts beside the named ones.
+    kept_back : tuple of BarredCause
+        Of every verdict; beside named ones they are not among the causes.
     confounded : tuple of str
         Families confounded with the named ones or of the set.
     most_probable : tuple of str
@@ -371,6 +381,7 @@ class Grounds:
     undecided: Note | None = None
     barred: Note | None = None
     beside: tuple[str, ...] = ()
+    kept_back: tuple[BarredCause, ...] = ()
     confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
@@ -431,6 +442,14 @@ class Diagnosis:
     linearisation: Linearisation | None = None
     average: Average | None = None
 
+    @property
+    def stated(self) -> tuple[tuple[Cause, Note | None], ...]:
+        """Every cause of the verdict and every one that a rule bars beside named ones, with that rule."""
+        barred = {one.cause.name: one for one in self.grounds.kept_back}
+        own = tuple((cause, barred[cause.name].why if cause.name in barred else None) for cause in self.causes)
+        names = {cause.name for cause in self.causes}
+        return (*own, *((one.cause, one.why) for name, one in barred.items() if name not in names))
+
     def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
         """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.
 
@@ -459,8 +478,9 @@ class Diagnosis:
         Returns
         -------
         dict of pandas.DataFrame
-            ``causes`` (one row a parameter, with its 95 % interval), ``candidates``, ``what_is_wrong``, ``gain`` (one
-            row a channel and model), ``minimum_detectable`` and ``next_run``; sizes in the unit of the row.
+            ``causes`` (one row a parameter, with its 95 % interval; ``barred`` is the `LackCode` that keeps back its
+            name), ``candidates``, ``what_is_wrong``, ``gain`` (one row a channel and model), ``minimum_detectable`` and
+            ``next_run``; sizes in the unit of the row.
         """
         return _frames(self)
 
@@ -499,8 +519,11 @@ def _place(place: Shape | Rows) -> tuple[str, float, float, str, float, str, str
 def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
     none = (ParameterEstimate("", "", float("nan"), (float("nan"), float("nan")), float("nan")),)
     causes = [
-        (c.name, c.form, c.kind, c.probability, c.form_probability, p.name, p.unit, p.value, p.sigma, *p.interval95)
-        for c in found.causes
+        (
+            *(c.name, c.form, c.kind, c.probability, c.form_probability, str(why.code) if why else ""),
+            *(p.name, p.unit, p.value, p.sigma, *p.interval95),
+        )
+        for c, why in found.stated
         for p in c.parameters or none
     ]
     wrong = [
@@ -518,9 +541,10 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
         (str(run.step.code), ", ".join(run.separates), run.expected_log_bayes_factor, run.cost_runs)
         for run in found.next_run
     ]
+    of_cause = ("name", "form", "kind", "probability", "form_probability", "barred")
     estimate = ("parameter", "unit", "value", "sigma", "lower95", "upper95")
     return {
-        "causes": frame_of_rows(("name", "form", "kind", "probability", "form_probability", *estimate), causes),
+        "causes": frame_of_rows((*of_cause, *estimate), causes),
         "candidates": frame_of_rows(("name", "probability"), [(c.name, c.probability) for c in found.candidates]),
         "what_is_wrong": frame_of_rows(("channel", *_PLACE, "unit", "size", "median_there", "statistic"), wrong),
         "gain": frame_of_rows(("channel", "model", "unit", "R0", "M0_percent", "R2", "log_likelihood"), gain),

@@ -52,7 +52,9 @@ def steady(base: Judged, judged_with: Callable[[float], Judged]) -> tuple[Judgem
     values = {_NAMES[factor]: (one.judgement.verdict, one.judgement.families) for factor, one in turned.items()}
     why = Note(LackCode.FORM_DECIDES, values=values)
     if own.verdict == "named":
-        return Judgement("one_of", short_set(base.posterior), barred=why), why
+        families = tuple(dict.fromkeys((*short_set(base.posterior), *own.families)))
+        kept_back = (*((family, why) for family in own.families), *own.kept_back)
+        return Judgement("one_of", families, barred=why, kept_back=kept_back), why
     decisive = next(iter(turned.values()))
     if own.verdict == "nothing_detectable" and decisive.judgement.verdict != "named":
         return own, why

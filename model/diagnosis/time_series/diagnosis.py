@@ -17,7 +17,15 @@ from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
-from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts, unshown
+from model.diagnosis.core.naming import (
+    Judgement,
+    asked_again,
+    barred_causes,
+    confirmed,
+    judgement,
+    prior_shifts,
+    unshown,
+)
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -151,6 +159,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         grounds = Grounds(
             barred=verdict.barred,
             beside=verdict.beside,
+            kept_back=barred_causes(found, verdict),
             confounded=tuple(one.family for one in confounded),
             most_probable=tuple(EFFECTS[key].name for key in linearised.best.keys),
             terrains=two_soils(linearised.grams) if one_campaign else None,
