@@ -168,9 +168,10 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             cautions=disputes,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
-    with clock.stage("average"):
-        asked = options.average and verdict.verdict == "one_of"
-        average = average_of(fits, found, options.seed) if asked else None
+    average = None
+    if options.average and verdict.verdict == "one_of":
+        with clock.stage("average"):
+            average = average_of(fits, found, options.seed)
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
     return Diagnosis(
         verdict=verdict.verdict,
