@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from daq import FloatArray
-from model.diagnosis.core.result import Cause, Gain, SoilEstimate
+from model.diagnosis.core.values import Cause, Gain, SoilEstimate
 
 
 @dataclass(frozen=True)

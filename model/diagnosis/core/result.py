@@ -9,54 +9,26 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from daq import OUTPUTS, ROLES, DataError, Note, frame_of_rows
+from model.diagnosis.core.average import Average
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.plot_data import PlotData
 from model.diagnosis.core.shapes import Rows, Shape
+from model.diagnosis.core.values import Cause as Cause
+from model.diagnosis.core.values import Gain as Gain
+from model.diagnosis.core.values import ParameterEstimate as ParameterEstimate
+from model.diagnosis.core.values import Reduction as Reduction
+from model.diagnosis.core.values import Scores as Scores
+from model.diagnosis.core.values import SoilEstimate as SoilEstimate
 from model.inference_data import inference_data
 
 if TYPE_CHECKING:
     import pandas as pd
     from xarray import DataTree
 
-    from model.diagnosis.core.average import Average
-
 
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
 
 _PLACE = ("where", "lower", "upper", "unit_there", "vertical_load_n", "run", "campaign")
-
-
-@dataclass(frozen=True)
-class ParameterEstimate:
-    """A parameter of a cause; the interval is NaN where none can be given."""
-
-    name: str
-    unit: str
-    value: float
-    interval95: tuple[float, float]
-    sigma: float
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A cause with its parameters, as if it were the one.
-
-    Attributes
-    ----------
-    name, form, kind : of the effect; ``form`` is the most probable one, conditional on the family.
-    key : str
-        Of the effect in the library.
-    probability : of the family
-    form_probability : of the form within the family
-    """
-
-    name: str
-    form: str
-    kind: str
-    key: str
-    probability: float
-    form_probability: float
-    parameters: tuple[ParameterEstimate, ...]
 
 
 @dataclass(frozen=True)
@@ -109,60 +81,6 @@ class Finding:
     def of_rows(self) -> bool:
         """Whether it is of rows of a single-wheel table."""
         return isinstance(self.place, Rows)
-
-
-@dataclass(frozen=True)
-class Scores:
-    """R0 in the channel's unit, M0 in percent, R2; and the mean predictive log-likelihood of a run, nats."""
-
-    R0: float
-    M0_percent: float
-    R2: float
-    log_likelihood: float
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """By how much R0 of a channel falls, percent; with the 95 % interval, NaN with fewer than three runs."""
-
-    percent: float
-    interval95: tuple[float, float]
-
-    @property
-    def grows(self) -> bool:
-        """Whether the error grows for certain: the interval of its fall is below 0."""
-        return self.interval95[1] < 0.0
-
-
-@dataclass(frozen=True)
-class Gain:
-    """Gain of the extension on runs that neither the choice nor the fit has used.
-
-    Attributes
-    ----------
-    base, extended : mapping channel ("dp", "t", "z") -> Scores
-    reduction_percent : of R0 of `channel`
-    interval95 : of it
-    log_likelihood_gain : nats, sum over held-out runs
-    chosen : tuple of tuple of str
-        Keys of the causes that each fold chose.
-    channel : "dp", "t" or "z"
-    reductions : mapping channel -> Reduction
-        Of every measured channel.
-    expected : mapping channel -> float
-        R0 of the base that noise, errors of speed and load, scatter and uncertainty of the soil alone would give, in
-        the channel's unit; empty for tables.
-    """
-
-    base: dict[str, Scores]
-    extended: dict[str, Scores]
-    reduction_percent: float
-    interval95: tuple[float, float]
-    log_likelihood_gain: float
-    chosen: tuple[tuple[str, ...], ...]
-    channel: str = "dp"
-    reductions: dict[str, Reduction] = field(default_factory=dict)
-    expected: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -282,27 +200,6 @@ class NextRun:
     expected_log_bayes_factor: float
     cost_runs: float = 1.0
     campaign: str = ""
-
-
-@dataclass(frozen=True)
-class SoilEstimate:
-    """The soil as the data leave it, with the named causes (or none) in the model.
-
-    Attributes
-    ----------
-    laboratory : mapping parameter -> (value, one-sigma)
-        What was known before; without those that it is said to know exactly.
-    """
-
-    campaign: str
-    values: dict[str, float]
-    sigmas: dict[str, float]
-    laboratory: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def off_laboratory(self) -> dict[str, float]:
-        """By how many of the laboratory's one-sigmas each parameter is off."""
-        return {name: (self.values[name] - x) / s for name, (x, s) in self.laboratory.items() if name in self.values}
 
 
 @dataclass(frozen=True)
