@@ -40,6 +40,22 @@ class BarredCause:
 
 
 @dataclass(frozen=True)
+class RefutedSoil:
+    """A parameter of the laboratory's soil that does not hold, judged beside every probable set of causes.
+
+    Attributes
+    ----------
+    sigmas : float
+        Of the laboratory, by which it is off.
+    """
+
+    campaign: str
+    parameter: str
+    probability: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A family and its probability of being among the causes."""
 
@@ -271,6 +287,8 @@ class Grounds:
         Channels that were used, of single-wheel tables; empty for driven runs.
     form_errors : tuple of FormUsed
         Of single-wheel tables, one for each of these channels.
+    refuted_soil : tuple of RefutedSoil
+        Of driven runs that are explained.
     form_matters : Note or None
         Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
     """
@@ -289,6 +307,7 @@ class Grounds:
     table_channels: tuple[str, ...] = ()
     form_errors: tuple[FormUsed, ...] = ()
     form_matters: Note | None = None
+    refuted_soil: tuple[RefutedSoil, ...] = ()
 
 
 @dataclass(frozen=True)

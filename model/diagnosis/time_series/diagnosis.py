@@ -16,7 +16,7 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets
 from model.diagnosis.core.naming import (
     Judgement,
     asked_again,
@@ -41,7 +41,7 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.findings.adequacy import Unlisted, adequacy, excess, findings, lack_of_fit, unlisted
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
-from model.diagnosis.findings.averaging import average_of
+from model.diagnosis.findings.averaging import MOST_SETS, average_of
 from model.diagnosis.findings.explained import (
     Confounded,
     Explained,
@@ -54,6 +54,7 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
+from model.diagnosis.findings.laboratory import refuted_soil
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
@@ -145,6 +146,9 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         if (after := confirmed(verdict, found, explained.causes)) != verdict:
             verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
+        spaces = [(one.campaign.name, one.simulation.space) for one in linearised.campaigns]
+        likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
+        refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         onward = _onward(linearised, verdict, found, explained, confounded, on_request=options.next_run)
@@ -166,6 +170,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             lack_of_fit=weighed.lack,
             prior_shifts=weighed.shifts,
             cautions=disputes,
+            refuted_soil=refuted,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
     average = None
