@@ -53,7 +53,13 @@ def sentences_of(found: Diagnosis) -> list[str]:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
-    said = [*laboratory_words(found), *said[:before_next], *prior_words(found), *said[before_next:]]
+    said = [
+        *laboratory_words(found),
+        *said[:before_next],
+        *instead_words(found),
+        *prior_words(found),
+        *said[before_next:],
+    ]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
     return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
 
@@ -141,6 +147,18 @@ def prior_words(found: Diagnosis) -> list[str]:
         f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
         f"the verdict is {other}{more}."
     ]
+
+
+def instead_words(found: Diagnosis) -> list[str]:
+    """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
+    return _sentences(
+        [
+            f"A laboratory whose {SOIL_LETTERS[one.soil.parameter]} is {abs(one.soil.sigmas):.1f} sigma "
+            f"{'too low' if one.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
+            f"{plain_name(one.family)} ({chance(one.soil.probability)})"
+            for one in found.grounds.soil_instead
+        ]
+    )
 
 
 def _undecided(why: Note) -> list[str]:

@@ -17,8 +17,10 @@ from model.diagnosis.core.values import Cause as Cause
 from model.diagnosis.core.values import Gain as Gain
 from model.diagnosis.core.values import ParameterEstimate as ParameterEstimate
 from model.diagnosis.core.values import Reduction as Reduction
+from model.diagnosis.core.values import RefutedSoil as RefutedSoil
 from model.diagnosis.core.values import Scores as Scores
 from model.diagnosis.core.values import SoilEstimate as SoilEstimate
+from model.diagnosis.core.values import SoilInstead as SoilInstead
 from model.inference_data import inference_data
 
 if TYPE_CHECKING:
@@ -37,22 +39,6 @@ class BarredCause:
 
     cause: Cause
     why: Note
-
-
-@dataclass(frozen=True)
-class RefutedSoil:
-    """A parameter of the laboratory's soil that does not hold, judged beside every probable set of causes.
-
-    Attributes
-    ----------
-    sigmas : float
-        Of the laboratory, by which it is off.
-    """
-
-    campaign: str
-    parameter: str
-    probability: float
-    sigmas: float
 
 
 @dataclass(frozen=True)
@@ -289,6 +275,8 @@ class Grounds:
         Of single-wheel tables, one for each of these channels.
     refuted_soil : tuple of RefutedSoil
         Of driven runs that are explained.
+    soil_instead : tuple of SoilInstead
+        Of named causes.
     form_matters : Note or None
         Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
     """
@@ -308,6 +296,7 @@ class Grounds:
     form_errors: tuple[FormUsed, ...] = ()
     form_matters: Note | None = None
     refuted_soil: tuple[RefutedSoil, ...] = ()
+    soil_instead: tuple[SoilInstead, ...] = ()
 
 
 @dataclass(frozen=True)

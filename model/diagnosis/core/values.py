@@ -111,3 +111,27 @@ class SoilEstimate:
     def off_laboratory(self) -> dict[str, float]:
         """By how many of the laboratory's one-sigmas each parameter is off."""
         return {name: (self.values[name] - x) / s for name, (x, s) in self.laboratory.items() if name in self.values}
+
+
+@dataclass(frozen=True)
+class RefutedSoil:
+    """A parameter of the laboratory's soil that does not hold, judged beside every probable set of causes.
+
+    Attributes
+    ----------
+    sigmas : float
+        Of the laboratory, by which it is off.
+    """
+
+    campaign: str
+    parameter: str
+    probability: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class SoilInstead:
+    """What the laboratory may have wrong in place of a named family, and how probable that is."""
+
+    family: str
+    soil: RefutedSoil

@@ -21,7 +21,8 @@ import numpy as np
 from scipy.special import softmax
 
 from daq import FloatArray
-from model.diagnosis.core.result import RefutedSoil
+from model.diagnosis.core.hypotheses import Posterior
+from model.diagnosis.core.result import RefutedSoil, SoilInstead
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import box, in_box
 from model.diagnosis.time_series.linearise import SENSORS, SoilSpace
@@ -35,6 +36,8 @@ BEFOREHAND = 0.1
 """Probability, before any data, that it has one wrong; all parameters of all campaigns share it."""
 SAID_AT = 0.95
 """Probability from which on it is said."""
+INSTEAD_AT = 0.01
+"""Probability from which on it is said that the laboratory may have been wrong in place of a named cause."""
 
 
 @dataclass(frozen=True)
@@ -121,3 +124,36 @@ def _weighed(grams: Grams, keys: Keys, precision: FloatArray) -> tuple[float, Fl
     best = in_box(inner, side, np.r_[-free, lower], np.r_[free, upper])
     fit = float(side @ best - 0.5 * best @ inner @ best)
     return fit + 0.5 * float(np.linalg.slogdet(precision)[1] - np.linalg.slogdet(inner)[1]), best[:soils]
+
+
+def soil_instead(
+    grams: Grams, spaces: Sequence[tuple[str, SoilSpace]], found: Posterior, named: Keys, factor: float
+) -> tuple[SoilInstead, ...]:
+    """Return what the laboratory may have wrong in place of each named cause, where that is above `INSTEAD_AT`.
+
+    Weighed by the data as they are, with the sets' own prior: the factor on the friction at the rim and the tangent of
+    the friction angle, for instance, are one number to the forces.
+    """
+    listed = found.hypotheses
+    log_weight = found.log_evidence + listed.log_prior
+    grams, whole = grams.scaled(1.0 / factor), listed.position(named)
+    asked = list(_wider(spaces, len(grams.soil)))
+    if whole is None or not asked:
+        return ()
+    each, own = np.log(BEFOREHAND / len(asked)), np.eye(len(grams.soil))
+    instead = []
+    for key in named:
+        fewer = tuple(other for other in named if other != key)
+        if (place := listed.position(fewer)) is None:
+            continue
+        plain, _ = _weighed(grams, fewer, own)
+        wider = [_weighed(grams, fewer, one.precision) for one in asked]
+        others = [float(log_weight[place] + each + value - plain) for value, _ in wider]
+        chances = softmax([float(log_weight[whole]) + np.log1p(-BEFOREHAND), *others])[1:]
+        best = int(np.argmax(chances))
+        if chances[best] > INSTEAD_AT:
+            one, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
+            refuted = RefutedSoil(one.campaign, one.parameter, float(chances[best]), size)
+            family = next(c.family for c in grams.causes if c.key == key)
+            instead.append(SoilInstead(family, refuted))
+    return tuple(instead)

@@ -54,7 +54,7 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
-from model.diagnosis.findings.laboratory import refuted_soil
+from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
@@ -149,6 +149,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         spaces = [(one.campaign.name, one.simulation.space) for one in linearised.campaigns]
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
+        named = explained.extended if verdict.verdict == "named" else ()
+        instead = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         onward = _onward(linearised, verdict, found, explained, confounded, on_request=options.next_run)
@@ -171,6 +173,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             prior_shifts=weighed.shifts,
             cautions=disputes,
             refuted_soil=refuted,
+            soil_instead=instead,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
     average = None
