@@ -150,7 +150,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
         named = explained.extended if verdict.verdict == "named" else ()
-        instead = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
+        in_place = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         onward = _onward(linearised, verdict, found, explained, confounded, on_request=options.next_run)
@@ -173,7 +173,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             prior_shifts=weighed.shifts,
             cautions=disputes,
             refuted_soil=refuted,
-            soil_instead=instead,
+            soil_instead=in_place,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
     average = None
