@@ -1,11 +1,14 @@
+from .averaged import AveragedModel as AveragedModel
 from .core_library import core_in_use as core_in_use
 from .cores import available_cores as available_cores
 from .cores import can_copy_processes as can_copy_processes
 from .cores import in_parallel as in_parallel
 from .cores import one_thread as one_thread
 from .cores import processes as processes
+from .extended import ExtendedEffect as ExtendedEffect
 from .extended import ExtendedModel as ExtendedModel
 from .extended import Fact as Fact
+from .extended import averaged_model as averaged_model
 from .extended import extended_model as extended_model
 from .notes import BevameterCode as BevameterCode
 from .notes import DiagnosisCode as DiagnosisCode

@@ -1,31 +1,39 @@
 """The extended model as a value: the soil, the causes that were found, and where they come from.
 
-What a diagnosis leaves behind for `fit`, `simulate` and `report`. `ExtendedModel.to_mapping` holds only what TOML and
-JSON can hold; a number that is not known is left out.
+What a diagnosis leaves behind for `fit`, `simulate` and `report`. Where it named its causes there is one model; where
+several sets of causes remain possible, these sets with their probabilities, whose predictions are averaged.
+`ExtendedModel.to_mapping` holds only what TOML and JSON can hold; a number that is not known is left out.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from math import atan, inf, isfinite, nan
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, field, replace
+from math import inf, isclose, isfinite, nan, sqrt
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
 
 from daq import ConfigError, Fault, nearest, parse_mapping
+from model.averaged import AveragedModel, Member
+from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
+from model.model_sections import AverageFile, CovarianceSection, EffectSection, OneModelFile, SetSection, soil_with
 from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.soils import REFERENCE_SPEED_MPS, SOIL_PARAMETERS, Soil
+from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
 SCHEMA = "wheelsoil/model/1"
+"""Of a file with one model."""
+AVERAGE_SCHEMA = "wheelsoil/model/2"
+"""Of a file with several sets of causes."""
 Fact = str | float | tuple[str, ...]
+Which = Literal["all", "physical"]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,35 @@ class ExtendedEffect:
 
 
 @dataclass(frozen=True)
+class ModelSet:
+    """A set of causes that remains possible, with the soil that was fitted beside it.
+
+    Attributes
+    ----------
+    probability : float
+        Of the set, among all sets that were weighed.
+    soil : mapping name of `SOIL_PARAMETERS` -> value
+    effects : tuple of ExtendedEffect
+        Empty: no cause acts.
+    names : tuple of str, p of them
+        Parameters of the covariance, as a model takes them: the soil's and the effects'.
+    covariance : tuple of p tuples of p float
+        SI units.
+    """
+
+    probability: float
+    soil: dict[str, float]
+    effects: tuple[ExtendedEffect, ...] = ()
+    names: tuple[str, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """One-sigma of every parameter of the covariance."""
+        return {name: sqrt(row[i]) for i, (name, row) in enumerate(zip(self.names, self.covariance, strict=True))}
+
+
+@dataclass(frozen=True)
 class ExtendedModel:
     """A wheel on a soil with the causes that a diagnosis found; `model` makes it calculate.
 
@@ -59,11 +96,15 @@ class ExtendedModel:
     ----------
     tyre : "smooth", "lugged" or ""
     soil : Soil
-        As the data leave it.
+        As the data leave it; with several sets the laboratory's, since each has its own.
     soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
     reading : "balanced" or "literal"
     provenance : mapping str -> str, float or tuple of str
         Where it comes from: runs, verdict, probability, gain.
+    sets : tuple of ModelSet
+        Where several sets of causes remain possible, most probable first; else empty.
+    rest_probability : float
+        Of the sets that are not listed.
     """
 
     wheel: Wheel
@@ -73,48 +114,87 @@ class ExtendedModel:
     tyre: str = ""
     soil_sigmas: dict[str, float] = field(default_factory=dict)
     provenance: dict[str, Fact] = field(default_factory=dict)
+    sets: tuple[ModelSet, ...] = ()
+    rest_probability: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
-        """The effects' parameters by the names that a model takes."""
-        return {name: value for effect in self.effects for name, value in effect.values.items()}
+        """The effects' parameters by the names that a model takes; none of several sets."""
+        return _values(self.effects)
 
-    def model(self, kind: Literal["all", "physical"] = "all") -> WheelSoilModel:
-        """Return the model; "physical" leaves out what belongs to the sensors of those runs and not to the soil."""
-        return WheelSoilModel(self.wheel, self.soil, [EFFECTS[e.key] for e in self._chosen(kind)], self.reading)
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Every effect, of all sets; the one of the most probable set first."""
+        sets = [self.effects, *(one.effects for one in self.sets)]
+        return tuple(dict.fromkeys(effect.key for effects in sets for effect in effects))
 
-    def predict(self, conditions: Conditions, kind: Literal["all", "physical"] = "all") -> Prediction:
+    def model(self, kind: Which = "all") -> WheelSoilModel:
+        """Return the model, or the average of several sets.
+
+        Parameters
+        ----------
+        kind : "all" or "physical"
+            "physical" leaves out what belongs to the sensors of those runs and not to the soil.
+        """
+        if not self.sets:
+            return WheelSoilModel(self.wheel, self.soil, _classes(self.effects, kind), self.reading)
+        return AveragedModel([self._member(one, kind) for one in self.sets if one.probability > 0])
+
+    def predict(self, conditions: Conditions, kind: Which = "all") -> Prediction:
         """Return what the model says, at its own values; see `WheelSoilModel.predict`."""
-        values = {name: value for effect in self._chosen(kind) for name, value in effect.values.items()}
-        return self.model(kind).predict(conditions, values)
+        return self.model(kind).predict(conditions, _values(self.effects, kind))
 
-    def _chosen(self, kind: str) -> tuple[ExtendedEffect, ...]:
-        return tuple(e for e in self.effects if kind in ("all", EFFECTS[e.key].kind))
+    def drawn(self, rng: np.random.Generator) -> ExtendedModel:
+        """Return one model: of several sets one that is drawn by its probability, physical members only."""
+        if not self.sets:
+            return self
+        weights = np.array([one.probability for one in self.sets])
+        one = self.sets[rng.choice(len(weights), p=weights / weights.sum())]
+        return replace(
+            self,
+            soil=soil_of(self.soil, one.soil, "re-calibrated"),
+            effects=_chosen(one.effects, "physical"),
+            soil_sigmas={name: sigma for name, sigma in one.sigmas.items() if name in SOIL_PARAMETERS},
+            sets=(),
+            rest_probability=0.0,
+        )
+
+    def _member(self, one: ModelSet, kind: Which) -> Member:
+        model = WheelSoilModel(self.wheel, soil_of(self.soil, one.soil, ""), _classes(one.effects, kind), self.reading)
+        values = _values(one.effects, kind)
+        kept = [i for i, name in enumerate(one.names) if name in SOIL_PARAMETERS or name in values]
+        covariance = np.array(one.covariance).reshape(len(one.names), -1)[np.ix_(kept, kept)]
+        return Member(one.probability, model, values, tuple(one.names[i] for i in kept), covariance)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds."""
+        soil = {
+            "name": self.soil.name,
+            "source": self.soil.source,
+            "unit_weight_n_m3": self.soil.unit_weight_n_m3,
+            "reference_speed_mps": self.soil.reference_speed_mps,
+            **{name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS},
+        }
+        wheel = {"radius_m": self.wheel.radius_m, "width_m": self.wheel.width_m, "tyre": self.tyre}
+        provenance = {k: list(v) if isinstance(v, tuple) else v for k, v in self.provenance.items()}
+        if self.sets:
+            return {
+                "schema": AVERAGE_SCHEMA,
+                "reading": self.reading,
+                "rest_probability": self.rest_probability,
+                "wheel": wheel,
+                "soil": soil,
+                "set": [_set_mapping(one) for one in self.sets],
+                "provenance": provenance,
+            }
         return {
             "schema": SCHEMA,
             "reading": self.reading,
-            "wheel": {"radius_m": self.wheel.radius_m, "width_m": self.wheel.width_m, "tyre": self.tyre},
-            "soil": {
-                "name": self.soil.name,
-                "source": self.soil.source,
-                "unit_weight_n_m3": self.soil.unit_weight_n_m3,
-                "reference_speed_mps": self.soil.reference_speed_mps,
-                **{name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS},
-            },
+            "wheel": wheel,
+            "soil": soil,
             "soil_sigmas": _finite(self.soil_sigmas),
-            "effect": [
-                {
-                    "name": EFFECTS[e.key].name,
-                    "form": EFFECTS[e.key].form,
-                    "parameter": [_parameter(p) for p in e.parameters],
-                    **({"combination": [_parameter(p) for p in e.combinations]} if e.combinations else {}),
-                }
-                for e in self.effects
-            ],
-            "provenance": {k: list(v) if isinstance(v, tuple) else v for k, v in self.provenance.items()},
+            "effect": [_effect_mapping(e) for e in self.effects],
+            "provenance": provenance,
         }
 
     @staticmethod
@@ -128,13 +208,15 @@ class ExtendedModel:
         Raises
         ------
         ConfigError
-            Lists every fault at once: unknown keys, effects and parameters, values outside their bounds.
+            Lists every fault at once: unknown keys, effects and parameters, values outside their bounds. A file of a
+            later version is refused as such.
         """
-        file = parse_mapping(raw, _File, where)
+        _refuse_later(raw, where)
+        if raw.get("schema") == AVERAGE_SCHEMA:
+            return _of_several(parse_mapping(raw, AverageFile, where), where)
+        file = parse_mapping(raw, OneModelFile, where)
         faults: list[Fault] = []
-        effects = tuple(_effect(section, where, faults) for section in file.effect)
-        keys = [e.key for e in effects if e]
-        faults += [Fault(f"{key!r} is there twice", where) for key in dict.fromkeys(keys) if keys.count(key) > 1]
+        effects = _effects(file.effect, where, faults)
         unknown = [name for name in file.soil_sigmas if name not in SOIL_PARAMETERS]
         faults += [
             Fault(f"the soil has no parameter {n!r}", where, expected=nearest(n, SOIL_PARAMETERS)) for n in unknown
@@ -144,12 +226,120 @@ class ExtendedModel:
         return ExtendedModel(
             wheel=Wheel(file.wheel.radius_m, file.wheel.width_m),
             soil=file.soil.soil(),
-            effects=tuple(e for e in effects if e),
+            effects=effects,
             reading=file.reading,
             tyre=file.wheel.tyre,
             soil_sigmas=file.soil_sigmas,
             provenance=file.provenance,
         )
+
+
+def _refuse_later(raw: Mapping[str, Any], where: str) -> None:
+    """Raise ConfigError for a file of a version that is not known yet."""
+    schema = str(raw.get("schema", ""))
+    version = re.fullmatch(r"wheelsoil/model/(\d+)", schema)
+    if version and int(version[1]) > int(AVERAGE_SCHEMA.rpartition("/")[2]):
+        raise ConfigError.of(
+            "the model file is of a later version of wheelsoil",
+            where,
+            found=f"schema {schema}",
+            expected=f"{SCHEMA} or {AVERAGE_SCHEMA}",
+            next_step="update wheelsoil, or write the file again with `wheelsoil diagnose RUN... -o FILE`",
+        )
+
+
+def _of_several(file: AverageFile, where: str) -> ExtendedModel:
+    """Return the model of a file with several sets.
+
+    Raises
+    ------
+    ConfigError
+        Lists every fault at once.
+    """
+    faults: list[Fault] = []
+    sets = [_set(one, f"{where}, set {i} ({100 * one.probability:.3g} %)", faults) for i, one in enumerate(file.set, 1)]
+    keys = [tuple(sorted(e.key for e in one.effects)) for one in sets]
+    faults += [
+        Fault("a set is there twice", where, found=", ".join(k) or "no cause")
+        for k in dict.fromkeys(keys)
+        if keys.count(k) > 1 and not faults
+    ]
+    total = file.rest_probability + sum(one.probability for one in sets)
+    if not isclose(total, 1.0, abs_tol=_ROUNDING):
+        what = "the probabilities of the sets and the rest do not sum to 1"
+        faults.append(Fault(what, where, found=f"{total:.6g}", next_step="restore the file as it was written"))
+    if not any(one.probability > 0 for one in sets):
+        faults.append(Fault("no set has a probability above 0", where))
+    if faults:
+        raise ConfigError(*faults)
+    return ExtendedModel(
+        wheel=Wheel(file.wheel.radius_m, file.wheel.width_m),
+        soil=file.soil.soil(),
+        reading=file.reading,
+        tyre=file.wheel.tyre,
+        provenance=file.provenance,
+        sets=tuple(sets),
+        rest_probability=file.rest_probability,
+    )
+
+
+def _set(section: SetSection, where: str, faults: list[Fault]) -> ModelSet:
+    effects = _effects(section.effect, where, faults)
+    known = {*SOIL_PARAMETERS, *_values(effects)}
+    if len(effects) == len(section.effect):
+        faults += _covariance_faults(section.covariance, known, where)
+    found = section.covariance
+    return ModelSet(section.probability, section.soil.values(), effects, found.names, found.rows)
+
+
+def _covariance_faults(section: CovarianceSection, known: Iterable[str], where: str) -> list[Fault]:
+    names, count = section.names, len(section.names)
+    faults = [
+        Fault(f"the covariance is of no parameter {name!r} of this set", where, expected=nearest(name, known))
+        for name in names
+        if name not in known
+    ]
+    if len(set(names)) != count or [len(row) for row in section.rows] != [count] * count:
+        rows = f"{count} names, rows of {', '.join(str(len(row)) for row in section.rows) or 'nothing'}"
+        return [*faults, Fault("the covariance is no square of its names", where, found=rows)]
+    matrix = np.array(section.rows).reshape(count, count)
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    correlation = matrix / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+    lowest = np.linalg.eigvalsh(correlation).min() if count else 0.0
+    if not np.allclose(correlation, correlation.T, atol=_ROUNDING) or (np.diag(matrix) < 0).any() or lowest < -1e-4:
+        expected = "symmetric, no variance or combination of them below zero"
+        faults.append(Fault("the covariance is not positive semi-definite", where, expected=expected))
+    return faults
+
+
+def _set_mapping(one: ModelSet) -> dict[str, Any]:
+    return {
+        "probability": one.probability,
+        "soil": dict(one.soil),
+        "effect": [_effect_mapping(e) for e in one.effects],
+        "covariance": {"names": list(one.names), "rows": [list(row) for row in one.covariance]},
+    }
+
+
+def _effect_mapping(effect: ExtendedEffect) -> dict[str, Any]:
+    return {
+        "name": EFFECTS[effect.key].name,
+        "form": EFFECTS[effect.key].form,
+        "parameter": [_parameter(p) for p in effect.parameters],
+        **({"combination": [_parameter(p) for p in effect.combinations]} if effect.combinations else {}),
+    }
+
+
+def _chosen(effects: Iterable[ExtendedEffect], kind: Which) -> tuple[ExtendedEffect, ...]:
+    return tuple(e for e in effects if kind in ("all", EFFECTS[e.key].kind))
+
+
+def _classes(effects: Iterable[ExtendedEffect], kind: Which) -> list[type[Effect]]:
+    return [EFFECTS[e.key] for e in _chosen(effects, kind)]
+
+
+def _values(effects: Iterable[ExtendedEffect], kind: Which = "all") -> dict[str, float]:
+    return {name: value for effect in _chosen(effects, kind) for name, value in effect.values.items()}
 
 
 def extended_model(
@@ -177,25 +367,47 @@ def extended_model(
     )
 
 
+def averaged_model(
+    wheel: Wheel,
+    laboratory: Soil,
+    average: Average,
+    campaign: str,
+    reading: Reading = "balanced",
+    *,
+    tyre: str = "",
+    provenance: Mapping[str, Fact] | None = None,
+) -> ExtendedModel:
+    """Build the model of one campaign from the sets of causes that a diagnosis could not decide between."""
+    return ExtendedModel(
+        wheel=wheel,
+        soil=laboratory,
+        reading=reading,
+        tyre=tyre,
+        provenance=dict(provenance or {}),
+        sets=tuple(_model_set(one, [soil.campaign for soil in one.soils].index(campaign)) for one in average.sets),
+        rest_probability=average.rest_probability,
+    )
+
+
+def _model_set(one: FittedSet, index: int) -> ModelSet:
+    effects = [_extended(cause) for cause in one.causes]
+    rows = tuple(tuple(map(float, row)) for row in one.covariances[index])
+    return ModelSet(
+        one.probability, dict(one.soils[index].values), tuple(map(_within_bounds, effects)), one.names, rows
+    )
+
+
+def _within_bounds(effect: ExtendedEffect) -> ExtendedEffect:
+    """Return an effect whose values are no rounding error beyond their bounds."""
+    bounds = {p.name: (p.lower, p.upper) for p in EFFECTS[effect.key].parameters}
+    kept = (replace(p, value=min(max(p.value, bounds[p.name][0]), bounds[p.name][1])) for p in effect.parameters)
+    return replace(effect, parameters=tuple(kept))
+
+
 def soil_of(laboratory: Soil, values: Mapping[str, float], source: str) -> Soil:
     """Return the soil with other values of `SOIL_PARAMETERS`; what is not given stays."""
     found = {name: float(getattr(laboratory, name)) for name in SOIL_PARAMETERS} | dict(values)
-    return _soil(laboratory.name, found, laboratory.unit_weight_n_m3, source, laboratory.reference_speed_mps)
-
-
-def _soil(
-    name: str, values: Mapping[str, float], unit_weight_n_m3: float, source: str, reference_speed_mps: float
-) -> Soil:
-    plain = {key: value for key, value in values.items() if key != "tan_phi"}
-    angle = atan(values["tan_phi"])
-    return Soil(
-        name,
-        friction_angle_rad=angle,
-        unit_weight_n_m3=unit_weight_n_m3,
-        source=source,
-        reference_speed_mps=reference_speed_mps,
-        **plain,
-    )
+    return soil_with(laboratory.name, found, laboratory.unit_weight_n_m3, source, laboratory.reference_speed_mps)
 
 
 def _extended(cause: Cause) -> ExtendedEffect:
@@ -227,75 +439,23 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
     return found
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+def _effects(sections: Iterable[EffectSection], where: str, faults: list[Fault]) -> tuple[ExtendedEffect, ...]:
+    """Return the effects of one set; add what is wrong with them to `faults`."""
+    effects = tuple(e for section in sections if (e := _effect(section, where, faults)))
+    keys = [e.key for e in effects]
+    faults += [Fault(f"{key!r} is there twice", where) for key in dict.fromkeys(keys) if keys.count(key) > 1]
+    return effects
 
 
-class _WheelSection(_Section):
-    radius_m: Positive
-    width_m: Positive
-    tyre: Literal["smooth", "lugged", ""] = ""
-
-
-class _SoilSection(_Section):
-    name: str
-    source: str = ""
-    unit_weight_n_m3: Positive = 16_500.0
-    reference_speed_mps: Positive = REFERENCE_SPEED_MPS
-    cohesion_pa: NonNegative
-    tan_phi: NonNegative
-    shear_modulus_m: Positive
-    sinkage_exponent: Positive
-    cohesive_modulus: Finite
-    frictional_modulus: Finite
-
-    def soil(self) -> Soil:
-        values = {name: getattr(self, name) for name in SOIL_PARAMETERS}
-        return _soil(self.name, values, self.unit_weight_n_m3, self.source, self.reference_speed_mps)
-
-
-class _ParameterSection(_Section):
-    name: str
-    unit: str = ""
-    value: Finite
-    sigma: NonNegative | None = None
-    interval95: tuple[Finite, Finite] | None = None
-
-    def estimate(self) -> ParameterEstimate:
-        return ParameterEstimate(
-            self.name,
-            self.unit,
-            self.value,
-            self.interval95 or (nan, nan),
-            nan if self.sigma is None else self.sigma,
-        )
-
-
-class _EffectSection(_Section):
-    name: str
-    form: str = ""
-    parameter: tuple[_ParameterSection, ...] = ()
-    combination: tuple[_ParameterSection, ...] = ()
-
-
-class _File(_Section):
-    schema_: Literal["wheelsoil/model/1"] = Field(alias="schema")
-    reading: Reading = "balanced"
-    wheel: _WheelSection
-    soil: _SoilSection
-    soil_sigmas: dict[str, NonNegative] = {}
-    effect: tuple[_EffectSection, ...] = ()
-    provenance: dict[str, str | float | tuple[str, ...]] = {}
-
-
-def _effect(section: _EffectSection, where: str, faults: list[Fault]) -> ExtendedEffect | None:
+def _effect(section: EffectSection, where: str, faults: list[Fault]) -> ExtendedEffect | None:
     """Return the effect of a section, its missing parameters neutral; add what is wrong with it to `faults`."""
     key = section.form or section.name
     effect = EFFECTS.get(key)
     if effect is None or effect.name != section.name:
         label = f"{section.name}/{section.form}" if section.form else section.name
         known = [f"{e.name}/{e.form}" if e.form else e.name for e in EFFECTS.values()]
-        faults.append(Fault(f"there is no effect {label!r}", where, expected=nearest(label, known)))
+        step = "install the package that brings it; without it the file's predictions are not what it claims"
+        faults.append(Fault(f"there is no effect {label!r}", where, expected=nearest(label, known), next_step=step))
         return None
     bounds = {p.name: (p.lower, p.upper) for p in effect.parameters}
     for given in section.parameter:

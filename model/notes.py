@@ -171,6 +171,8 @@ class FitCode(StrEnum):
     PREDICTED_CONSTANT = "predicted_constant"
     FOLLOWED_WORSE = "followed_worse"
     """channel, R0, R0_wong"""
+    AVERAGE_OF_SETS = "average_of_sets"
+    """sets: (keys, probability) of each, rest: probability, sigma: channel -> one-sigma of the prediction"""
 
 
 class BevameterCode(StrEnum):

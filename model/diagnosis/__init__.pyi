@@ -1,4 +1,5 @@
 from .core import Adequacy as Adequacy
+from .core import Average as Average
 from .core import Bench as Bench
 from .core import BoundRows as BoundRows
 from .core import Campaign as Campaign
@@ -9,6 +10,7 @@ from .core import Detectable as Detectable
 from .core import Diagnosis as Diagnosis
 from .core import DiagnosisOptions as DiagnosisOptions
 from .core import Finding as Finding
+from .core import FittedSet as FittedSet
 from .core import FormUsed as FormUsed
 from .core import Gain as Gain
 from .core import Grounds as Grounds

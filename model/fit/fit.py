@@ -20,6 +20,7 @@ from daq import (
     Severity,
     nearest,
 )
+from model.averaged import AveragedModel
 from model.cores import in_parallel, one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
@@ -47,6 +48,8 @@ _WORSE = 1.2
 _RENEWALS = 2
 _SHARE_OF_FITS = 0.8
 """Of the time of a fit to runs; the rest goes into what the models predict."""
+_BAND_SAMPLES = 1000
+"""Samples for which the band of an average is worked out: it is smooth."""
 _BLOCK = 1 << 16
 """Samples that are predicted at once."""
 
@@ -118,7 +121,8 @@ def check_stiffness(soil: Soil, wheel: Wheel) -> None:
 
 def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
     """Raise DataError for too few samples; `lost` more have no answer of the model."""
-    most = max(sum(len(EFFECTS[e].parameters) for e in options.effects_of(m)) for m in options.names)
+    fitted = [m for m in options.names if m != EXTENDED or not (options.extended and options.extended.sets)]
+    most = max((sum(len(EFFECTS[e].parameters) for e in options.effects_of(m)) for m in fitted), default=0)
     most += len(SOIL_PARAMETERS) if options.soil_prior else 0
     needed = max(4, most + 3) if driven.independent else MIN_SAMPLES
     if len(driven) >= needed:
@@ -144,10 +148,9 @@ def _why_few(driven: Observations, lost: int) -> str:
 
 def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: BoolArray) -> BoolArray:
     """Return which samples the extended model has an answer for, with the values it comes with."""
-    effects = [EFFECTS[effect.key] for effect in extended.effects]
+    effects = [EFFECTS[key] for key in extended.keys]
     _check_needs(driven, effects, "take another --model")
-    model = WheelSoilModel(wheel, extended.soil, effects, extended.reading)
-    found = np.isfinite(model.predict(driven.conditions, extended.values).drawbar_pull_n)
+    found = np.isfinite(replace(extended, wheel=wheel).predict(driven.conditions).drawbar_pull_n)
     if answered.any() and not (found & answered).any():
         raise DataError.of(
             "the extended model has no answer for any sample",
@@ -284,6 +287,8 @@ def fit_observations(
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{key: getattr(p, channel.field) for key, channel in OUTPUTS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
+    banded = (_with_band(fit, model, driven, chosen, threshold) for fit, model in zip(models, forward, strict=True))
+    models = tuple(banded)
     notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 
@@ -327,12 +332,32 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
     )
 
 
+def _with_band(
+    fit: ModelFit, model: WheelSoilModel, driven: Observations, options: FitOptions, threshold: float
+) -> ModelFit:
+    """Return the fit with one-sigma of the prediction of an average, and the note that it is one."""
+    if not isinstance(model, AveragedModel) or options.extended is None:
+        return fit
+    rows = np.flatnonzero(driven.slip >= threshold) if (driven.slip >= threshold).any() else np.arange(len(driven))
+    some = rows[:: max(1, len(rows) // _BAND_SAMPLES)]
+    sigmas = model.sigmas(driven.conditions.rows(some))
+    band = {channel: float(np.sqrt(np.nanmean(x**2))) for channel, x in sigmas.items() if np.isfinite(x).any()}
+    facts = {
+        "sets": tuple((tuple(e.key for e in one.effects), one.probability) for one in options.extended.sets),
+        "rest": options.extended.rest_probability,
+        "sigma": band,
+    }
+    return replace(fit, predicted_sigma=band, warnings=(*fit.warnings, Note(FitCode.AVERAGE_OF_SETS, values=facts)))
+
+
 def _problem(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> FitProblem:
     model = options.forward(wheel, soil, name)
     starts = options.extended.values if name == EXTENDED and options.extended else None
     free = free_parameters(model, options.soil_prior, starts)
     ones = {c: np.ones(len(driven)) for c in options.channels}
     problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
+    if isinstance(model, AveragedModel):
+        return problem
     if name in (EXTENDED, CHOSEN):
         problem = problem.without_idle_parameters("start" if name == EXTENDED else "neutral")
     return problem.with_static_sinkage()

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray
+from model.averaged import AveragedModel
 from model.fit.observations import Observations
 from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
@@ -50,7 +51,12 @@ class Free:
 def free_parameters(
     model: WheelSoilModel, prior: SoilPrior | None, starts: Mapping[str, float] | None = None
 ) -> tuple[Free, ...]:
-    """Return the effects' parameters and, with a prior, the soil's; `starts` are other starts than the effects' own."""
+    """Return the effects' parameters and, with a prior, the soil's; `starts` are other starts than the effects' own.
+
+    An average of several sets has none.
+    """
+    if isinstance(model, AveragedModel):
+        return ()
     given = starts or {}
     effects = [
         Free(key, p.unit, given.get(key, p.start), p.lower, p.upper, p.scale(model.wheel), p.neutral)

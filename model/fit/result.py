@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +46,8 @@ class FitOptions:
     models : of `MODELS`
     confidence : of the intervals
     extended : ExtendedModel, optional
-        Fitted beside the others: its soil, and its effects from the values they have.
+        Fitted beside the others: its soil, and its effects from the values they have. One of several sets is not
+        fitted: it predicts their average.
     chosen : tuple of str
         Effects of one more model, fitted beside the others like them.
     """
@@ -68,15 +69,16 @@ class FitOptions:
     def effects_of(self, name: str) -> tuple[str, ...]:
         """Return the short names of a model's effects."""
         if name == EXTENDED and self.extended is not None:
-            return tuple(effect.key for effect in self.extended.effects)
+            return self.extended.keys
         if name == CHOSEN:
             return self.chosen
         return MODELS[name]
 
     def forward(self, wheel: Wheel, soil: Soil, name: str) -> WheelSoilModel:
         """Return what computes a model, by its name; an extended model brings its own soil."""
-        ground = self.extended.soil if name == EXTENDED and self.extended else soil
-        return WheelSoilModel(wheel, ground, [EFFECTS[effect] for effect in self.effects_of(name)], self.reading)
+        if name == EXTENDED and self.extended:
+            return replace(self.extended, wheel=wheel).model()
+        return WheelSoilModel(wheel, soil, [EFFECTS[effect] for effect in self.effects_of(name)], self.reading)
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ class ModelFit:
     predictions : one for each run, on all its samples (NaN where not usable); empty for a bench table
     fixed : mapping name -> value of effects' parameters that nothing fitted shows
     worse : channels that were measured, not fitted, and are followed worse than by Wong's model
+    predicted_sigma : mapping channel -> float
+        Of an average of several sets, rms over the samples that the criteria count: one-sigma of its prediction.
     """
 
     name: str
@@ -140,6 +144,7 @@ class ModelFit:
     predictions: tuple[Prediction, ...] = ()
     fixed: dict[str, float] = field(default_factory=dict)
     worse: tuple[Note, ...] = ()
+    predicted_sigma: dict[str, float] = field(default_factory=dict)
 
     @property
     def notes(self) -> tuple[Note, ...]:

@@ -151,6 +151,7 @@ def right_foreign_verdict(line: Line) -> bool:
     wheel = FOREIGN[line["members"][0]["key"]]
     names = [cause["name"] for cause in line["causes"]]
     if line["verdict"] == "named":
+        names = said(line)
         return wheel.may_be_named and len(names) == 1 and names[0] in wheel.families
     akin = line["verdict"] == "one_of" and bool(set(names) & set(wheel.families))
     return line["verdict"] == "unexplained" or akin
@@ -197,7 +198,8 @@ def families(line: Line) -> list[str]:
 
 def said(line: Line, least: float = 0.0) -> list[str]:
     """Return the families that the engine names with more than this probability."""
-    return [c["name"] for c in line["causes"] if line["verdict"] == "named" and c["probability"] > least]
+    named = [c for c in line["causes"] if line["verdict"] == "named" and not c.get("barred")]
+    return [c["name"] for c in named if c["probability"] > least]
 
 
 def candidates(line: Line, *, none: bool) -> list[str]:

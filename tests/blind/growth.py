@@ -158,7 +158,7 @@ def _kept(found: Diagnosis) -> Line:
 
 def rank(line: Line) -> int:
     """Return how right a verdict is: 2 exactly right, 1 one of a few with the true cause, 0 nothing yet, -1 wrong."""
-    names = [cause["name"] for cause in line["causes"]]
+    names = [cause["name"] for cause in line["causes"] if line["verdict"] != "named" or not cause.get("barred")]
     if not line["family"]:
         return 2 if line["verdict"] == "nothing_detectable" else -1
     if line["verdict"] == "named":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError
+from model.averaged import AveragedModel
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects.catalogue import EFFECTS
-from model.extended import ExtendedEffect, ExtendedModel, extended_model
+from model.extended import ExtendedEffect, ExtendedModel, ModelSet, extended_model
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
@@ -53,8 +55,33 @@ def extended_models(draw: st.DrawFn) -> ExtendedModel:
     )
 
 
+@st.composite
+def averages(draw: st.DrawFn) -> ExtendedModel:
+    """Several sets of causes, each with its soil and covariance; no two alike."""
+    count = draw(st.integers(1, 4))
+    keys = draw(st.lists(st.sampled_from(sorted(EFFECTS)), unique=True, min_size=count, max_size=count))
+    weights = np.array(draw(st.lists(st.floats(0.01, 1), min_size=count + 1, max_size=count + 1)))
+    shares = weights / weights.sum()
+    sets = []
+    for i, key in enumerate(keys):
+        chosen = () if i == 0 and draw(st.booleans()) else (key,)
+        effects = tuple(
+            ExtendedEffect(k, tuple(estimate(k, p.name, draw(st.floats(0, 1)), True) for p in EFFECTS[k].parameters))
+            for k in chosen
+        )
+        names = (*SOIL_PARAMETERS, *(n for k in chosen for n in EFFECTS[k].parameter_keys().values()))
+        root = np.random.default_rng(draw(st.integers(0, 99))).standard_normal((len(names), len(names)))
+        covariance = tuple(map(tuple, (root @ root.T).tolist()))
+        soil = SOILS[draw(st.sampled_from(sorted(SOILS)))]
+        values = {name: float(getattr(soil, name)) for name in SOIL_PARAMETERS}
+        sets.append(ModelSet(float(shares[i]), values, effects, names, covariance))
+    plain = draw(extended_models())
+    rest = 1.0 - sum(one.probability for one in sets)
+    return replace(plain, effects=(), soil_sigmas={}, sets=tuple(sets), rest_probability=rest)
+
+
 @settings(max_examples=60, deadline=None)
-@given(extended_models(), st.sampled_from(("toml", "json")))
+@given(st.one_of(extended_models(), averages()), st.sampled_from(("toml", "json")))
 def test_what_is_written_is_read_again(extended: ExtendedModel, form: str) -> None:
     written = extended.to_mapping()
     text = tomli_w.dumps(written) if form == "toml" else json.dumps(written, allow_nan=False)
@@ -64,6 +91,8 @@ def test_what_is_written_is_read_again(extended: ExtendedModel, form: str) -> No
     again["soil"]["tan_phi"] = written["soil"]["tan_phi"]
     assert again == written
     assert read.values == extended.values
+    assert read.sets == extended.sets
+    assert read.keys == extended.keys
 
 
 def vasilev_and_clay() -> ExtendedModel:
@@ -124,7 +153,162 @@ def test_every_fault_of_a_file_is_listed_at_once() -> None:
     assert "no parameter 'cohesion'" in said and "m.toml" in said
 
 
-@pytest.mark.parametrize("broken", [{"schema": "wheelsoil/model/2"}, {"wheel": {"radius_m": -1.0, "width_m": 0.2}}])
+@pytest.mark.parametrize("broken", [{"schema": "wheelsoil/other/1"}, {"wheel": {"radius_m": -1.0, "width_m": 0.2}}])
 def test_a_foreign_file_is_refused(broken: dict[str, object]) -> None:
     with pytest.raises(ConfigError):
         ExtendedModel.from_mapping(vasilev_and_clay().to_mapping() | broken)
+
+
+def test_a_file_of_a_later_version_is_refused_by_name() -> None:
+    raw = vasilev_and_clay().to_mapping() | {"schema": "wheelsoil/model/3", "something_new": 1}
+    with pytest.raises(ConfigError) as raised:
+        ExtendedModel.from_mapping(raw, "m.toml")
+    said = str(raised.value)
+    assert "later version" in said and "wheelsoil/model/3" in said and "m.toml" in said
+    assert "something_new" not in said, "what it holds is not known yet"
+
+
+def member(probability: float, key: str = "", cohesion_pa: float = 7_500.0, **values: float) -> ModelSet:
+    """A set on clay whose cohesion and whose effect's parameters have a one-sigma of a tenth."""
+    soil = {name: float(getattr(SOILS["clay"], name)) for name in SOIL_PARAMETERS} | {"cohesion_pa": cohesion_pa}
+    effects = ()
+    if key:
+        parameters = (ParameterEstimate(n, "", v, (NAN, NAN), NAN) for n, v in values.items())
+        effects = (ExtendedEffect(key, tuple(parameters)),)
+    known = {"cohesion_pa": cohesion_pa, **(effects[0].values if effects else {})}
+    covariance = np.diag([(0.1 * x) ** 2 for x in known.values()])
+    return ModelSet(probability, soil, effects, tuple(known), tuple(map(tuple, covariance.tolist())))
+
+
+DOUBT = ExtendedModel(
+    WHEEL,
+    SOILS["clay"],
+    sets=(
+        member(0.5, "vasilev", H_m=0.02),
+        member(0.3, "drawbar_pull_zero", 6_000.0, offset_n=80.0),
+        member(0.1),
+    ),
+    rest_probability=0.1,
+)
+CONDITIONS = Conditions(np.linspace(-0.3, 0.9, 13), np.full(13, 9000.0))
+FIELDS = ("drawbar_pull_n", "driving_torque_nm", "sinkage_m", "vertical_load_n")
+
+
+def alone(one: ModelSet) -> ExtendedModel:
+    return replace(DOUBT, sets=(replace(one, probability=1.0),), rest_probability=0.0)
+
+
+@pytest.mark.parametrize("kind", ["all", "physical"])
+def test_predictions_are_the_mean_by_probability(kind: Literal["all", "physical"]) -> None:
+    """The rest is in no prediction: the weights are 5/9, 3/9 and 1/9."""
+    mean, each = DOUBT.predict(CONDITIONS, kind), [alone(one).predict(CONDITIONS, kind) for one in DOUBT.sets]
+    for name in FIELDS:
+        expected = sum(w * getattr(said, name) for w, said in zip((5 / 9, 3 / 9, 1 / 9), each, strict=True))
+        np.testing.assert_allclose(getattr(mean, name), expected, rtol=1e-12)
+    slopes = DOUBT.model(kind).predict(CONDITIONS, wrt=("slip",)).sensitivities["slip"]
+    own = [alone(one).model(kind).predict(CONDITIONS, wrt=("slip",)).sensitivities["slip"] for one in DOUBT.sets]
+    expected = sum(w * x.drawbar_pull_n for w, x in zip((5 / 9, 3 / 9, 1 / 9), own, strict=True))
+    np.testing.assert_allclose(slopes.drawbar_pull_n, expected, rtol=1e-10)
+
+
+def test_the_band_is_within_and_between_the_sets() -> None:
+    model = DOUBT.model()
+    assert isinstance(model, AveragedModel)
+    sigma = model.sigmas(CONDITIONS)["dp"]
+    mean = DOUBT.predict(CONDITIONS).drawbar_pull_n
+    expected = np.zeros(13)
+    for weight, one in zip((5 / 9, 3 / 9, 1 / 9), DOUBT.sets, strict=True):
+        [only] = alone(one).model().members  # type: ignore[attr-defined]
+        said = only.model.predict(CONDITIONS, only.values, wrt=only.names)
+        slopes = np.stack([said.sensitivities[name].drawbar_pull_n for name in only.names])
+        within = sum((s * one.sigmas[name]) ** 2 for s, name in zip(slopes, only.names, strict=True))
+        expected += weight * (within + (said.drawbar_pull_n - mean) ** 2)
+    np.testing.assert_allclose(sigma, np.sqrt(expected), rtol=1e-9)
+
+
+def test_a_sample_that_some_sets_do_not_answer_is_averaged_over_the_others() -> None:
+    """Without most of the probability there is no answer: a wheel may not be carried."""
+    soft = {name: x / 300.0 for name, x in DOUBT.sets[0].soil.items() if name.endswith("modulus")}
+    lost = replace(DOUBT.sets[1], soil={**DOUBT.sets[1].soil, **soft})
+    assert not np.isfinite(alone(lost).predict(CONDITIONS).drawbar_pull_n).any()
+    left = replace(DOUBT, sets=(DOUBT.sets[0], lost)).predict(CONDITIONS)
+    np.testing.assert_allclose(left.drawbar_pull_n, alone(DOUBT.sets[0]).predict(CONDITIONS).drawbar_pull_n)
+    most = replace(DOUBT, sets=(replace(DOUBT.sets[0], probability=0.2), lost))
+    assert not np.isfinite(most.predict(CONDITIONS).drawbar_pull_n).any()
+    assert not np.isfinite(most.model().sigmas(CONDITIONS)["dp"]).any()  # type: ignore[attr-defined]
+
+
+def test_a_drawn_set_is_drawn_by_its_probability_and_has_no_error_of_sensors() -> None:
+    rng = np.random.default_rng(1)
+    drawn = [DOUBT.drawn(rng) for _ in range(600)]
+    cohesions = np.array([one.soil.cohesion_pa for one in drawn])
+    assert np.mean(cohesions == 6_000.0) == pytest.approx(3 / 9, abs=0.06)
+    assert np.mean([one.keys == ("vasilev",) for one in drawn]) == pytest.approx(5 / 9, abs=0.06)
+    faulty = next(one for one in drawn if one.soil.cohesion_pa == 6_000.0)
+    assert faulty.effects == () and not faulty.sets
+    assert faulty.soil_sigmas == {"cohesion_pa": pytest.approx(600.0)}
+    assert vasilev_and_clay().drawn(rng) == vasilev_and_clay()
+
+
+def test_an_average_has_no_parameters() -> None:
+    with pytest.raises(ConfigError, match="no parameters"):
+        DOUBT.model().predict(CONDITIONS, {"cohesion_pa": 1.0})
+    with pytest.raises(ConfigError, match="no parameters"):
+        DOUBT.model().predict(CONDITIONS, wrt=("H_m",))
+
+
+def test_every_fault_of_a_file_of_sets_is_listed_at_once() -> None:
+    raw = DOUBT.to_mapping()
+    raw["rest_probability"] = 0.5
+    raw["set"][0]["effect"][0]["form"] = "someones_law"
+    raw["set"][1]["covariance"]["rows"][0][0] = -1.0
+    raw["set"][2]["covariance"]["rows"] = [[1.0, 2.0]]
+    with pytest.raises(ConfigError) as raised:
+        ExtendedModel.from_mapping(raw, "m.toml")
+    said = str(raised.value)
+    for words in (
+        "there is no effect 'slip_sinkage/someones_law'",
+        "m.toml, set 1 (50 %)",
+        "install the package that brings it",
+        "not positive semi-definite",
+        "m.toml, set 2 (30 %)",
+        "no square of its names",
+        "do not sum to 1",
+    ):
+        assert words in said
+    twice = DOUBT.to_mapping()
+    twice["set"] = [twice["set"][0], {**twice["set"][0], "probability": 0.4}]
+    with pytest.raises(ConfigError, match="a set is there twice"):
+        ExtendedModel.from_mapping(twice)
+    foreign = DOUBT.to_mapping()
+    foreign["set"][2]["covariance"]["names"] = ["H_m"]
+    with pytest.raises(ConfigError, match="no parameter 'H_m' of this set"):
+        ExtendedModel.from_mapping(foreign)
+
+
+OLD = """
+schema = "wheelsoil/model/1"
+reading = "balanced"
+soil_sigmas = {cohesion_pa = 390.0}
+wheel = {radius_m = 0.47, width_m = 0.318, tyre = "smooth"}
+effect = [{name = "slip_sinkage", form = "vasilev", parameter = [{name = "H_m", unit = "m", value = 0.02}]}]
+provenance = {verdict = "named"}
+
+[soil]
+name = "clay"
+source = "re-calibrated with clay"
+unit_weight_n_m3 = 16500.0
+cohesion_pa = 7900.0
+tan_phi = 0.24
+shear_modulus_m = 0.025
+sinkage_exponent = 0.85
+cohesive_modulus = 43680.0
+frictional_modulus = 499300.0
+"""
+
+
+def test_a_file_of_the_first_version_is_read_as_before() -> None:
+    read = ExtendedModel.from_mapping(tomllib.loads(OLD))
+    assert (read.values, read.soil.cohesion_pa, read.soil_sigmas) == ({"H_m": 0.02}, 7900.0, {"cohesion_pa": 390.0})
+    assert not read.sets
+    assert read.to_mapping()["schema"] == "wheelsoil/model/1", "a named cause is written so that older versions read it"

@@ -60,6 +60,7 @@ def test_a_cause_of_no_use_on_other_runs_is_nothing_unless_none_is_unlikely(gram
     barred = judgement(surely, FINE, gain(-0.5))
     assert barred.verdict == "one_of"
     assert barred.barred is not None and barred.barred.code == LackCode.NO_BETTER
+    assert barred.kept_back == (("a", barred.barred),)
 
 
 def test_a_family_is_named_and_not_its_form(grams: Grams) -> None:
@@ -132,6 +133,7 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     lost = again(0.6)
     assert lost.verdict == "one_of" and lost.families == ("slip_sinkage", "stress_peak_shift", "torque_zero")
     assert lost.barred is not None and lost.barred.code == LackCode.PEAK_MAY_SHIFT
+    assert lost.kept_back == (("slip_sinkage", lost.barred), ("torque_zero", lost.barred))
     both = again(0.6, Judgement("named", ("slip_sinkage", "stress_peak_shift")))
     assert both.families == ("slip_sinkage", "stress_peak_shift")
     chances = {"slip_sinkage": 0.6, "torque_zero": 0.999}
@@ -161,6 +163,15 @@ def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01})
     said = judgement(found, FINE, gain(9.0), {"a": Note(LackCode.ONE_DIRECTION)})
     assert said == Judgement("one_of", ("a",), barred=Note(LackCode.ONE_DIRECTION))
+    assert said.kept_back == (("a", Note(LackCode.ONE_DIRECTION)),)
+
+
+def test_a_likely_cause_that_a_rule_bars_beside_a_named_one_is_kept_with_the_rule(grams: Grams) -> None:
+    found = made(grams, {("a", "b"): 0.99, (): 0.01})
+    said = judgement(found, FINE, gain(9.0), {"b": Note(LackCode.ONE_DIRECTION)})
+    assert (said.verdict, said.families) == ("named", ("a",))
+    assert said.kept_back == (("b", Note(LackCode.ONE_DIRECTION)),)
+    assert judgement(made(grams, {("a",): 0.99, (): 0.01}), FINE, gain(9.0)).kept_back == ()
 
 
 @pytest.mark.parametrize(

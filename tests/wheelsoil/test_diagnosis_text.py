@@ -12,7 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import Note
-from model.diagnosis.core.result import Adequacy, Candidate, Finding, Grounds, ParameterEstimate
+from model.diagnosis.core.result import (
+    Adequacy,
+    BarredCause,
+    Candidate,
+    Cause,
+    Finding,
+    Grounds,
+    ParameterEstimate,
+    RefutedSoil,
+    SoilInstead,
+)
 from model.diagnosis.core.shapes import Rows
 from model.notes import LackCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
@@ -158,3 +168,40 @@ def test_a_program_reads_what_acts_beside_the_named_cause_and_what_bars_its_name
     slope, pushing = diagnosis_json(named)["further_causes"]
     assert (slope["name"], slope["probability"], slope["barred"]["code"]) == ("slope", 1e-5, "one_direction")
     assert pushing == {"name": "bulldozing", "probability": 0.03, "barred": None}
+
+
+def test_a_cause_whose_name_a_rule_bars_stands_among_the_causes_with_the_rule() -> None:
+    """A program that reads `causes` misses nothing; beside a named cause it has no values."""
+    named, doubtful = diagnosis("named"), diagnosis("one_of")
+    one_way = Note(LackCode.ONE_DIRECTION)
+    slope = Cause("slope", "", "measurement", "slope", 0.96, 1.0, ())
+    said = replace(named, grounds=Grounds(kept_back=(BarredCause(slope, one_way),)))
+    sinkage, kept = diagnosis_json(said)["causes"]
+    assert "barred" not in sinkage
+    assert (kept["name"], kept["probability"], kept["parameters"]) == ("slope", 0.96, [])
+    assert kept["barred"]["code"] == "one_direction" and "drive some back" in kept["barred"]["text"]
+    assert said.to_frames()["causes"][["name", "barred"]].to_numpy().tolist() == [
+        ["slip_sinkage", ""],
+        ["slope", "one_direction"],
+    ]
+    peak = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.3})
+    first = BarredCause(doubtful.causes[0], peak)
+    member, other = diagnosis_json(replace(doubtful, grounds=Grounds(barred=peak, kept_back=(first,))))["causes"]
+    assert member["barred"]["code"] == "peak_may_shift" and member["parameters"] and "barred" not in other
+
+
+def test_the_laboratory_is_named_where_it_does_not_hold_and_where_it_may_stand_for_a_cause() -> None:
+    off = RefutedSoil("clay", "tan_phi", 0.97, -5.2)
+    instead = SoilInstead("slip_sinkage", RefutedSoil("clay", "frictional_modulus", 0.3, 4.8))
+    found = replace(diagnosis("named"), grounds=Grounds(refuted_soil=(off,), soil_instead=(instead,)))
+    text = sentence_of(found)
+    assert text.startswith("The laboratory's soil does not hold here: tan φ is 5.2 sigma below (97 %) its value.")
+    assert "whose k_φ is 4.8 sigma too low would explain these runs in place of slip sinkage (30 %)" in text
+    assert diagnosis_json(found)["laboratory"] == {
+        "refuted": [vars(off)],
+        "in_place_of": [{"family": "slip_sinkage", **vars(instead.soil)}],
+    }
+    assert "does not hold" not in sentence_of(replace(found, verdict="unexplained")), (
+        "the next sentence refutes the fit"
+    )
+    assert "laboratory" not in diagnosis_json(diagnosis("named"))

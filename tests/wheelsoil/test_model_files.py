@@ -7,16 +7,19 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
 
 from daq.errors import ConfigError
+from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.result import ParameterEstimate
-from model.extended import ExtendedEffect, ExtendedModel
+from model.diagnosis.core.result import Diagnosis, ParameterEstimate, SoilEstimate
+from model.extended import ExtendedEffect, ExtendedModel, ModelSet
 from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS, prior_of
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
+from wheelsoil.simulation.options import SimulationOptions, with_model
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of
 
@@ -203,3 +206,93 @@ def test_simulate_takes_soil_and_wheel_from_one_place(tmp_path):
     result = invoke("simulate", "--model", model, "-o", tmp_path / "x", "--soil", "sandy", "--radius", 0.4)
     assert result.code == 2
     assert "--soil, --radius" in result.err
+
+
+VALUES = {name: float(getattr(CLAY, name)) for name in SOIL_PARAMETERS}
+
+
+def in_doubt() -> Diagnosis:
+    """Return a diagnosis that leaves slip sinkage at its upper bound, and no cause; its gain is the average's."""
+    found = diagnosis("one_of")
+    worth = replace(found.gain, reduction_percent=21.0, log_likelihood_gain=34.0)
+    top = replace(found.causes[0], parameters=(ParameterEstimate("H_m", "m", 0.5 + 1e-12, (0.3, 0.5), 0.1),))
+    soft = SoilEstimate("clay", VALUES | {"cohesion_pa": 6000.0}, {"cohesion_pa": 300.0})
+    known = ("cohesion_pa", "H_m")
+    sets = (
+        FittedSet(0.6, (top,), (soft,), known, (np.diag([300.0**2, 0.1**2]),)),
+        FittedSet(0.1, (), (SoilEstimate("clay", VALUES, {}),), ("cohesion_pa",), (np.diag([200.0**2]),)),
+    )
+    return replace(found, average=Average(sets, 0.3, worth))
+
+
+def test_what_is_not_decided_is_kept_as_sets_and_claims_what_their_average_gains(tmp_path):
+    (model,) = models_of(in_doubt(), [CAMPAIGN], "balanced", "wheelsoil diagnose clay")
+    path = tmp_path / "model.toml"
+    path.write_text(model_toml(model), encoding="utf-8")
+    again = load_model(path)
+    assert again == model
+    assert (again.soil, again.rest_probability) == (CLAY, 0.3)
+    assert [(one.probability, one.soil["cohesion_pa"]) for one in again.sets] == [(0.6, 6000.0), (0.1, 7580.0)]
+    assert again.sets[0].effects[0].values == {"H_m": 0.5}, "a rounding error beyond the bound could not be read"
+    assert again.sets[0].sigmas == {"cohesion_pa": 300.0, "H_m": 0.1}
+    facts = tomllib.loads(path.read_text(encoding="utf-8"))["provenance"]
+    assert facts["held_out_R0_reduction_percent"] == 21.0, "of the average, not of the first set"
+    head = path.read_text(encoding="utf-8").split("schema")[0].replace("\n# ", " ")
+    assert "60 %: slip sinkage (vasilev): H_m = 0.5 (0.3 to 0.5) m" in head
+    assert "10 %: no cause" in head
+    assert "the error of drawbar pull falls by 21" in head
+    assert "30 % of the probability is of sets that are not here" in head
+
+
+def test_a_campaign_that_was_left_out_keeps_the_laboratorys_soil():
+    other = replace(CAMPAIGN, name="sand")
+    (clay, sand) = models_of(in_doubt(), [CAMPAIGN, other], "balanced", "")
+    assert clay.sets and not sand.sets
+    assert (sand.soil, sand.effects) == (CLAY, ())
+
+
+def sets_of(*given: tuple[float, float, tuple[ExtendedEffect, ...]]) -> tuple[ModelSet, ...]:
+    return tuple(
+        ModelSet(p, VALUES | {"cohesion_pa": c}, effects, ("cohesion_pa",), ((300.0**2,),)) for p, c, effects in given
+    )
+
+
+def test_fit_takes_the_average_as_it_is(campaign, tmp_path):
+    law, offset = effect("vasilev", H_m=0.02), effect("torque_zero", offset_nm=25.0)
+    sets = sets_of((0.6, 6000.0, (law,)), (0.4, 9000.0, (law, offset)))
+    path = written(tmp_path, sets=sets)
+    fit = ok("fit", campaign, "--model", path, "--soil-prior", "--json").json
+    extended = fit["models"]["extended"]
+    assert (extended["estimates"], extended["held"], extended["stop_reason"]) == ({}, {}, "nothing_to_fit")
+    assert extended["effects"] == ["vasilev", "torque_zero"]
+    assert extended["predicted_sigma"]["dp"] > 1.0
+    assert "predicted_sigma" not in fit["models"]["wong"]
+    assert "the average of 2 sets of causes" in str(extended["warnings"])
+
+
+@pytest.mark.slow
+def test_a_report_has_the_average_with_its_band(campaign, tmp_path):
+    sets = sets_of((0.6, 6000.0, (effect("vasilev", H_m=0.02),)), (0.4, 9000.0, ()))
+    options = ["--model", written(tmp_path, sets=sets), "--no-diagnosis", "-o", tmp_path / "report.html"]
+    numbers = ok("report", campaign, *options, "--json").json
+    assert "the average of 2 sets of causes" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "extended" in str(numbers)
+
+
+def test_sets_need_what_their_causes_need(campaign, tmp_path):
+    sets = sets_of((0.9, 7000.0, ()), (0.1, 7000.0, (effect("tyre_flattening", radius_gain=0.1),)))
+    result = invoke("fit", campaign, "--model", written(tmp_path, sets=sets))
+    assert result.code == 1
+    assert "tyre_flattening needs inflation_kpa, which these data do not have" in result.err
+
+
+def test_simulate_drives_one_set_which_its_seed_draws(tmp_path):
+    law, offset = effect("vasilev", H_m=0.02), effect("drawbar_pull_zero", offset_n=80.0)
+    model = written(tmp_path, sets=sets_of((0.5, 6000.0, (law, offset)), (0.5, 9000.0, ())))
+    drawn = [with_model(SimulationOptions(seed=seed), model, ()) for seed in range(60)]
+    soft = [one.laboratory_soil.cohesion_pa == pytest.approx(6000.0) for one in drawn]
+    assert 15 < sum(soft) < 45
+    for one, has_law in zip(drawn, soft, strict=True):
+        assert one.effects == ({"vasilev": {"H_m": 0.02}} if has_law else {}), "no error of a sensor is driven"
+    words = shlex.split(drawn[0].command)
+    assert words[words.index("--seed") + 1] == "0" and str(model) in words, "the command draws the same set again"

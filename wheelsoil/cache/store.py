@@ -99,13 +99,17 @@ def kept(kind: str, inputs: object, compute: Callable[[], T]) -> T:
     inputs : value
         All that `compute` depends on.
     """
-    key = key_for(kind, OF_MODELS, inputs)
-    there: T | None = get(key)
+    there: T | None = known(kind, inputs)
     if there is not None:
         return there
     made = compute()
-    put(key, made)
+    put(key_for(kind, OF_MODELS, inputs), made)
     return made
+
+
+def known(kind: str, inputs: object) -> Any:
+    """Return what `kept` has for some inputs; None where there is nothing."""
+    return get(key_for(kind, OF_MODELS, inputs))
 
 
 def key_for(kind: str, packages: tuple[str, ...], inputs: object) -> str:

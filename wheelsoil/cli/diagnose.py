@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -118,7 +119,7 @@ def diagnose_command(
         return
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     campaigns = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
-    _diagnose(campaigns, settings, output, force=force, json=json)
+    _diagnose(campaigns, replace(settings, average=output is not None), output, force=force, json=json)
 
 
 def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
@@ -136,7 +137,9 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
     finally:
         _print(diagnosis, json=json)
     for path, model in written:
-        say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
+        none = "it has no effect, because no cause is named"
+        said = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
+        say(f"wrote {path}" + (f": {said}" if said else ""))
 
 
 def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:

@@ -253,18 +253,18 @@ def _diagnosis(found: Diagnosis) -> dict[str, Any]:
 
 def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
     """Yield the causes of the verdict, a row a parameter, and every other candidate, a row each."""
-    for cause in found.causes:
+    for cause, _ in found.stated:
         own = {
             "family": cause.name,
             "kind": cause.kind,
-            "role": found.verdict,
+            "role": found.verdict if cause in found.causes else "barred",
             "probability": cause.probability,
             "effect": cause.key,
             "form_probability": cause.form_probability,
         }
         estimates = [_estimate(p.name, p.unit, p.value, *p.interval95) for p in cause.parameters]
         yield from (own | one for one in estimates or [{}])
-    shown = {cause.name for cause in found.causes}
+    shown = {cause.name for cause, _ in found.stated}
     for one in found.candidates:
         if one.name not in shown:
             yield {"family": one.name, "role": "candidate", "probability": one.probability}

@@ -16,6 +16,7 @@ import numpy as np
 from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
+from model import AveragedModel
 from model.diagnosis import Diagnosis
 from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of
@@ -61,10 +62,13 @@ def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, di
 
 def _of_model(fit: CampaignFit, model: ModelFit, conditions: Conditions) -> dict[str, FloatArray]:
     """Return one-sigma of each channel under some conditions."""
+    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+    if isinstance(forward, AveragedModel):
+        sigmas = forward.sigmas(conditions)
+        return {channel: sigmas[channel] for channel in REACTIONS}
     names, covariance = _covariance(model)
     if not names:
         return dict.fromkeys(REACTIONS, np.full(len(conditions.slip), np.nan))
-    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
     said = forward.predict(conditions, model.values, wrt=names)
     found = {}
     for channel, quantity in REACTIONS.items():

@@ -221,7 +221,8 @@ def simulated_stretches(options: SimulationOptions, index: int) -> Iterator[Virt
 def _stream(options: SimulationOptions, *number: int) -> np.random.Generator:
     """Return an independent stream: 0 the soil, (0, 0) the stance, (0, 1) and (0, 2) the lifted wheel before and after.
 
-    (0, 3) is the rebound of ruts, (0, 4, run) their readings, 1 the toothed ring, from 2 on the runs.
+    (0, 3) is the rebound of ruts, (0, 4, run) their readings, (0, 5) the set of a model file, 1 the toothed ring,
+    from 2 on the runs.
     """
     return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=number))
 

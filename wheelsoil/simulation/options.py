@@ -11,6 +11,8 @@ from math import degrees, isfinite
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
 from daq import ConfigError, Fault, SoilSection, TerrainConfig, UncertaintySection, load_toml, nearest
 from model import ExtendedModel
 from model.effects import EFFECTS
@@ -22,6 +24,8 @@ from wheelsoil.workflows.model_files import load_model
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
 LONGEST_RUN_S = 86_400.0
 
+_OF_THE_SET = (0, 5)
+"""Stream of random numbers by which a set of a model file is drawn; see `wheelsoil.simulation.campaign`."""
 _OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 
 
@@ -245,6 +249,8 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
 def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -> SimulationOptions:
     """Return the options with soil, wheel, reading and effects of a model file; given effects override those.
 
+    Of a file with several sets of causes one is drawn by its probability, with the options' seed.
+
     Parameters
     ----------
     given : collection of str
@@ -263,7 +269,7 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
             found=", ".join(f"--{name}" for name in clashes),
             next_step="omit these options, or edit the file",
         )
-    model = load_model(path)
+    model = load_model(path).drawn(np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=_OF_THE_SET)))
     effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}
     return replace(
         options,

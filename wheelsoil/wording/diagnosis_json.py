@@ -22,7 +22,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "schema": _SCHEMA,
         "verdict": found.verdict,
         "sentence": sentence_of(found),
-        "causes": [_cause_json(cause) for cause in found.causes],
+        "causes": [_cause_json(cause, why) for cause, why in found.stated],
         "further_causes": [_further(family, found) for family in found.grounds.beside],
         "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
         "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
@@ -44,6 +44,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "free_form": None if free is None else {"family": free[0], "over": free[1]},
         "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
+        **({"laboratory": _laboratory(found)} if found.grounds.refuted_soil or found.grounds.soil_instead else {}),
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
     }
 
@@ -64,6 +65,14 @@ def next_run_json(run: NextRun) -> dict[str, Any]:
 def _reason(why: Note) -> dict[str, Any]:
     """Return why a probable family is not named, or what leaves data unexplained where lack of fit does not."""
     return {"code": str(why.code), "text": note_text(why), "values": dict(why.values)}
+
+
+def _laboratory(found: Diagnosis) -> dict[str, Any]:
+    """Return what the laboratory has wrong, and what it may have wrong in place of a named cause."""
+    return {
+        "refuted": [vars(one) for one in found.grounds.refuted_soil],
+        "in_place_of": [{"family": one.family, **vars(one.soil)} for one in found.grounds.soil_instead],
+    }
 
 
 def _form_errors(found: Diagnosis) -> dict[str, Any]:
@@ -100,7 +109,7 @@ def _finding(found: Finding, median: float) -> dict[str, Any]:
     }
 
 
-def _cause_json(cause: Cause) -> dict[str, Any]:
+def _cause_json(cause: Cause, why: Note | None) -> dict[str, Any]:
     return {
         "name": cause.name,
         "form": cause.form,
@@ -111,6 +120,7 @@ def _cause_json(cause: Cause) -> dict[str, Any]:
             {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
             for p in cause.parameters
         ],
+        **({"barred": _reason(why)} if why else {}),
     }
 
 

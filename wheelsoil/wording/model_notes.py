@@ -9,10 +9,13 @@ import numpy as np
 
 from daq import OUTPUTS, number
 from model import BevameterCode, FitCode, SinkageCode
+from wheelsoil.wording.names import chance, effect_name
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _MOST_PLACES = 8
 """Rows that a sentence names."""
+_MOST_SETS = 3
+"""Sets of causes that a sentence names."""
 
 
 def _listed(words: Sequence[str]) -> str:
@@ -156,7 +159,25 @@ def _asked(v: Values) -> str:
     return f"the forces ask for a shear stress of {v['friction']:.2g} times the normal one"
 
 
+def _average(v: Values) -> str:
+    """Return what is averaged, the most probable sets by name, and how sure the prediction is."""
+    sets = v["sets"]
+    named = [f"{' and '.join(map(effect_name, keys)) or 'no cause'} ({chance(p)})" for keys, p in sets[:_MOST_SETS]]
+    more = f" and {len(sets) - _MOST_SETS} more" if len(sets) > _MOST_SETS else ""
+    rest = f"; sets with {chance(v['rest'])} of the probability are not in it" if v["rest"] > 0 else ""
+    sigma = ", ".join(f"{_si(x, channel)} of {OUTPUTS[channel].name}" for channel, x in v["sigma"].items())
+    return (
+        f"the average of {len(sets)} sets of causes as they are in the file, not fitted: {', '.join(named)}{more}{rest}"
+        + (f". One-sigma of the prediction, without noise: {sigma}" if sigma else "")
+    )
+
+
+def _si(x: float, channel: str) -> str:
+    return f"{1e3 * x:.3g} mm" if OUTPUTS[channel].unit == "m" else f"{x:.3g} {OUTPUTS[channel].unit_text}"
+
+
 SENTENCES: dict[str, Sentence] = {
+    FitCode.AVERAGE_OF_SETS: _average,
     FitCode.NO_INFLUENCE: "{names[0]}: has no influence on the residual; any value fits as well",
     FitCode.ONLY_TOGETHER: lambda v: (
         f"{_listed(v['names'])}: not determined singly; moving them together leaves the residual as it is"

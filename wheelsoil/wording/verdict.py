@@ -18,7 +18,6 @@ from model.diagnosis import (
     Grounds,
     LackOfFit,
     ParameterEstimate,
-    SoilEstimate,
 )
 from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, step_text
@@ -56,7 +55,13 @@ def sentences_of(found: Diagnosis) -> list[str]:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
-    said = [*laboratory_words(found.soils), *said[:before_next], *prior_words(found), *said[before_next:]]
+    said = [
+        *laboratory_words(found),
+        *said[:before_next],
+        *instead_words(found),
+        *prior_words(found),
+        *said[before_next:],
+    ]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
     return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
 
@@ -106,15 +111,26 @@ def _either(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def laboratory_words(soils: Sequence[SoilEstimate]) -> list[str]:
-    """Return the sentence that the laboratory's soil is refuted; empty where it is not."""
-    several = len(soils) > 1
+def laboratory_words(found: Diagnosis) -> list[str]:
+    """Return the sentence that the laboratory's soil is refuted; empty where it is not, or nothing explains the data.
+
+    Of runs it is judged beside every probable set of causes; of tables beside the one that extends the simulation.
+    """
+    if found.verdict == "unexplained":
+        return []
+    several = len(found.soils) > 1
+    of_runs = [(one.campaign, one.parameter, one.sigmas, one.probability) for one in found.grounds.refuted_soil]
+    of_tables = [
+        (soil.campaign, name, sigmas, None)
+        for soil in found.soils
+        for name, sigmas in soil.off_laboratory.items()
+        if found.grounds.table_channels and abs(sigmas) > REFUTED_AT
+    ]
     off = [
         f"{SOIL_LETTERS[name]} is {abs(sigmas):.1f} sigma {'above' if sigmas > 0 else 'below'}"
-        + (f" in {soil.campaign}" if several else "")
-        for soil in soils
-        for name, sigmas in soil.off_laboratory.items()
-        if abs(sigmas) > REFUTED_AT
+        + (f" in {campaign}" if several else "")
+        + (f" ({chance(p)})" if p is not None else "")
+        for campaign, name, sigmas, p in (*of_runs, *of_tables)
     ]
     return _sentences([f"the laboratory's soil does not hold here: {_listed(off)} its value"] if off else [])
 
@@ -133,6 +149,18 @@ def prior_words(found: Diagnosis) -> list[str]:
         f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
         f"the verdict is {other}{more}."
     ]
+
+
+def instead_words(found: Diagnosis) -> list[str]:
+    """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
+    return _sentences(
+        [
+            f"A laboratory whose {SOIL_LETTERS[one.soil.parameter]} is {abs(one.soil.sigmas):.1f} sigma "
+            f"{'too low' if one.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
+            f"{plain_name(one.family)} ({chance(one.soil.probability)})"
+            for one in found.grounds.soil_instead
+        ]
+    )
 
 
 def _undecided(why: Note) -> list[str]:

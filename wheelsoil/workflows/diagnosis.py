@@ -29,7 +29,7 @@ from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
-from wheelsoil.cache.store import kept
+from wheelsoil.cache.store import kept, known
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
 from wheelsoil.workflows.runs import Files
 from wheelsoil.workflows.tables import BenchFiles
@@ -217,13 +217,17 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
+    plain = replace(options, average=False)
 
     def compute() -> Diagnosis:
         from model.diagnosis import diagnose
 
-        return diagnose(campaigns, options)
+        before = known("diagnosis", (tuple(campaigns), plain)) if options.average else None
+        return before if before and before.verdict != "one_of" else diagnose(campaigns, options)
 
-    found = kept("diagnosis", (tuple(campaigns), options), compute)
+    found: Diagnosis = kept("diagnosis", (tuple(campaigns), options), compute)
+    if options.average:
+        kept("diagnosis", (tuple(campaigns), plain), lambda: replace(found, average=None))
     return _with_remarks(found, campaigns)
 
 

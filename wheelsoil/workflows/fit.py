@@ -274,4 +274,5 @@ def model_as_json(model: ModelFit) -> dict[str, Any]:
         "criteria": criteria_json(model),
         "load_ratio": model.load_ratio,
         "residual_floor": model.residual_floor,
+        **({"predicted_sigma": model.predicted_sigma} if model.predicted_sigma else {}),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
@@ -11,13 +12,13 @@ from pathlib import Path
 import tomli_w
 
 from daq import file_name, read_toml
-from model import ExtendedModel, Fact, extended_model
-from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
+from model import ExtendedEffect, ExtendedModel, Fact, averaged_model, extended_model
+from model.diagnosis import Bench, Campaign, Diagnosis, Gain, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.console import check_output
-from wheelsoil.wording.names import effect_name, parameter_name
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.names import chance, effect_name, parameter_name
+from wheelsoil.wording.verdict import gain_words, sentence_of
 
 _WIDTH = 100
 
@@ -42,14 +43,26 @@ def models_of(
 ) -> list[ExtendedModel]:
     """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
 
-    Nothing else than a named cause is put into it: a set of candidates is none, and a soil that was re-calibrated
-    beside one of them, or beside what nobody can explain, is not worth keeping.
+    Where several sets of causes remain possible, it holds the most probable ones, each with its soil. A soil that was
+    re-calibrated beside what nobody can explain is not worth keeping.
     """
+    average = diagnosis.average
+    averaged = {soil.campaign for one in average.sets[:1] for soil in one.soils} if average else set()
     decided = diagnosis.verdict in ("named", "nothing_detectable")
     estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
     causes = diagnosis.causes if diagnosis.verdict == "named" else ()
     return [
-        extended_model(
+        averaged_model(
+            one.wheel,
+            one.soil,
+            average,
+            one.name,
+            reading,
+            tyre=one.tyre,
+            provenance=_provenance(diagnosis, one, command),
+        )
+        if average and one.name in averaged
+        else extended_model(
             one.wheel,
             one.soil,
             estimates.get(one.name, SoilEstimate(one.name, {}, {})),
@@ -64,6 +77,7 @@ def models_of(
 
 def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
     runs = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in campaign.runs)
+    gain = _gain_of_the_file(diagnosis)
     facts: dict[str, Fact] = {
         "made_by": f"wheelsoil {__version__}",
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -71,27 +85,48 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "campaign": campaign.name,
         "runs": tuple(runs),
         "verdict": diagnosis.verdict,
-        "sentence": sentence_of(diagnosis),
+        "sentence": sentence_of(replace(diagnosis, gain=gain)),
         "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),
     }
-    if diagnosis.gain is not None and diagnosis.verdict == "named":  # of the causes that are in the file, else of none
-        facts["held_out_log_likelihood_gain"] = float(diagnosis.gain.log_likelihood_gain)
-        facts["held_out_R0_reduction_percent"] = float(diagnosis.gain.reduction_percent)
+    if gain is not None:
+        facts["held_out_log_likelihood_gain"] = float(gain.log_likelihood_gain)
+        facts["held_out_R0_reduction_percent"] = float(gain.reduction_percent)
+    if diagnosis.average is not None and (worth := gain_words(gain)):
+        facts["held_out"] = f"With their average, on held-out runs {worth}."
     return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN
+
+
+def _gain_of_the_file(diagnosis: Diagnosis) -> Gain | None:
+    """Return the held-out gain of what is in the file: of the named causes, of the average, else of nothing."""
+    if diagnosis.average is not None:
+        return diagnosis.average.gain
+    return diagnosis.gain if diagnosis.verdict == "named" else None
 
 
 def model_toml(model: ExtendedModel) -> str:
     """Return the file's text: what it is in words, and the model."""
     sentence = " ".join(str(model.provenance.get("sentence", "")).split())
     head = ["The model that `wheelsoil diagnose` left, for `fit`, `simulate` and `report` with --model.", sentence]
-    for effect in model.effects:
-        said = "; ".join(_said(effect.key, p) for p in (*effect.combinations, *effect.parameters))
-        head.append(f"{effect_name(effect.key)}: {said}")
-    if not model.effects:
+    head += [_effect_line(effect) for effect in model.effects]
+    for one in model.sets:
+        said = "; ".join(map(_effect_line, one.effects)) or "no cause, the soil re-calibrated"
+        head.append(f"{chance(one.probability)}: {said}")
+    if model.sets:
+        head.append(str(model.provenance.get("held_out", "")))
+        head.append(
+            f"No cause is named: {len(model.sets)} sets remain possible, each with its own soil. Their predictions "
+            f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here."
+        )
+    elif not model.effects:
         kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
         head.append(f"No cause is named, so that none is in it: {kept}.")
     lines = [line for text in head for line in textwrap.wrap(text, _WIDTH)]
     return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(model.to_mapping())
+
+
+def _effect_line(effect: ExtendedEffect) -> str:
+    said = "; ".join(_said(effect.key, p) for p in (*effect.combinations, *effect.parameters))
+    return f"{effect_name(effect.key)}: {said}"
 
 
 def _said(key: str, p: ParameterEstimate) -> str:

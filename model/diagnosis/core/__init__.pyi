@@ -1,3 +1,5 @@
+from .average import Average as Average
+from .average import FittedSet as FittedSet
 from .campaign import Bench as Bench
 from .campaign import Campaign as Campaign
 from .campaign import Coverage as Coverage

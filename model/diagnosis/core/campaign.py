@@ -133,6 +133,9 @@ class DiagnosisOptions:
         Rank manoeuvres even where the verdict does not ask for it.
     error_of_form : float, optional
         Of single-wheel tables: share of load, load x radius and radius by which a right model may be off.
+    average : bool
+        Of driven runs: fit the most probable sets for predictions under doubt where the verdict does not decide. It
+        takes as long again.
     """
 
     reading: Reading = "balanced"
@@ -143,6 +146,7 @@ class DiagnosisOptions:
     seed: int = 0
     next_run: bool = False
     error_of_form: float | None = None
+    average: bool = False
 
 
 @dataclass(frozen=True)

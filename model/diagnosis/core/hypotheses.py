@@ -84,12 +84,18 @@ class Hypotheses:
         KeyError
             The set is not listed.
         """
-        wanted = np.array([effect in keys for effect in self.effects])
-        if set(keys) <= set(self.effects):
-            found = np.flatnonzero((self.has_effect == wanted).all(axis=1))
-            if found.size:
-                return int(found[0])
-        raise KeyError(keys)
+        found = self.position(keys)
+        if found is None:
+            raise KeyError(keys)
+        return found
+
+    def position(self, keys: tuple[str, ...]) -> int | None:
+        """Return the position of a set; None where it is not listed."""
+        if not set(keys) <= set(self.effects):
+            return None
+        wanted = np.array([effect in keys for effect in self.effects], bool)
+        found = np.flatnonzero((self.has_effect == wanted).all(axis=1))
+        return int(found[0]) if found.size else None
 
 
 def listed_sets(family_of: Mapping[str, str], most: int = 3, triples: bool = True) -> Hypotheses:
@@ -256,6 +262,15 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
             break
         chosen.append(CauseSet(tuple(sorted(own, key=lambda family: (-families[family], family))), total[own]))
     return tuple(chosen)
+
+
+def probable_sets(found: Posterior, most: int) -> dict[tuple[str, ...], float]:
+    """Return the most probable sets of effects with their probabilities, at most so many; "none" is always one."""
+    order = np.argsort(-found.probability, kind="stable")
+    kept = order[:most] if 0 in order[:most] else np.r_[order[: most - 1], 0]
+    return {
+        found.hypotheses.keys_of(int(i)): float(found.probability[i]) for i in kept if not i or found.probability[i] > 0
+    }
 
 
 def most_probable_form(found: Posterior, family: str) -> str:

@@ -27,14 +27,14 @@ be measured.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import chdtri
 
 from daq import Note
-from model.diagnosis.core.hypotheses import Posterior, nearest_rival, short_set
-from model.diagnosis.core.result import Adequacy, Cause, Gain, PriorShift, Verdict
+from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form, nearest_rival, short_set
+from model.diagnosis.core.result import Adequacy, BarredCause, Cause, Gain, PriorShift, Verdict
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
@@ -67,12 +67,15 @@ class Judgement:
         Beside named ones: the families of which one more probably acts; empty where none is needed.
     barred : Note or None
         Why a family that is likely enough is not named; or what makes it "unexplained" where lack of fit does not.
+    kept_back : tuple of (family, Note)
+        Every family that is likely enough and not named, with the rule that bars it.
     """
 
     verdict: Verdict
     families: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     barred: Note | None = None
+    kept_back: tuple[tuple[str, Note], ...] = field(default=(), compare=False)
 
 
 def judgement(
@@ -109,13 +112,18 @@ def judgement(
         return Judgement("unexplained" if left else "nothing_detectable", barred=left)
     sure = [family for family, p in found.families().items() if p * judged.listed > name_at]
     barred = _barred(found, gain) or cancelling
-    if sure and not barred:
-        named = tuple(family for family in sure if family not in (not_identifiable or {}))
-        if named:
-            return Judgement("named", named, short_set(found, named))
-        barred = (not_identifiable or {})[sure[0]]
     likely = tuple(family for family, p in found.families().items() if p > name_at)
-    return one_of(found, barred if sure else None, likely)
+    if barred:
+        return one_of(found, barred if sure else None, likely, _each(sure, barred))
+    lacking = tuple((family, why) for family in sure if (why := (not_identifiable or {}).get(family)))
+    named = tuple(family for family in sure if family not in dict(lacking))
+    if named:
+        return Judgement("named", named, short_set(found, named), kept_back=lacking)
+    return one_of(found, lacking[0][1] if lacking else None, likely, lacking)
+
+
+def _each(families: Sequence[str], why: Note) -> tuple[tuple[str, Note], ...]:
+    return tuple((family, why) for family in families)
 
 
 def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adequacy) -> dict[str, Note]:
@@ -134,18 +142,33 @@ def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adeq
     }
 
 
-def one_of(found: Posterior, barred: Note | None, likely: Sequence[str] = ()) -> Judgement:
+def one_of(
+    found: Posterior,
+    barred: Note | None,
+    likely: Sequence[str] = (),
+    kept_back: Sequence[tuple[str, Note]] = (),
+) -> Judgement:
     """Return the verdict that one of a set of families acts; one that is alone and barred with its nearest rival.
 
     Parameters
     ----------
     likely : sequence of str
         Families that would be named but for a rule; they stand in the set, needed or not.
+    kept_back : sequence of (family, Note)
+        See `Judgement`.
     """
     families = tuple(dict.fromkeys((*short_set(found), *likely)))
     if barred is not None and len(families) == 1:
         families = (*families, *nearest_rival(found, families[0]))
-    return Judgement("one_of", families, barred=barred)
+    return Judgement("one_of", families, barred=barred, kept_back=tuple(kept_back))
+
+
+def barred_causes(found: Posterior, verdict: Judgement) -> tuple[BarredCause, ...]:
+    """Return the causes that are likely enough for a name and that a rule bars."""
+    return tuple(
+        BarredCause(cause_of(found, family, most_probable_form(found, family), ()), why)
+        for family, why in verdict.kept_back
+    )
 
 
 def _more_than_noise(gain: Gain | None) -> Note | None:
@@ -183,7 +206,7 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
         Of the verdict, with their values.
     """
     if verdict.verdict == "named" and (why := doubtful(causes)):
-        return one_of(found, why, verdict.families)
+        return one_of(found, why, verdict.families, (*_each(verdict.families, why), *verdict.kept_back))
     return verdict
 
 
@@ -213,9 +236,11 @@ def asked_again(
     kept = tuple(f for f in verdict.families if f != lost[0])
     sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > name_at)
     if keep and sure:
-        others = (*lost, *rivals, *verdict.beside)
-        return Judgement("named", sure, tuple(dict.fromkeys(f for f in others if f not in sure)), barred=why)
-    return Judgement("one_of", tuple(dict.fromkeys((lost[0], *rivals, *kept))), barred=why)
+        beside = tuple(dict.fromkeys(f for f in (*lost, *rivals, *verdict.beside) if f not in sure))
+        return Judgement("named", sure, beside, barred=why, kept_back=(*_each(lost, why), *verdict.kept_back))
+    families = tuple(dict.fromkeys((lost[0], *rivals, *kept)))
+    barred = (*_each(verdict.families, why), *verdict.kept_back)
+    return Judgement("one_of", families, barred=why, kept_back=barred)
 
 
 def _physical(family: str) -> bool:

@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from daq import OUTPUTS, ROLES, DataError, Note, frame_of_rows
+from model.diagnosis.core.average import Average
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.plot_data import PlotData
 from model.diagnosis.core.shapes import Rows, Shape
+from model.diagnosis.core.values import Cause as Cause
+from model.diagnosis.core.values import Gain as Gain
+from model.diagnosis.core.values import ParameterEstimate as ParameterEstimate
+from model.diagnosis.core.values import Reduction as Reduction
+from model.diagnosis.core.values import RefutedSoil as RefutedSoil
+from model.diagnosis.core.values import Scores as Scores
+from model.diagnosis.core.values import SoilEstimate as SoilEstimate
+from model.diagnosis.core.values import SoilInstead as SoilInstead
 from model.inference_data import inference_data
 
 if TYPE_CHECKING:
@@ -25,36 +34,11 @@ _PLACE = ("where", "lower", "upper", "unit_there", "vertical_load_n", "run", "ca
 
 
 @dataclass(frozen=True)
-class ParameterEstimate:
-    """A parameter of a cause; the interval is NaN where none can be given."""
+class BarredCause:
+    """A cause, without values, that is likely enough for a name, and the rule that bars it."""
 
-    name: str
-    unit: str
-    value: float
-    interval95: tuple[float, float]
-    sigma: float
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A cause with its parameters, as if it were the one.
-
-    Attributes
-    ----------
-    name, form, kind : of the effect; ``form`` is the most probable one, conditional on the family.
-    key : str
-        Of the effect in the library.
-    probability : of the family
-    form_probability : of the form within the family
-    """
-
-    name: str
-    form: str
-    kind: str
-    key: str
-    probability: float
-    form_probability: float
-    parameters: tuple[ParameterEstimate, ...]
+    cause: Cause
+    why: Note
 
 
 @dataclass(frozen=True)
@@ -99,60 +83,6 @@ class Finding:
     def of_rows(self) -> bool:
         """Whether it is of rows of a single-wheel table."""
         return isinstance(self.place, Rows)
-
-
-@dataclass(frozen=True)
-class Scores:
-    """R0 in the channel's unit, M0 in percent, R2; and the mean predictive log-likelihood of a run, nats."""
-
-    R0: float
-    M0_percent: float
-    R2: float
-    log_likelihood: float
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """By how much R0 of a channel falls, percent; with the 95 % interval, NaN with fewer than three runs."""
-
-    percent: float
-    interval95: tuple[float, float]
-
-    @property
-    def grows(self) -> bool:
-        """Whether the error grows for certain: the interval of its fall is below 0."""
-        return self.interval95[1] < 0.0
-
-
-@dataclass(frozen=True)
-class Gain:
-    """Gain of the extension on runs that neither the choice nor the fit has used.
-
-    Attributes
-    ----------
-    base, extended : mapping channel ("dp", "t", "z") -> Scores
-    reduction_percent : of R0 of `channel`
-    interval95 : of it
-    log_likelihood_gain : nats, sum over held-out runs
-    chosen : tuple of tuple of str
-        Keys of the causes that each fold chose.
-    channel : "dp", "t" or "z"
-    reductions : mapping channel -> Reduction
-        Of every measured channel.
-    expected : mapping channel -> float
-        R0 of the base that noise, errors of speed and load, scatter and uncertainty of the soil alone would give, in
-        the channel's unit; empty for tables.
-    """
-
-    base: dict[str, Scores]
-    extended: dict[str, Scores]
-    reduction_percent: float
-    interval95: tuple[float, float]
-    log_likelihood_gain: float
-    chosen: tuple[tuple[str, ...], ...]
-    channel: str = "dp"
-    reductions: dict[str, Reduction] = field(default_factory=dict)
-    expected: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -275,27 +205,6 @@ class NextRun:
 
 
 @dataclass(frozen=True)
-class SoilEstimate:
-    """The soil as the data leave it, with the named causes (or none) in the model.
-
-    Attributes
-    ----------
-    laboratory : mapping parameter -> (value, one-sigma)
-        What was known before; without those that it is said to know exactly.
-    """
-
-    campaign: str
-    values: dict[str, float]
-    sigmas: dict[str, float]
-    laboratory: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def off_laboratory(self) -> dict[str, float]:
-        """By how many of the laboratory's one-sigmas each parameter is off."""
-        return {name: (self.values[name] - x) / s for name, (x, s) in self.laboratory.items() if name in self.values}
-
-
-@dataclass(frozen=True)
 class PriorShift:
     """What the verdict would be with another prior of a family.
 
@@ -344,6 +253,8 @@ class Grounds:
         Why a family that is likely enough is not named; or what makes it "unexplained" where lack of fit does not.
     beside : tuple of str
         Families of which one more probably acts beside the named ones.
+    kept_back : tuple of BarredCause
+        Of every verdict; beside named ones they are not among the causes.
     confounded : tuple of str
         Families confounded with the named ones or of the set.
     most_probable : tuple of str
@@ -362,6 +273,10 @@ class Grounds:
         Channels that were used, of single-wheel tables; empty for driven runs.
     form_errors : tuple of FormUsed
         Of single-wheel tables, one for each of these channels.
+    refuted_soil : tuple of RefutedSoil
+        Of driven runs that are explained.
+    soil_instead : tuple of SoilInstead
+        Of named causes.
     form_matters : Note or None
         Which verdicts half and twice an error of form that was assumed or given lead to, where they are others; or the
         error of form at which an unexplained table has an adequate explanation.
@@ -370,6 +285,7 @@ class Grounds:
     undecided: Note | None = None
     barred: Note | None = None
     beside: tuple[str, ...] = ()
+    kept_back: tuple[BarredCause, ...] = ()
     confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
@@ -380,6 +296,8 @@ class Grounds:
     table_channels: tuple[str, ...] = ()
     form_errors: tuple[FormUsed, ...] = ()
     form_matters: Note | None = None
+    refuted_soil: tuple[RefutedSoil, ...] = ()
+    soil_instead: tuple[SoilInstead, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -404,6 +322,8 @@ class Diagnosis:
         Of one campaign of driven runs.
     linearisation : Linearisation or None
         Of driven runs.
+    average : Average or None
+        Of driven runs under "one_of", where it was asked for.
     """
 
     verdict: Verdict
@@ -426,6 +346,15 @@ class Diagnosis:
     grounds: Grounds = field(default_factory=Grounds)
     information: Information | None = None
     linearisation: Linearisation | None = None
+    average: Average | None = None
+
+    @property
+    def stated(self) -> tuple[tuple[Cause, Note | None], ...]:
+        """Every cause of the verdict and every one that a rule bars beside named ones, with that rule."""
+        barred = {one.cause.name: one for one in self.grounds.kept_back}
+        own = tuple((cause, barred[cause.name].why if cause.name in barred else None) for cause in self.causes)
+        names = {cause.name for cause in self.causes}
+        return (*own, *((one.cause, one.why) for name, one in barred.items() if name not in names))
 
     def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
         """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.
@@ -455,8 +384,9 @@ class Diagnosis:
         Returns
         -------
         dict of pandas.DataFrame
-            ``causes`` (one row a parameter, with its 95 % interval), ``candidates``, ``what_is_wrong``, ``gain`` (one
-            row a channel and model), ``minimum_detectable`` and ``next_run``; sizes in the unit of the row.
+            ``causes`` (one row a parameter, with its 95 % interval; ``barred`` is the `LackCode` that keeps back its
+            name), ``candidates``, ``what_is_wrong``, ``gain`` (one row a channel and model), ``minimum_detectable`` and
+            ``next_run``; sizes in the unit of the row.
         """
         return _frames(self)
 
@@ -495,8 +425,11 @@ def _place(place: Shape | Rows) -> tuple[str, float, float, str, float, str, str
 def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
     none = (ParameterEstimate("", "", float("nan"), (float("nan"), float("nan")), float("nan")),)
     causes = [
-        (c.name, c.form, c.kind, c.probability, c.form_probability, p.name, p.unit, p.value, p.sigma, *p.interval95)
-        for c in found.causes
+        (
+            *(c.name, c.form, c.kind, c.probability, c.form_probability, str(why.code) if why else ""),
+            *(p.name, p.unit, p.value, p.sigma, *p.interval95),
+        )
+        for c, why in found.stated
         for p in c.parameters or none
     ]
     wrong = [
@@ -514,9 +447,10 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
         (str(run.step.code), ", ".join(run.separates), run.expected_log_bayes_factor, run.cost_runs)
         for run in found.next_run
     ]
+    of_cause = ("name", "form", "kind", "probability", "form_probability", "barred")
     estimate = ("parameter", "unit", "value", "sigma", "lower95", "upper95")
     return {
-        "causes": frame_of_rows(("name", "form", "kind", "probability", "form_probability", *estimate), causes),
+        "causes": frame_of_rows((*of_cause, *estimate), causes),
         "candidates": frame_of_rows(("name", "probability"), [(c.name, c.probability) for c in found.candidates]),
         "what_is_wrong": frame_of_rows(("channel", *_PLACE, "unit", "size", "median_there", "statistic"), wrong),
         "gain": frame_of_rows(("channel", "model", "unit", "R0", "M0_percent", "R2", "log_likelihood"), gain),

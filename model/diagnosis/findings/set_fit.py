@@ -36,7 +36,7 @@ from model.diagnosis.time_series.linearised_campaign import STEPS, LinearisedCam
 from model.diagnosis.time_series.start import CampaignData
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
-from model.fit.intervals import Blocks, profile_of_sum, sandwich
+from model.fit.intervals import Blocks, Sandwich, profile_of_sum, sandwich
 from model.wheel_soil.soils import SOIL_PARAMETERS
 
 TRUST = 20.0
@@ -114,18 +114,9 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
     if not count:
         nothing = np.zeros((0, 0))
         return Spread(nothing, nothing, nothing, *(np.zeros(0),) * 4)
-    rows = problem.runs(x)
-    everything = np.concatenate(rows)
-    run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
-    jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
-    found = sandwich(jacobian[:, None], scores, Blocks(run, len(rows), float("nan"), float("nan")), np.eye(count))
-    degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
-    share = degrees / (degrees + TRUST)
-    both = (1.0 - share) * found.naive + share * found.covariance
-    widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
+    found, combined, degrees = _over_runs(problem, x)
     by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
     by_choice, by_form = _by_choice(linearised, keys, count), _by_form(linearised.grams, keys)
-    combined = found.naive * np.outer(widening, widening)
     extra = np.sqrt(1.0 + (by_noise + by_choice + by_form) / np.diag(combined))
     return Spread(
         covariance=combined * np.outer(extra, extra),
@@ -136,6 +127,35 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
         by_choice=by_choice,
         by_form=by_form,
     )
+
+
+def spread_within(
+    problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign, keys: tuple[str, ...]
+) -> FloatArray:
+    """Return the covariance of a fitted set's numbers given that it is the one, shape (p, p).
+
+    Without what the noise's hyper-parameters move, which takes most of the time of `spread_of`, and without what the
+    choice of the set moves.
+    """
+    if not len(x):
+        return np.zeros((0, 0))
+    _, combined, _ = _over_runs(problem, x)
+    extra = np.sqrt(1.0 + _by_form(linearised.grams, keys) / np.diag(combined))
+    return np.asarray(combined * np.outer(extra, extra))
+
+
+def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray, float]:
+    """Return the sandwich over runs, the covariance that it widens the noise model's to, and degrees of freedom."""
+    rows = problem.runs(x)
+    everything = np.concatenate(rows)
+    run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
+    found = sandwich(jacobian[:, None], scores, Blocks(run, len(rows), float("nan"), float("nan")), np.eye(len(x)))
+    degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
+    share = degrees / (degrees + TRUST)
+    both = (1.0 - share) * found.naive + share * found.covariance
+    widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
+    return found, found.naive * np.outer(widening, widening), degrees
 
 
 def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
@@ -357,12 +377,27 @@ def parameters_of(
     return found
 
 
+def parameters_within(fit: SetFit, covariance: FloatArray) -> dict[str, tuple[ParameterEstimate, ...]]:
+    """Return the parameters of every effect of a set given that it is the one; see `spread_within`."""
+    offset, sigmas = len(fit.problem.soil), np.sqrt(np.diag(covariance))
+    return {
+        key: tuple(
+            _valued(fit, i, float(sigmas[i]), TRUST) for i, c in enumerate(fit.problem.causes, offset) if c.key == key
+        )
+        for key in fit.keys
+    }
+
+
 def _estimate(fit: SetFit, spread: Spread, i: int) -> ParameterEstimate:
+    return _valued(fit, i, float(spread.sigmas[i]), float(spread.degrees[i]))
+
+
+def _valued(fit: SetFit, i: int, sigma: float, degrees: float) -> ParameterEstimate:
+    """Return a parameter of its coordinate's one-sigma."""
     cause = fit.problem.causes[i - len(fit.problem.soil)]
-    size = abs(cause.scale)
     value = cause.neutral + float(fit.estimate[i]) * cause.scale
-    sigma = size * float(spread.sigmas[i])
-    low, high = interval(value, sigma, float(spread.degrees[i]))
+    sigma *= abs(cause.scale)
+    low, high = interval(value, sigma, degrees)
     return ParameterEstimate(cause.parameter, cause.unit, value, (max(low, cause.lower), min(high, cause.upper)), sigma)
 
 
@@ -390,12 +425,17 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
         As for `parameters_of`.
     """
     spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
+    return soils_with(fit, linearised, spread.covariance)
+
+
+def soils_with(fit: SetFit, linearised: LinearisedCampaign, covariance: FloatArray) -> tuple[SoilEstimate, ...]:
+    """Return the soil of every campaign, given the covariance of the fit's numbers, shape (p, p)."""
     found = []
     for part, data in zip(fit.problem.parts, linearised.campaigns, strict=True):
         space = part.simulation.space
         u = fit.estimate[part.soil]
         jacobian = space.jacobian(u)
-        sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, spread.covariance[part.soil, part.soil], jacobian))
+        sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance[part.soil, part.soil], jacobian))
         found.append(
             SoilEstimate(
                 data.campaign.name,

@@ -13,7 +13,7 @@ from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import OF_TABLES, Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
+from model.diagnosis.core.naming import Judgement, asked_again, barred_causes, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, LackOfFit, Verdict, undecided
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.findings import (
@@ -93,6 +93,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         barred=verdict.barred,
         beside=verdict.beside,
         most_probable=tuple(sorted(weighing.sets[0].families)),
+        kept_back=barred_causes(weighing.posterior, verdict),
         lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
         cautions=mixed_repeats(problem),

@@ -65,7 +65,8 @@ def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Jud
     if own.verdict != "named":
         return own, why
     likely = tuple(family for family, p in base.posterior.families().items() if p > _LIKELY)
-    return one_of(base.posterior, why, likely), why
+    kept_back = (*((family, why) for family in own.families), *own.kept_back)
+    return one_of(base.posterior, why, likely, kept_back), why
 
 
 def _same(one: Judgement, other: Judgement) -> bool:

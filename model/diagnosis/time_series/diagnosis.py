@@ -16,8 +16,16 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
-from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts, unshown
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets
+from model.diagnosis.core.naming import (
+    Judgement,
+    asked_again,
+    barred_causes,
+    confirmed,
+    judgement,
+    prior_shifts,
+    unshown,
+)
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -33,6 +41,7 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.findings.adequacy import Unlisted, adequacy, excess, findings, lack_of_fit, unlisted
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
+from model.diagnosis.findings.averaging import MOST_SETS, average_of
 from model.diagnosis.findings.explained import (
     Confounded,
     Explained,
@@ -45,6 +54,7 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
+from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
@@ -136,6 +146,11 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         if (after := confirmed(verdict, found, explained.causes)) != verdict:
             verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
+        spaces = [(one.campaign.name, one.simulation.space) for one in linearised.campaigns]
+        likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
+        refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
+        named = explained.extended if verdict.verdict == "named" else ()
+        in_place = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         onward = _onward(linearised, verdict, found, explained, confounded, on_request=options.next_run)
@@ -150,14 +165,21 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         grounds = Grounds(
             barred=verdict.barred,
             beside=verdict.beside,
+            kept_back=barred_causes(found, verdict),
             confounded=tuple(one.family for one in confounded),
             most_probable=tuple(EFFECTS[key].name for key in linearised.best.keys),
             terrains=two_soils(linearised.grams) if one_campaign else None,
             lack_of_fit=weighed.lack,
             prior_shifts=weighed.shifts,
             cautions=disputes,
+            refuted_soil=refuted,
+            soil_instead=in_place,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
+    average = None
+    if options.average and verdict.verdict == "one_of":
+        with clock.stage("average"):
+            average = average_of(fits, found, options.seed)
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
     return Diagnosis(
         verdict=verdict.verdict,
@@ -180,6 +202,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         grounds=grounds,
         information=linearised.information(factor),
         linearisation=linearised.linearisation,
+        average=average,
     )
 
 

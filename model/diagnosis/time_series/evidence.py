@@ -288,15 +288,15 @@ def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     precision = total[np.ix_(at, at)] + np.eye(at.size)
     lower, upper = (x[list(own)] for x in box(grams.causes))
     free = np.full(soils, np.inf)
-    found = _in_box(precision, total[at, 0], np.r_[-free, lower], np.r_[free, upper])
+    found = in_box(precision, total[at, 0], np.r_[-free, lower], np.r_[free, upper])
     coefficients = np.zeros(len(grams.causes))
     coefficients[list(own)] = found[soils:]
     covariance = np.asarray(np.linalg.inv(precision), float)
     return SetEstimate(keys, own, coefficients, found[:soils], covariance)
 
 
-def _in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Minimise x'precision x / 2 - side'x within bounds."""
+def in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the x within bounds that minimises x'precision x / 2 - side'x, shape (p,)."""
     if not side.size:
         return side
     root = np.asarray(np.linalg.cholesky(precision), float)

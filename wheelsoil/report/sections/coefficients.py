@@ -12,7 +12,6 @@ from scipy.special import chdtri
 from daq import OUTPUTS
 from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
-from model.wheel_soil import WheelSoilModel
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, line, marked_line, style
 from wheelsoil.report.inputs import ReportInputs
@@ -102,8 +101,7 @@ def _limits(fit: CampaignFit, model: ModelFit) -> dict[str, tuple[float, float, 
     """Return start, lower and upper bound of each variable."""
     options = fit.options
     extended = options.extended if model.name == EXTENDED else None
-    ground = extended.soil if extended else fit.soil
-    law = WheelSoilModel(fit.wheel, ground, [EFFECTS[key] for key in model.effects], options.reading)
+    law = options.forward(fit.wheel, fit.soil, model.name)
     free = free_parameters(law, options.soil_prior, extended.values if extended else None)
     return {one.name: (one.start, one.lower, one.upper) for one in free}
 
