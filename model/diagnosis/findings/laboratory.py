@@ -1,7 +1,7 @@
 r"""Whether the laboratory's soil holds, judged beside every set of causes that remains possible.
 
-One parameter of the soil may be `WIDER` times as uncertain as the laboratory states, with a probability of `PRIOR_PROBABILITY`
-that all parameters of all campaigns share. The soil's coordinates are then normal with covariance
+One parameter of the soil may be `WIDER` times as uncertain as the laboratory states. The prior probability of that is
+`PRIOR_PROBABILITY`, which all parameters of all campaigns share. The soil's coordinates are then normal with covariance
 
 .. math:: T T', \qquad T = I + R^+ (D - I) R,
 
