@@ -1,7 +1,7 @@
 r"""Whether the laboratory's soil holds, judged beside every set of causes that remains possible.
 
-One parameter of the soil may be `WIDER` times as uncertain as the laboratory states, with a probability of `BEFOREHAND`
-that all parameters of all campaigns share. The soil's coordinates are then normal with covariance
+One parameter of the soil may be `WIDER` times as uncertain as the laboratory states. The prior probability of that is
+`PRIOR_PROBABILITY`, which all parameters of all campaigns share. The soil's coordinates are then normal with covariance
 
 .. math:: T T', \qquad T = I + R^+ (D - I) R,
 
@@ -32,7 +32,7 @@ Keys = tuple[str, ...]
 
 WIDER = 5.0
 """Factor on the one-sigma of a parameter that the laboratory may have wrong."""
-BEFOREHAND = 0.1
+PRIOR_PROBABILITY = 0.1
 """Probability, before any data, that it has one wrong; all parameters of all campaigns share it."""
 SAID_AT = 0.95
 """Probability from which on it is said."""
@@ -71,7 +71,7 @@ def refuted_soil(
         return ()
     own = np.eye(len(grams.soil))
     chances, sizes = np.zeros(len(asked)), np.zeros(len(asked))
-    log_odds = np.log(BEFOREHAND / len(asked) / (1.0 - BEFOREHAND))
+    log_odds = np.log(PRIOR_PROBABILITY / len(asked) / (1.0 - PRIOR_PROBABILITY))
     for keys, probability in sets.items():
         plain, _ = _weighed(grams, keys, own)
         wider = [_weighed(grams, keys, one.precision) for one in asked]
@@ -140,7 +140,7 @@ def soil_instead(
     asked = list(_wider(spaces, len(grams.soil)))
     if whole is None or not asked:
         return ()
-    each, own = np.log(BEFOREHAND / len(asked)), np.eye(len(grams.soil))
+    each, own = np.log(PRIOR_PROBABILITY / len(asked)), np.eye(len(grams.soil))
     instead = []
     for key in named:
         fewer = tuple(other for other in named if other != key)
@@ -149,7 +149,7 @@ def soil_instead(
         plain, _ = _weighed(grams, fewer, own)
         wider = [_weighed(grams, fewer, one.precision) for one in asked]
         others = [float(log_weight[place] + each + value - plain) for value, _ in wider]
-        chances = softmax([float(log_weight[whole]) + np.log1p(-BEFOREHAND), *others])[1:]
+        chances = softmax([float(log_weight[whole]) + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
         best = int(np.argmax(chances))
         if chances[best] > INSTEAD_AT:
             one, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
