@@ -21,17 +21,21 @@ from numpy.typing import NDArray
 from daq import FloatArray
 
 TRACTIONS = (0.25, 0.35, 0.5, 0.7, 1.0)
-SLIPS = (0.02, 0.05, 0.12, 0.25)
+SLIPS = (0.02, 0.05, 0.12, 0.25, 0.5)
 RESISTANCES = (0.01, 0.06, 0.12, 0.2, 0.28, 0.36, 0.46)
 TOWED_SLIP = 1.6
 """c of s_0 = -c R^2."""
+TRACTION_WEIGHTS = (0.6, 0.51, 1.0, 0.71, 0.22)
+SLIP_WEIGHTS = (0.14, 0.32, 0.7, 1.0, 0.4)
+RESISTANCE_WEIGHTS = (0.21, 1.0, 0.51, 0.81, 0.78, 0.23, 0.1)
+"""How often each occurs."""
 BRAKED = 1.35
 """A of a braked wheel over that of a driven one."""
 NODES = np.linspace(-1.0, 1.0, 401)
 """Slips of the tables of `grounds`."""
 TAIL = 3.0
 """Degrees of freedom."""
-EFFECTIVE_SAMPLES = 14.0
+LEAST_SAMPLES, PER_CELL = 8.0, 1.2
 """A run's samples share their systematic errors: all of them together count for so many."""
 
 TRACTION_SIGMA, TRACTION_GAIN = 0.04, 0.15
@@ -72,3 +76,10 @@ def grounds() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.floa
     traction = most * (1 - decay) * np.sign(beyond)
     slope = most / scale * decay
     return traction.astype(np.float32), slope.astype(np.float32), grid[:, 2].astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def ground_weights() -> FloatArray:
+    """Return the log of how often each ground occurs, shape (k,), 0 for the most frequent."""
+    weights = np.prod(list(product(TRACTION_WEIGHTS, SLIP_WEIGHTS, RESISTANCE_WEIGHTS)), axis=1)
+    return np.asarray(np.log(weights / weights.max()))

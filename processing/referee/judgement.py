@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 
 from daq import STANDARD_GRAVITY_MPS2, FloatArray
 from processing.referee import densities as known
-from processing.referee.mends import JUDGED_ROLES, MENDS, RADIUS, Mend
+from processing.referee.mends import JUDGED_ROLES, MENDS, RADIUS, Kind, Mend
 
 REFUSED_BELOW = 1e-3
 NAMED_ABOVE = 0.99
+SOUND = Mend(Kind.SIGN)
+"""Nothing is mistaken."""
 _ROWS = 40
+_ROUGH = 5
+"""Every so many samples are looked at to find the mends that are hopeless."""
+_HOPELESS = 40.0
 _MOVING_SHARE = 0.1
 _FAST_QUANTILE = 0.9
 _LEAST_ROWS = 10
 _LEAST_LOAD = 0.2
+_CELLS = 4
 _USUAL_TRACTION = 0.5
 _MOST_FORCE = 1.5
 _V, _OMEGA, _W, _D, _T = range(len(JUDGED_ROLES))
@@ -88,15 +94,17 @@ def judge(evidence: Evidence) -> Ruling:
     rows = _rows(evidence)
     if rows is None:
         return Ruling(1.0)
-    sound = float(_scores(evidence, rows, [Mend(kind=MENDS[0].kind)])[0])
-    possible = [mend for mend in MENDS if _applies(mend, evidence)]
-    if sound > 2 + log(known.MEND_PRIOR * len(possible)):  # no mend, however perfect, is as probable
-        return Ruling(1.0)
-    logs = np.array([sound, *(_scores(evidence, rows, possible) + log(known.MEND_PRIOR))])
+    samples = _effective_samples(rows)
+    possible = [SOUND, *(mend for mend in MENDS if _applies(mend, evidence))]
+    rough = _scores(evidence, rows[:, ::_ROUGH], possible, samples)
+    kept = np.flatnonzero((rough > rough.max() - _HOPELESS) | (np.arange(len(possible)) == 0))
+    possible = [possible[i] for i in kept]
+    logs = _scores(evidence, rows, possible, samples)
+    logs[1:] += log(known.MEND_PRIOR)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
     order = np.argsort(-shares[1:], kind="stable")
-    return Ruling(float(shares[0]), tuple((possible[i], float(shares[i + 1])) for i in order))
+    return Ruling(float(shares[0]), tuple((possible[i + 1], float(shares[i + 1])) for i in order))
 
 
 def _applies(mend: Mend, evidence: Evidence) -> bool:
@@ -125,8 +133,8 @@ def _rows(evidence: Evidence) -> FloatArray | None:
     return rows
 
 
-def _scores(evidence: Evidence, rows: FloatArray, mends: Sequence[Mend]) -> FloatArray:
-    """Return the log score of every mend, shape (h,); 0 is perfect."""
+def _scores(evidence: Evidence, rows: FloatArray, mends: Sequence[Mend], samples: float) -> FloatArray:
+    """Return the log score of every mend, shape (h,); 0 is perfect. So many `samples` are independent."""
     order = np.tile(np.arange(len(JUDGED_ROLES)), (len(mends), 1))
     factor = np.ones(order.shape)
     radius = np.full(len(mends), evidence.radius_m)
@@ -139,7 +147,21 @@ def _scores(evidence: Evidence, rows: FloatArray, mends: Sequence[Mend]) -> Floa
     values = rows[order] * factor[:, :, np.newaxis]
     against = np.array([evidence.against_track.get(role, np.nan) for role in JUDGED_ROLES])
     track = against[order[:, _V]] * np.abs(factor[:, _V])
-    return _of_sizes(values, radius, track, evidence.mass_kg) + _of_samples(values, radius)
+    return _of_sizes(values, radius, track, evidence.mass_kg) + _of_samples(values, radius, samples)
+
+
+def _effective_samples(rows: FloatArray) -> float:
+    """Return how many samples count as independent: more where speeds and forces vary; the same for every mend."""
+    known_rows = rows[np.isfinite(rows).all(axis=1)]
+    usual = np.maximum(np.quantile(np.abs(known_rows), _FAST_QUANTILE, axis=1), 1e-12)[:, np.newaxis]
+    relative = np.rint(known_rows / usual * _CELLS).astype(np.int64)
+    if np.isfinite(rows[:2]).all():
+        ratio = np.log(np.maximum(np.abs(rows[_V]), 1e-9) / np.maximum(np.abs(rows[_OMEGA]), 1e-9))
+        ratio = np.clip(ratio - np.median(ratio), -3, 3)
+        relative = np.vstack([relative[2:], np.rint(ratio * _CELLS)])
+    pull = 1 if np.isfinite(rows[_D]).all() else 0
+    cells = len(np.unique(relative[[pull, -1]], axis=1).T) if len(relative) > 1 else 1
+    return float(known.LEAST_SAMPLES + known.PER_CELL * cells)
 
 
 def _of_sizes(values: FloatArray, radius: FloatArray, track: FloatArray, mass_kg: float | None) -> FloatArray:
@@ -160,7 +182,7 @@ def _of_sizes(values: FloatArray, radius: FloatArray, track: FloatArray, mass_kg
     return np.asarray(np.nansum(scores, axis=0))
 
 
-def _of_samples(values: FloatArray, radius: FloatArray) -> FloatArray:
+def _of_samples(values: FloatArray, radius: FloatArray, samples: float) -> FloatArray:
     """Return the log score of slip, traction and resistance over all grounds, shape (h,)."""
     wheel = _wheel_ratios(values, radius)
     score = known.student(np.maximum(np.abs(wheel.slip) - 1, 0), known.EXCESS_SIGMA) + wheel.of_load
@@ -169,8 +191,8 @@ def _of_samples(values: FloatArray, radius: FloatArray) -> FloatArray:
         weight = np.array([of_kind for of_kind, *_ in known.FREE_SLIP])[:, np.newaxis]
     else:
         score = score - (known.TAIL + 1) / 2 * np.log(_odds(wheel))
-        weight = np.zeros((score.shape[0], 1)) - log(score.shape[0])
-    each = known.EFFECTIVE_SAMPLES * (score * wheel.weight).sum(axis=2) + weight
+        weight = known.ground_weights()[:, np.newaxis]
+    each = samples * (score * wheel.weight).sum(axis=2) + weight
     best = each.max(axis=0)
     return np.asarray(best + np.log(np.exp(each - best).sum(axis=0)), np.float64)
 
