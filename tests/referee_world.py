@@ -51,7 +51,9 @@ def _smooth(rng: np.random.Generator, count: int, low: float, high: float, piece
 def cycles(rng: np.random.Generator, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Accelerate, coast and brake, three times, between two standstills."""
     phase = np.clip((at - 0.1) / 0.8, 0, 1) * 3 % 1
-    slip = np.select([phase < 0.45, phase < 0.65, phase < 0.85], [rng.uniform(0.3, 0.8), -0.02, -rng.uniform(0.1, 0.4)], 0)
+    slip = np.select(
+        [phase < 0.45, phase < 0.65, phase < 0.85], [rng.uniform(0.3, 0.8), -0.02, -rng.uniform(0.1, 0.4)], 0
+    )
     speed = np.where((at > 0.1) & (at < 0.9), 0.5 + 0.5 * np.sin(pi * phase), 0.0)
     width = len(at) / 60
     return gaussian_filter1d(speed, width), gaussian_filter1d(slip, width)
@@ -131,7 +133,9 @@ def sound_world(
     way = way or WAYS[rng.integers(len(WAYS))]
     speed_mps = speed_mps or float(np.exp(rng.uniform(np.log(0.5), np.log(15.0))))
     load_n = 8000.0 * (wheel.radius_m / 0.47) ** 2.6 * float(rng.uniform(0.5, 1.5))
-    names = [name for name in ("vasilev", "ding", "bulldozing", "slope", "grouser", "stress_peak_shift") if name in EFFECTS]
+    names = [
+        name for name in ("vasilev", "ding", "bulldozing", "slope", "grouser", "stress_peak_shift") if name in EFFECTS
+    ]
     acting = [EFFECTS[str(rng.choice(names))]] if rng.random() < 0.5 else []
     values = {k: v for e in acting for k, v in e.keyed({p.name: p.start for p in e.parameters}).items()}
     curve = _Curve(WheelSoilModel(wheel, soil, acting), values, load_n)
@@ -144,7 +148,9 @@ class _Curve:
     """Traction and pull over slip of one wheel and soil, in loads."""
 
     def __init__(self, model: WheelSoilModel, values: dict[str, float], load_n: float) -> None:
-        self.slip = np.concatenate([np.linspace(-0.95, -0.1, 18), np.linspace(-0.08, 0.2, 29), np.linspace(0.25, 0.99, 20)])
+        self.slip = np.concatenate(
+            [np.linspace(-0.95, -0.1, 18), np.linspace(-0.08, 0.2, 29), np.linspace(0.25, 0.99, 20)]
+        )
         n = len(self.slip)
         conditions = Conditions(
             slip=self.slip,

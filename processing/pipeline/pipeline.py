@@ -45,9 +45,9 @@ from processing.pipeline.resampling import (
     received_span_ns,
 )
 from processing.pipeline.rut import with_ruts
-from processing.pipeline.sense import sense_notes
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
+from processing.referee import plausibility_notes
 from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
@@ -197,7 +197,7 @@ def process_stream(
     filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
     brakes = vehicle.vehicle.standstill_brakes
     processed = with_ruts(assemble(filtered, wheel, run or RunInfo(), options, brakes))
-    found = (*processed.quality.notes, *sense_notes(processed, vehicle))
+    found = (*processed.quality.notes, *plausibility_notes(processed, vehicle))
     quality = replace(processed.quality, notes=found, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

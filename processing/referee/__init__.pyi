@@ -1,4 +1,5 @@
 from .evidence import evidence_of as evidence_of
+from .evidence import plausibility_notes as plausibility_notes
 from .judgement import NAMED_ABOVE as NAMED_ABOVE
 from .judgement import REFUSED_BELOW as REFUSED_BELOW
 from .judgement import Evidence as Evidence

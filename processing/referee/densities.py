@@ -1,9 +1,9 @@
-"""Densities of the referee's residuals, fixed on simulated sound runs (`tests/processing/fit_referee.py`).
+r"""Densities of the referee's residuals, fixed on simulated sound runs (`tests/fit_referee.py`).
 
 Of a wheel on any ground, traction T/(r W) follows slip, and traction less pull D/W is a resistance that hardly depends
 on it. Every ground is one of a grid of curves
 
-.. math:: T/(r W) = A (1 - e^{-|s - s_0|/K}) \\, sgn(s - s_0), \\qquad (T/r - D)/W = R, \\qquad s_0 = -c R^2
+.. math:: T/(r W) = A (1 - e^{-|s - s_0|/K}) \, sgn(s - s_0), \qquad (T/r - D)/W = R, \qquad s_0 = -c R^2
 
 with A larger where the wheel is braked.
 Residuals have Student's density, scaled to 1 at its peak: the logarithm is at most 0.
@@ -25,9 +25,9 @@ SLIPS = (0.02, 0.05, 0.12, 0.25, 0.5)
 RESISTANCES = (0.01, 0.06, 0.12, 0.2, 0.28, 0.36, 0.46)
 TOWED_SLIP = 1.6
 """c of s_0 = -c R^2."""
-TRACTION_WEIGHTS = (0.6, 0.51, 1.0, 0.71, 0.22)
-SLIP_WEIGHTS = (0.14, 0.32, 0.7, 1.0, 0.4)
-RESISTANCE_WEIGHTS = (0.21, 1.0, 0.51, 0.81, 0.78, 0.23, 0.1)
+TRACTION_WEIGHTS = (0.4, 0.34, 1.0, 0.76, 0.12)
+SLIP_WEIGHTS = (0.1, 0.26, 0.8, 1.0, 0.4)
+RESISTANCE_WEIGHTS = (0.15, 1.0, 0.46, 0.83, 0.78, 0.27, 0.1)
 """How often each occurs."""
 BRAKED = 1.35
 """A of a braked wheel over that of a driven one."""
@@ -60,7 +60,7 @@ MEND_PRIOR = 1e-3
 """Of each mend against sound."""
 
 
-def student(residual: FloatArray, sigma: FloatArray | float) -> FloatArray:
+def student(residual: FloatArray | NDArray[np.float32], sigma: FloatArray | float) -> FloatArray:
     """Return the log density of residuals, 0 at its peak."""
     return np.asarray(-(TAIL + 1) / 2 * np.log1p((residual / sigma) ** 2 / TAIL))
 

@@ -2,17 +2,58 @@
 
 from __future__ import annotations
 
+from math import nan
+from typing import Any
+
 import numpy as np
 
-from daq import ROLES, FloatArray, VehicleConfig
+from daq import ROLES, STANDARD_GRAVITY_MPS2, FloatArray, Note, Severity, VehicleConfig
+from processing.notes import RunCode
 from processing.processed_run import ProcessedRun
-from processing.referee.judgement import Evidence
+from processing.referee.judgement import Evidence, Ruling, judge
 from processing.referee.mends import JUDGED_ROLES
 
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
 _EARTH_RADIUS_M = 6_371_008.8
+
+
+def plausibility_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
+    """Return a note where a mistake of vehicle.toml is more probable than none: a fault where the run is impossible."""
+    evidence = evidence_of(run, vehicle)
+    ruling = judge(evidence)
+    if not ruling.doubted:
+        return []
+    severity = Severity.FAULT if ruling.refused else Severity.DOUBT
+    return [Note(RunCode.IMPLAUSIBLE, severity, _values(run, vehicle, evidence, ruling))]
+
+
+def _values(run: ProcessedRun, vehicle: VehicleConfig, evidence: Evidence, ruling: Ruling) -> dict[str, Any]:
+    shares = dict(ruling.mends)
+    load = np.abs(run.vertical_load_n)
+    usual = float(np.nanmedian(load)) if np.isfinite(load).any() else nan
+    weight = nan if evidence.mass_kg is None else evidence.mass_kg * STANDARD_GRAVITY_MPS2
+    declared = {role: vehicle.signals[role] for role in JUDGED_ROLES if role in vehicle.signals}
+    return {
+        "sound": ruling.sound,
+        "mends": tuple(mend.key for mend in ruling.named),
+        "shares": tuple(shares[mend] for mend in ruling.named),
+        "slip": _quantile(run.slip, 0.5),
+        "traction": _quantile(np.abs(run.driving_torque_nm), 0.9) / run.wheel_radius_m / usual,
+        "pull": _quantile(np.abs(run.drawbar_pull_n), 0.9) / usual,
+        "load_share": usual / weight,
+        "track": evidence.against_track.get("ground_speed", nan),
+        "radius_m": run.wheel_radius_m,
+        "signals": {role: name.signal for role, name in declared.items()},
+        "units": {role: name.unit or "" for role, name in declared.items()},
+        "signs": {role: name.sign for role, name in declared.items()},
+    }
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, share)) if len(known) else nan
 
 
 def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:

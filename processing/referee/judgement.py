@@ -187,7 +187,9 @@ def _of_samples(values: FloatArray, radius: FloatArray, samples: float) -> Float
     wheel = _wheel_ratios(values, radius)
     score = known.student(np.maximum(np.abs(wheel.slip) - 1, 0), known.EXCESS_SIGMA) + wheel.of_load
     if not (wheel.has_torque or wheel.has_pull):
-        score = score + np.array([known.student(wheel.slip, np.where(wheel.slip < 0, *two)) for _, *two in known.FREE_SLIP])
+        score = score + np.array(
+            [known.student(wheel.slip, np.where(wheel.slip < 0, *two)) for _, *two in known.FREE_SLIP]
+        )
         weight = np.array([of_kind for of_kind, *_ in known.FREE_SLIP])[:, np.newaxis]
     else:
         score = score - (known.TAIL + 1) / 2 * np.log(_odds(wheel))
@@ -252,15 +254,20 @@ def _wheel_ratios(values: FloatArray, radius: FloatArray) -> _Ratios:
     carried = np.maximum(np.maximum(size, _LEAST_LOAD * np.median(size, axis=1)[:, np.newaxis]), 1e-9)
     traction, pull = forward * rim_force / carried, forward * pull / carried
     gain = np.minimum(np.maximum(np.abs(traction), np.abs(pull)), _MOST_FORCE)
-    found = (
-        weight / np.maximum(weight.sum(axis=1), 1)[:, np.newaxis],
-        slip,
-        known.SLIP_SIGMA + known.SPEED_SIGMA_MPS / faster,
-        traction,
-        pull,
-        known.RESISTANCE_SIGMA + known.RESISTANCE_GAIN * gain,
-        known.SINKAGE_SIGMA * np.clip(slip, 0, 1),
-        np.where(load < 0, known.OF_LIFTED_LOAD, 0.0),
+    return _Ratios(
+        weight=_single(weight / np.maximum(weight.sum(axis=1), 1)[:, np.newaxis]),
+        slip=_single(slip),
+        slip_sigma=_single(known.SLIP_SIGMA + known.SPEED_SIGMA_MPS / faster),
+        traction=_single(traction),
+        pull=_single(pull),
+        balance_sigma=_single(known.RESISTANCE_SIGMA + known.RESISTANCE_GAIN * gain),
+        sinking=_single(known.SINKAGE_SIGMA * np.clip(slip, 0, 1)),
+        of_load=_single(np.where(load < 0, known.OF_LIFTED_LOAD, 0.0)),
+        has_slip=has_slip,
+        has_torque=bool(measured[_T]),
+        has_pull=bool(measured[_D]),
     )
-    arrays = (array.astype(np.float32) for array in found)
-    return _Ratios(*arrays, has_slip=has_slip, has_torque=bool(measured[_T]), has_pull=bool(measured[_D]))
+
+
+def _single(values: FloatArray) -> NDArray[np.float32]:
+    return values.astype(np.float32)

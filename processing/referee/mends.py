@@ -16,7 +16,7 @@ RADIUS = "radius_m"
 _POUND_N = 4.4482216152605
 _FOOT_M = 0.3048
 _INCH_M = 0.0254
-_SPEEDS = {"km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
+_SPEEDS = {"km/h": 1 / 3.6, "mph": 0.44704, "kt": 1852 / 3600}
 _WHEEL_SPEEDS = {"rpm": pi / 30, "deg/s": pi / 180}
 _FORCES = {"kN": 1e3, "kgf": STANDARD_GRAVITY_MPS2, "lbf": _POUND_N}
 _MOMENTS = {"kNm": 1e3, "lbf ft": _POUND_N * _FOOT_M}
@@ -36,7 +36,7 @@ class Kind(StrEnum):
     EXCHANGED = "exchanged"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mend:
     """One mistake, and what undoes it.
 
