@@ -125,8 +125,9 @@ def sound_world(
     duration_s: float = 40.0,
     speed_mps: float | None = None,
     wheel: Wheel | None = None,
+    declared: bool | None = None,
 ) -> World:
-    """Return a sound run; what is not given is drawn."""
+    """Return a sound run; what is not given is drawn, also whether mass and positions are known."""
     soil = soil or drawn_ground(rng)
     wheel = wheel or Wheel(float(rng.choice([0.1, 0.3, 0.47, 0.47, 0.8])), 0.0)
     wheel = wheel if wheel.width_m else Wheel(wheel.radius_m, wheel.radius_m * float(rng.uniform(0.5, 0.9)))
@@ -141,7 +142,7 @@ def sound_world(
     curve = _Curve(WheelSoilModel(wheel, soil, acting), values, load_n)
     if not np.isfinite(curve.traction).all():  # the soil does not carry the wheel
         curve = _Curve(WheelSoilModel(wheel, firm(soil), acting), values, load_n)
-    return _recorded(rng, curve, wheel, way, duration_s, speed_mps, load_n)
+    return _recorded(rng, curve, wheel, way, duration_s, speed_mps, load_n, declared)
 
 
 class _Curve:
@@ -171,7 +172,14 @@ class _Curve:
 
 
 def _recorded(
-    rng: np.random.Generator, curve: _Curve, wheel: Wheel, way: Way, duration_s: float, speed_mps: float, load_n: float
+    rng: np.random.Generator,
+    curve: _Curve,
+    wheel: Wheel,
+    way: Way,
+    duration_s: float,
+    speed_mps: float,
+    load_n: float,
+    declared: bool | None = None,
 ) -> World:
     time = np.arange(round(duration_s * FORCE_RATE_HZ)) / FORCE_RATE_HZ
     share, slip = way(rng, time / duration_s)
@@ -201,14 +209,14 @@ def _recorded(
     channels = {role: _channel(role, time, values) for role, values in forces.items()}
     channels["ground_speed"] = _channel("ground_speed", gnss_at + delay_s, np.maximum(speed, 0.0))
     channels["wheel_speed"] = _channel("wheel_speed", wheel_at, np.interp(wheel_at, time, rim) / wheel.radius_m)
-    if rng.random() < 0.5:
+    if rng.random() < 0.5 if declared is None else declared:
         distance = np.cumsum(ground) / FORCE_RATE_HZ
         along = np.interp(gnss_at, time, distance) + 0.3 * _coloured(rng, len(gnss_at), 30.0, 20.0)
         channels["latitude"] = _channel("latitude", gnss_at, 52.0 + np.rad2deg(along / EARTH_M))
         channels["longitude"] = _channel("longitude", gnss_at, np.full(len(gnss_at), 10.0))
     mass = VehicleSection(mass_kg=4 * load_n / STANDARD_GRAVITY_MPS2 * float(rng.uniform(0.8, 1.3)))
     section = WheelSection(radius_m=wheel.radius_m, width_m=wheel.width_m)
-    given = {"wheel": section} | ({"vehicle": mass} if rng.random() < 0.5 else {})
+    given = {"wheel": section} | ({"vehicle": mass} if (rng.random() < 0.5 if declared is None else declared) else {})
     return World(channels, VehicleConfig.model_validate(given))
 
 

@@ -6,6 +6,7 @@ from .judgement import Evidence as Evidence
 from .judgement import Ruling as Ruling
 from .judgement import judge as judge
 from .mends import BY_KEY as BY_KEY
+from .mends import LISTED as LISTED
 from .mends import MENDS as MENDS
 from .mends import Kind as Kind
 from .mends import Mend as Mend

@@ -59,6 +59,12 @@ def _quantile(values: FloatArray, share: float) -> float:
 def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:
     """Return the channels of a run as they are declared, and what else it says of them."""
     channels = {role: np.asarray(getattr(run, ROLES[role].field)) for role in JUDGED_ROLES}
+    # as at the hub: an acceleration in a wrong unit must not spoil the force that it corrects
+    for role, parts, acceleration in (
+        ("drawbar_pull", -run.outboard_mass_kg, run.ground_acceleration_mps2),
+        ("driving_torque", run.outboard_inertia_kgm2, run.wheel_acceleration_radps2),
+    ):
+        channels[role] = channels[role] + np.nan_to_num(parts * acceleration)
     channels = {role: values for role, values in channels.items() if np.isfinite(values).any()}
     mass_kg = vehicle.vehicle.mass_kg
     if mass_kg is not None:

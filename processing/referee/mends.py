@@ -103,4 +103,6 @@ MENDS = (
     *(Mend(Kind.EXCHANGED, exchanged=pair) for pair in combinations(JUDGED_ROLES, 2)),
 )
 """Every mistake that the referee knows; one at a time."""
+LISTED = tuple(mend.key for mend in MENDS if mend.kind is not Kind.DECLARED and len(mend.factors) < 2)
+"""The thirty that the documentation lists, each of one channel or one pair."""
 BY_KEY = {mend.key: mend for mend in MENDS}
