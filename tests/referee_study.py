@@ -116,9 +116,8 @@ def study_sound(count: int) -> None:
         refused, noted = refused + ruling.refused, noted + (ruling.doubted and not ruling.refused)
         if ruling.doubted:
             print(f"  sound {seed}, {way.__name__}: {ruling.sound:.2g}, {[m.key for m in ruling.named]}", flush=True)
-    print(
-        f"sound runs: refused {bounds(refused, count)}, noted {bounds(noted, count)}, {1e3 * spent_s / count:.1f} ms each"
-    )
+    each_ms = 1e3 * spent_s / max(count, 1)
+    print(f"sound runs: refused {bounds(refused, count)}, noted {bounds(noted, count)}, {each_ms:.1f} ms each")
 
 
 def study_causes(count: int) -> None:

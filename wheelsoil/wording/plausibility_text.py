@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from dataclasses import replace
+from math import isfinite, nan
 from typing import Any
 
-from daq import ROLES, Fault, number
+from daq import ROLES, Fault, Note, number
 from processing.referee import BY_KEY, Kind, Mend
 
 Values = Mapping[str, Any]
@@ -19,7 +20,13 @@ _UNIT_NAMES = {"in": "inches", "kt": "knots", "kNm": "kN m"}
 
 def plausibility_sentence(v: Values) -> str:
     """Return what is noted of a run that is implausible or impossible as declared."""
-    return f"{_what(v)}: {_found(v)}; expected {_EXPECTED}; {_next_step(v)}"
+    found = f"{_found(v)}; expected {_EXPECTED}; " if isfinite(v["slip"]) else ""
+    return f"{_what(v)}: {found}{_next_step(v)}"
+
+
+def without_numbers(note: Note) -> Note:
+    """Return a note that is the same for runs with the same mistake."""
+    return replace(note, values={**note.values, "slip": nan})
 
 
 def refusal(v: Values, where: str) -> Fault:

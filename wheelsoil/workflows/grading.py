@@ -11,6 +11,7 @@ import numpy as np
 from daq import Note, Severity
 from processing import SLIP_ROLES, ProcessedRun, Reason, RunCode
 from wheelsoil.wording.notes import runs_by_text, texts_of
+from wheelsoil.wording.plausibility_text import without_numbers
 
 Level = Literal["good", "fair", "poor"]
 
@@ -68,7 +69,8 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
 
 def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
     """Return what makes runs implausible as they are declared, with the names of the runs."""
-    return [f"{', '.join(names)}: {text}" for text, names in runs_by_text(runs, plausibility_of).items()]
+    about = runs_by_text(runs, lambda run: map(without_numbers, plausibility_of(run)))
+    return [f"{', '.join(names)}: {text}" for text, names in about.items()]
 
 
 def plausibility_of(run: ProcessedRun) -> list[Note]:
