@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Use, data_frame
+from daq import ON_TIME_BASE, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Severity, Use, data_frame
 from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES
 
@@ -312,6 +312,11 @@ def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
         words: NDArray[np.str_] = np.array([member.name.lower() for member in _NAMED[name]])
         return np.asarray(words[run.column(name)[rows]])
     return np.ascontiguousarray(run.column(name)[rows])
+
+
+def is_refused(run: ProcessedRun) -> bool:
+    """Return whether a run is impossible as it is declared; see `processing.referee`."""
+    return any(note.code == RunCode.IMPLAUSIBLE and note.severity == Severity.FAULT for note in run.quality.notes)
 
 
 _NOT_WHOLE = (RunCode.ROLE_MISSING, RunCode.NOT_MEASURED, RunCode.NEVER_USABLE)

@@ -189,7 +189,7 @@ def assemble(
         reason=reason,
         outboard_mass_kg=wheel.outboard_mass_kg,
         outboard_inertia_kgm2=wheel.outboard_inertia_kgm2,
-        quality=_quality(filtered, slip, segments, stuck, reason, radius_m, options, brakes, notes, pace),
+        quality=_quality(filtered, segments, stuck, reason, radius_m, options, brakes, notes, pace),
     )
 
 
@@ -217,7 +217,6 @@ def _with_standstill_noise(filtered: FilteredRun, segments: NDArray[np.uint8], r
 
 def _quality(
     filtered: FilteredRun,
-    slip: FloatArray,
     segments: NDArray[np.uint8],
     stuck: BoolArray,
     reason: NDArray[np.uint8],
@@ -252,16 +251,7 @@ def _quality(
             *notes,
             *sensor_notes(sensors),
             *speed_notes(speeds, sensors),
-            *run_notes(
-                reason,
-                filtered.reasons(),
-                standing,
-                filtered.values("driving_torque"),
-                filtered.values("drawbar_pull"),
-                slip,
-                filtered.slope("ground_speed"),
-                filtered.values("vertical_load"),
-            ),
+            *run_notes(segments, filtered.reasons(), standing),
         ),
         sensors=sensors,
         standstills=standing,

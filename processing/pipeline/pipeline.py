@@ -46,9 +46,9 @@ from processing.pipeline.resampling import (
     received_span_ns,
 )
 from processing.pipeline.rut import with_ruts
-from processing.pipeline.sense import sense_notes
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
+from processing.referee import plausibility_notes
 from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
@@ -190,7 +190,7 @@ def process_stream(
     notes += lowered + gate.notes() + removal.notes()
     ready_run = _ReadyRun(vehicle, wheel, run or RunInfo(), cutoff_hz, clock, tuple(notes), missing, gate, removal)
     processed, little = _with_remark(ready_run, samples, options)
-    found = (*processed.quality.notes, *sense_notes(processed, vehicle), *little)
+    found = (*processed.quality.notes, *plausibility_notes(processed, vehicle), *little)
     quality = replace(processed.quality, notes=found, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

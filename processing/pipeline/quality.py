@@ -9,18 +9,15 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import REACTIONS, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
+from daq import REACTIONS, ConfigError, Fault, FloatArray, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts, Standstill
 
-_SIGN_SAMPLES = 50
-_OPPOSED = 0.3
-_LITTLE_SLIP = 0.3
 _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
-_NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
+_MOSTLY = 0.5
 
 Interval = tuple[float, float]
 """First and last second, since the time base of the run begins."""
@@ -156,21 +153,11 @@ def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> lis
         else:
             values["wheel_declared_s"] = declared_s["wheel_speed"]
             notes.append(Note(RunCode.GROUND_SPEED_EARLY, Severity.DOUBT, values))
-    scale, scale_sigma = speeds.scale, speeds.scale_sigma
-    if abs(scale - 1) > max(_NOTABLE_SCALE, 3 * scale_sigma):
-        notes.append(Note(RunCode.SPEED_SCALE, Severity.DOUBT, {"scale": scale, "sigma": scale_sigma}))
     return notes
 
 
 def run_notes(
-    reason: NDArray[np.uint8],
-    gaps: dict[str, NDArray[np.uint8]],
-    standing: tuple[Standstill, ...],
-    torque_nm: FloatArray,
-    drawbar_pull_n: FloatArray,
-    slip: FloatArray,
-    acceleration_mps2: FloatArray,
-    vertical_load_n: FloatArray,
+    segments: NDArray[np.uint8], gaps: dict[str, NDArray[np.uint8]], standing: tuple[Standstill, ...]
 ) -> list[Note]:
     """Return notes on the run as a whole; `gaps` are the reasons of each channel."""
     notes = []
@@ -181,26 +168,10 @@ def run_notes(
         share = float(np.mean((channel == Reason.GAP) | (channel == Reason.NOT_MEASURED)))
         if share > _NOTABLE_GAP_SHARE:
             notes.append(Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": role, "share": share}))
-    load = vertical_load_n[np.isfinite(vertical_load_n)]
-    if len(load) and np.median(load) <= 0:
-        notes.append(Note(RunCode.LOAD_NEGATIVE, Severity.FAULT))
-    used = reason == Reason.USED
-    notes += _opposed("driving_torque", torque_nm, "acceleration", acceleration_mps2, used)
-    # whatever the soil, more slip means more pull where there is little of it, braking included
-    notes += _opposed("drawbar_pull", drawbar_pull_n, "slip", slip, used & (np.abs(slip) < _LITTLE_SLIP))
+    standing_share = float(np.mean(segments == Segment.STANDSTILL))
+    if standing_share > _MOSTLY:
+        notes.append(Note(RunCode.MOSTLY_STANDING, values={"share": standing_share}))
     return notes
-
-
-def _opposed(role: str, values: FloatArray, against: str, of: FloatArray, rows: BoolArray) -> list[Note]:
-    """Return a note when a force falls with what makes it rise: its sign is wrong."""
-    rows = rows & np.isfinite(values) & np.isfinite(of)
-    if rows.sum() <= _SIGN_SAMPLES or not np.ptp(values[rows]) > 0 or not np.ptp(of[rows]) > 0:
-        return []
-    correlation = float(np.corrcoef(values[rows], of[rows])[0, 1])
-    if correlation > -_OPPOSED:
-        return []
-    facts = {"role": role, "against": against, "correlation": correlation}
-    return [Note(RunCode.SIGNS_OPPOSED, Severity.FAULT, facts)]
 
 
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamps, vehicle
+from synthetic_run import RADIUS_M, channel, forces, speeds, stamps, vehicle
 
 from daq.channels import Channel
 from processing.pipeline.latency import SpeedComparison
@@ -18,51 +18,6 @@ from wheelsoil.wording.notes import note_text, texts_of
 
 def _notes(channels: dict[str, Channel]) -> str:
     return "\n".join(texts_of(process(channels, vehicle()).quality.notes))
-
-
-def _accelerating(torque_sign: float) -> dict[str, Channel]:
-    at = stamps(60.0, 200.0)
-    acceleration = np.gradient(driven_speed(at), at)
-    return {
-        "driving_torque": channel("T", at, torque_sign * (200 + 900 * acceleration)),
-        "vertical_load": channel("W", at, np.full(len(at), 8000.0)),
-        "drawbar_pull": channel("D", at, 900 * acceleration),
-    }
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_torque_that_brakes_what_it_drives_is_noticed(sign: float) -> None:
-    notes = _notes(speeds(60.0, 0.1) | _accelerating(sign))
-    assert ("check the sign of the torque" in notes) == (sign < 0)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_pull_that_falls_with_slip_is_noticed(sign: float) -> None:
-    rng = np.random.default_rng(2)
-    at = stamps(60.0, 200.0)
-    slip = 0.1 + 0.2 * np.sin(2 * np.pi * at / 15)
-    ground = np.full(len(at), 2.0)
-    rim = ground / np.where(slip > 0, 1 - slip, 1 / (1 + slip))
-    pull = sign * (900 * np.tanh(slip / 0.1) + 100 * rng.standard_normal(len(at)))
-    notes = _notes(
-        {
-            "ground_speed": channel("V", at, ground),
-            "wheel_speed": channel("w", at, rim / RADIUS_M),
-            "vertical_load": channel("W", at, np.full(len(at), 8000.0)),
-            "drawbar_pull": channel("D", at, pull),
-        }
-    )
-    assert ("check the sign of the drawbar pull" in notes) == (sign < 0)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_load_that_pulls_the_wheel_down_is_noticed(sign: float) -> None:
-    loads = forces(20.0)
-    load = loads["vertical_load"]
-    turned = {"vertical_load": Channel("W", "N", load.time_ns, sign * load.values)}
-    run = process(speeds(20.0) | loads | turned, vehicle())
-    assert any("check its sign" in note for note in texts_of(run.quality.notes)) == (sign < 0)
-    assert ("NEGATIVE_LOAD" in run.quality.shares) == (sign < 0)
 
 
 @pytest.mark.parametrize("zero_n", [0.0, 120.0])
@@ -132,11 +87,10 @@ def test_a_run_that_never_stands_says_that_zeros_were_not_checked() -> None:
     assert "no standstill: zeros could not be checked" in _notes(speeds(10.0))
 
 
-def test_a_wrong_radius_and_a_late_receiver_are_noticed() -> None:
+def test_a_late_receiver_is_noticed() -> None:
     channels = speeds(60.0, delay_s=0.15)
     wheel = channels["wheel_speed"]
     notes = _notes(channels | {"wheel_speed": Channel("w", "", wheel.time_ns, wheel.values / 1.04)})
-    assert "check [wheel] radius_m" in notes
     assert "late against wheel speed beyond the declared delays" in notes
     assert "declare [sensors.ground_speed] latency_s = 0.15" in notes
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from implausible import implausible
 
 from daq.notes import Note, Severity
 from daq.runs.open import open_runs
@@ -67,9 +68,8 @@ def test_a_run_that_was_only_braked_is_no_bad_data(run):
 
 
 def test_what_processing_noted_tells(run):
-    signs = {"role": "driving_torque", "against": "acceleration", "correlation": -0.8}
-    turned = grade_of(noted(run, Note(RunCode.SIGNS_OPPOSED, Severity.FAULT, signs)))
-    assert turned.level == "poor" and "check the sign of the torque" in turned.reasons[0]
+    turned = grade_of(noted(run, implausible("sign:driving_torque")))
+    assert turned.level == "poor" and "driving torque seems to have the wrong sign" in turned.reasons[0]
     stamps = grade_of(noted(run, Note(RunCode.LATE_STAMPS, Severity.DOUBT, {"role": "ground_speed", "count": 3})))
     assert stamps.level == "fair" and "run backward" in stamps.reasons[0]
     assert grade_of(noted(run, Note(RunCode.NO_STANDSTILL))).level == "good"

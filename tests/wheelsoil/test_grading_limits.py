@@ -7,10 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from implausible import implausible
 from synthetic_run import forces, speeds, vehicle
 
-from daq.notes import Note, Severity
-from processing.notes import RunCode
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Standstill
 from wheelsoil.workflows.grading import grade_of
@@ -75,6 +74,6 @@ def test_a_zero_is_larger_than_a_fiftieth_of_the_load_and_three_sigmas(
 
 def test_a_wrong_sign_is_poor() -> None:
     run = run_with()
-    note = Note(RunCode.LOAD_NEGATIVE, Severity.FAULT)
+    note = implausible("sign:vertical_load")
     noted = replace(run, quality=replace(run.quality, notes=(note,)))
     assert grade_of(noted).level == "poor"

@@ -67,6 +67,7 @@ def diagnose_command(
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
+    accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -109,7 +110,15 @@ def diagnose_command(
         else:
             _diagnose(benches, settings, output, force=force, json=json)
         return
-    files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
+    files = Files(
+        options.one_file(vehicle),
+        terrain,
+        runs_file,
+        zero,
+        soil,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+    )
     if plan:
         if zero or choice:
             raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")

@@ -102,6 +102,10 @@ NoCache = Annotated[
         "--no-cache", callback=keep_nothing, help="Compute everything anew; keep nothing (see `wheelsoil cache`)."
     ),
 ]
+AcceptImplausible = Annotated[
+    bool,
+    typer.Option("--accept-implausible", help="Go on with runs that are impossible as vehicle.toml declares them."),
+]
 LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]
@@ -422,17 +426,17 @@ def refuse_two_sources(
 
 
 def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
-    """Open and process runs as a choice says, and print forces that seem to have the wrong sign (stderr).
+    """Open and process runs as a choice says, and print what makes them implausible (stderr).
 
     Parameters
     ----------
     purpose : "fit", "diagnose", ...
         Of the processing: what a run must hold.
     """
-    from wheelsoil.workflows.grading import wrong_signs
+    from wheelsoil.workflows.grading import doubted_runs
     from wheelsoil.workflows.runs import open_and_process
 
     processed = open_and_process(runs, choice.process_options(purpose), files, choice=choice)
-    for text in wrong_signs(run for _, run in processed):
+    for text in doubted_runs(run for _, run in processed):
         say_folded(text)
     return processed

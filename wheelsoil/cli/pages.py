@@ -59,6 +59,7 @@ def report_command(
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
+    accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -90,7 +91,15 @@ def report_command(
         benches = read_benches(tables, wheels, rename=rename, where=where)
         report = report_of_tables(benches, by_hand.fit_choices(extended), diagnose=diagnose)
     else:
-        files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
+        files = Files(
+            options.one_file(vehicle),
+            terrain,
+            runs_file,
+            zero,
+            soil,
+            lenient_dbc=lenient_dbc,
+            accept_implausible=accept_implausible,
+        )
         report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose)
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():

@@ -43,6 +43,7 @@ def process_command(
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
     lenient_dbc: options.LenientDbc = False,
+    accept_implausible: options.AcceptImplausible = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
     cutoff: Annotated[
         float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
@@ -64,7 +65,7 @@ def process_command(
 
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
-    files = Files(vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc)
+    files = Files(vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible)
     processed = open_and_process(runs, by_hand.process_options(rate_hz=rate), files, choice=by_hand)
     if target:
         _write(target, [run for _, run in processed])
@@ -135,6 +136,7 @@ def fit_command(
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
+    accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
 ) -> None:
     """Fit Wong's model and the slip-sinkage laws of Vasil'ev, Lyasko and Ding.
@@ -157,7 +159,9 @@ def fit_command(
         min_speed=min_speed,
     )
     choices = by_hand.fit_choices(load_model(model) if model else None)
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    files = Files(
+        vehicle, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible
+    )
     if table is not None:
         bench = read_bench(table, files, rename=rename, where=where)
         with computing("fitting"):
@@ -237,6 +241,7 @@ def sinkage_command(
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
+    accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
 ) -> None:
     """Estimate the sinkage of a driven wheel without a sinkage sensor.
@@ -251,7 +256,9 @@ def sinkage_command(
     if table is not None:
         facts = _sinkage_of_table(table, rename, where, vehicle)
     else:
-        files = Files(vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc)
+        files = Files(
+            vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible
+        )
         by_hand = options.chosen(None, min_speed=min_speed)
         facts = sinkage_of_runs(options.processed_for("sinkage", runs or (), files, by_hand))
     if json:

@@ -104,7 +104,7 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
     from wheelsoil.workflows.fit import FitChoices, fit_runs
     from wheelsoil.workflows.report import Diagnosed, report_of_processed
-    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.workflows.runs import Files, open_and_process
 
     folder = output / _CAMPAIGN
     choices, process_options = FitChoices(), ProcessOptions(purpose="diagnose")
@@ -113,7 +113,7 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
         simulated = simulate_campaign(folder, options, force=True)
     say(f"  {options.runs} runs, {simulated.frames:,} frames in {folder}")
     with _step("decode and process"):
-        processed = open_and_process([folder], process_options)
+        processed = open_and_process([folder], process_options, Files(accept_implausible=True))
     with _step("diagnose from forces"), computing("diagnosing"):
         unread = [(run, without_ruts(one)) for run, one in processed]
         first = diagnose_campaigns(campaigns_of([folder], unread), diagnosis_options())

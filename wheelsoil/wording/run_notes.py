@@ -8,6 +8,7 @@ from typing import Any
 
 from daq import ROLES, RecordingCode
 from processing import RunCode, ZeroCode
+from wheelsoil.wording.plausibility_text import plausibility_sentence
 
 Values = Mapping[str, Any]
 Sentence = str | Callable[[Values], str]
@@ -19,12 +20,6 @@ _MOST_LEVELS = 4
 def _clock_set(v: Values) -> str:
     by = f" by up to {v['within_s']:.3g} s" if isfinite(v["within_s"]) else ""
     return f"{v['count']:,} frames came while the host's clock was set; their times may be wrong{by}"
-
-
-def _opposed(v: Values) -> str:
-    name = ROLES[v["role"]].name.removeprefix("driving ")
-    sure = f" (correlation {v['correlation']:.2f})" if "correlation" in v else ""
-    return f"{name} and {v['against']} are opposed{sure}: check the sign of the {name}"
 
 
 def _standing(v: Values) -> str:
@@ -50,14 +45,6 @@ def _missing(v: Values) -> str:
         "never_usable": f"{signal} never has a usable value: check the sensor{fix}",
     }[v["cause"]]
     return f"{role} is missing; {step}"
-
-
-def _rolling(v: Values) -> str:
-    said = f"the rim is {v['ratio']:.3g} times as fast as the ground where the wheel should roll"
-    if not v["steady"]:
-        return f"{said} ({v['low']:.2g} to {v['high']:.2g}): is wheel_speed the wheel's, or the engine's?"
-    unit = f" ({v['unit']}?)" if v["unit"] else ""
-    return f"{said}: check the units of both speeds{unit} and [wheel] radius_m"
 
 
 def _ends(v: Values) -> str:
@@ -151,23 +138,10 @@ SENTENCES: dict[str, Sentence] = {
         f"({v['wheel_declared_s']:g} s) too short, as a toothed ring is late at low speed; check both data sheets "
         "before changing either"
     ),
-    RunCode.SPEED_SCALE: (
-        "ground speed is {scale:.4f} +- {sigma:.4f} of rim speed where the wheel hardly slips: check [wheel] radius_m"
-    ),
     RunCode.NO_STANDSTILL: "no standstill: zeros could not be checked",
     RunCode.ZERO_AT_STANDSTILL: _standing,
     RunCode.CHANNEL_GAPS: "{role} is missing for {share:.0%} of the run, and those samples are excluded",
-    RunCode.LOAD_NEGATIVE: (
-        "the vertical load is negative most of the time: check its sign (positive is up on the wheel)"
-    ),
-    RunCode.SIGNS_OPPOSED: _opposed,
-    RunCode.ROLLING_RATIO: _rolling,
-    RunCode.LOAD_AGAINST_MASS: (
-        "the vertical load of {load_n:.3g} N is {share:.2g} of the weight of {mass_kg:g} kg: check unit and mass"
-    ),
-    RunCode.FORCE_AGAINST_LOAD: lambda v: (
-        f"{ROLES[v['role']].name} is up to {v['share']:.3g} times the load: check the unit of both"
-    ),
+    RunCode.IMPLAUSIBLE: plausibility_sentence,
     RunCode.MOSTLY_STANDING: "the vehicle stands for {share:.0%} of the run",
     RunCode.SLOW_VEHICLE: "a slow vehicle: slip is formed from {least_mps:.2g} m/s on, not from 0.5 m/s",
     RunCode.STALLED: (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from daq import Note, Severity
 from processing import SLIP_ROLES, ProcessedRun, Reason, RunCode
 from wheelsoil.wording.notes import runs_by_text, texts_of
+from wheelsoil.wording.plausibility_text import without_numbers
 
 Level = Literal["good", "fair", "poor"]
 
@@ -21,7 +22,6 @@ _GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
 """Low slip tells little; a run that was only braked or coasted is no bad data, so that it is never poor for it."""
 _ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
 """Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
-_WRONG_SIGNS = (RunCode.LOAD_NEGATIVE, RunCode.SIGNS_OPPOSED)
 
 
 @dataclass(frozen=True)
@@ -67,19 +67,15 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     return Grade(level, (*poor, *fair), share, highest)
 
 
-def wrong_signs(runs: Iterable[ProcessedRun]) -> list[str]:
-    """Return what looks like the wrong sign of a force, with the names of the runs that say so."""
-    about = runs_by_text(runs, lambda run: map(_without_correlation, sign_notes(run)))
+def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
+    """Return what makes runs implausible as they are declared, with the names of the runs."""
+    about = runs_by_text(runs, lambda run: map(without_numbers, plausibility_of(run)))
     return [f"{', '.join(names)}: {text}" for text, names in about.items()]
 
 
-def sign_notes(run: ProcessedRun) -> list[Note]:
-    """Return what processing found wrong with the sign of a force."""
-    return [note for note in run.quality.notes if note.code in _WRONG_SIGNS]
-
-
-def _without_correlation(note: Note) -> Note:
-    return replace(note, values={name: value for name, value in note.values.items() if name != "correlation"})
+def plausibility_of(run: ProcessedRun) -> list[Note]:
+    """Return why a run is implausible as it is declared; nothing where it is sound."""
+    return [note for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
 
 
 def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:

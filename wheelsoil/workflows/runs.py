@@ -19,9 +19,10 @@ from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
 from model import in_parallel
-from processing import ProcessedRun, ProcessOptions, keep_only
+from processing import ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.plausibility_text import refusal
 from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
@@ -30,7 +31,8 @@ from wheelsoil.workflows.kept_runs import KeptRun, place_of
 class Files:
     """Files and settings given beside the recordings: options of the same names.
 
-    `soil` is a preset in place of terrain.toml.
+    `soil` is a preset in place of terrain.toml. `accept_implausible` goes on with runs that are impossible as they are
+    declared.
     """
 
     vehicle: Path | None = None
@@ -39,6 +41,7 @@ class Files:
     zero: Path | None = None
     soil: str | None = None
     lenient_dbc: bool = False
+    accept_implausible: bool = False
 
     def open_runs(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
         """Open runs with these files in place of their own; see `daq.runs.open_runs`."""
@@ -67,13 +70,24 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     files = files or Files()
-    return process_runs(files.open_runs(paths, say), options, zero=files.zero, choice=choice)
+    opened = files.open_runs(paths, say)
+    accept = files.accept_implausible
+    return process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept)
 
 
 def process_runs(
-    opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None, choice: Choice | None = None
+    opened: Sequence[Run],
+    options: ProcessOptions,
+    *,
+    zero: Path | None = None,
+    choice: Choice | None = None,
+    accept_implausible: bool = False,
 ) -> list[tuple[Run, ProcessedRun]]:
-    """Process runs that are open; see `open_and_process`."""
+    """Process runs that are open; see `open_and_process`.
+
+    A run that is impossible as it is declared is set aside and named on stderr, and is an error where none is left;
+    `accept_implausible` keeps it.
+    """
 
     def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
         try:
@@ -110,7 +124,29 @@ def process_runs(
             else:
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
-    return processed
+    return processed if accept_implausible else _plausible(processed)
+
+
+def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+    """Return the runs that are possible as they are declared.
+
+    Raises
+    ------
+    ConfigError
+        None is; it names each run, with what would mend it.
+    """
+    refused = [
+        refusal(note.values, f"{_name(run)}, {run.vehicle_source}")
+        for run, one in processed
+        if is_refused(one)
+        for note in one.quality.notes
+        if note.code == RunCode.IMPLAUSIBLE
+    ]
+    if len(refused) == len(processed) and refused:
+        raise ConfigError(*refused)
+    for fault in refused:
+        say(f"set aside: {fault}")
+    return [pair for pair in processed if not is_refused(pair[1])]
 
 
 def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Path | None) -> ProcessedRun:

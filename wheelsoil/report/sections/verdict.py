@@ -21,7 +21,7 @@ from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
-from wheelsoil.workflows.grading import sign_notes
+from wheelsoil.workflows.grading import plausibility_of
 
 _LOAD_TOLERANCE = 0.05
 _OFFSET_SHARE, _NOTABLE = 0.5, 0.01
@@ -180,7 +180,7 @@ def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
         _torque(material, ranking),
         _coverage(material),
         _losses(material),
-        *_signs(material),
+        *_implausible(material),
         *(Text(f"{note_text(note)}.", "warning") for note in material.fit.notes),
     ]
 
@@ -255,9 +255,9 @@ def _coverage(material: ReportInputs) -> Text:
     return Text(f"{text}.", "good")
 
 
-def _signs(material: ReportInputs) -> list[Text]:
-    """Repeat what processing found wrong with a sign: R² cannot see it, and nothing else on the page is worth then."""
-    found = {note_text(note) for run in material.runs for note in sign_notes(run)}
+def _implausible(material: ReportInputs) -> list[Text]:
+    """Repeat what makes a run implausible: R² cannot see it, and nothing else on the page is worth then."""
+    found = {note_text(note) for run in material.runs for note in plausibility_of(run)}
     return [Text(f"{text}.", "warning") for text in sorted(found)[:3]]
 
 

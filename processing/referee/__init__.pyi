@@ -1,0 +1,12 @@
+from .evidence import evidence_of as evidence_of
+from .evidence import plausibility_notes as plausibility_notes
+from .judgement import NAMED_ABOVE as NAMED_ABOVE
+from .judgement import REFUSED_BELOW as REFUSED_BELOW
+from .judgement import Evidence as Evidence
+from .judgement import Ruling as Ruling
+from .judgement import judge as judge
+from .mends import BY_KEY as BY_KEY
+from .mends import LISTED as LISTED
+from .mends import MENDS as MENDS
+from .mends import Kind as Kind
+from .mends import Mend as Mend

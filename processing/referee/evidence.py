@@ -1,0 +1,93 @@
+"""What the referee looks at in a processed run."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+import numpy as np
+
+from daq import ROLES, STANDARD_GRAVITY_MPS2, FloatArray, Note, Severity, VehicleConfig
+from processing.notes import RunCode
+from processing.processed_run import ProcessedRun
+from processing.referee.judgement import Evidence, Ruling, judge
+from processing.referee.mends import JUDGED_ROLES
+
+_WINDOW_S = 2.0
+_LEAST_CHORD_M = 2.0
+_LEAST_WINDOWS = 3
+_EARTH_RADIUS_M = 6_371_008.8
+
+
+def plausibility_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
+    """Return a note where a mistake of vehicle.toml is more probable than none: a fault where the run is impossible."""
+    evidence = evidence_of(run, vehicle)
+    ruling = judge(evidence)
+    if not ruling.doubted:
+        return []
+    severity = Severity.FAULT if ruling.refused else Severity.DOUBT
+    return [Note(RunCode.IMPLAUSIBLE, severity, _values(run, vehicle, evidence, ruling))]
+
+
+def _values(run: ProcessedRun, vehicle: VehicleConfig, evidence: Evidence, ruling: Ruling) -> dict[str, Any]:
+    shares = dict(ruling.mends)
+    load = np.abs(run.vertical_load_n)
+    usual = float(np.nanmedian(load)) if np.isfinite(load).any() else nan
+    weight = nan if evidence.mass_kg is None else evidence.mass_kg * STANDARD_GRAVITY_MPS2
+    declared = {role: vehicle.signals[role] for role in JUDGED_ROLES if role in vehicle.signals}
+    return {
+        "sound": ruling.sound,
+        "mends": tuple(mend.key for mend in ruling.named),
+        "shares": tuple(shares[mend] for mend in ruling.named),
+        "slip": _quantile(run.slip, 0.5),
+        "traction": _quantile(np.abs(run.driving_torque_nm), 0.9) / run.wheel_radius_m / usual,
+        "pull": _quantile(np.abs(run.drawbar_pull_n), 0.9) / usual,
+        "load_share": usual / weight,
+        "track": evidence.against_track.get("ground_speed", nan),
+        "radius_m": run.wheel_radius_m,
+        "signals": {role: name.signal for role, name in declared.items()},
+        "units": {role: name.unit or "" for role, name in declared.items()},
+        "signs": {role: name.sign for role, name in declared.items()},
+    }
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, share)) if len(known) else nan
+
+
+def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:
+    """Return the channels of a run as they are declared, and what else it says of them."""
+    channels = {role: np.asarray(getattr(run, ROLES[role].field)) for role in JUDGED_ROLES}
+    # as at the hub: an acceleration in a wrong unit must not spoil the force that it corrects
+    for role, parts, acceleration in (
+        ("drawbar_pull", -run.outboard_mass_kg, run.ground_acceleration_mps2),
+        ("driving_torque", run.outboard_inertia_kgm2, run.wheel_acceleration_radps2),
+    ):
+        channels[role] = channels[role] + np.nan_to_num(parts * acceleration)
+    channels = {role: values for role, values in channels.items() if np.isfinite(values).any()}
+    mass_kg = vehicle.vehicle.mass_kg
+    if mass_kg is not None:
+        mass_kg += max(run.run.added_load_kg, 0.0)
+    return Evidence(channels, run.wheel_radius_m, mass_kg, _against_track(run, channels))
+
+
+def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[str, float]:
+    """Return the median of each channel's size over the speed of the positions, in windows in which these move."""
+    step = max(round(_WINDOW_S * run.rate_hz), 1)
+    latitude, longitude = np.deg2rad(run.latitude_deg[::step]), np.deg2rad(run.longitude_deg[::step])
+    if len(latitude) < 2 or not np.isfinite(latitude).any():
+        return {}
+    north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
+    chord_m = _EARTH_RADIUS_M * np.hypot(north, east)
+    far = chord_m > _LEAST_CHORD_M
+    if far.sum() < _LEAST_WINDOWS:
+        return {}
+    far &= chord_m >= np.median(chord_m[far])
+    found = {}
+    for role, values in channels.items():
+        sizes = np.abs(values[: len(chord_m) * step].reshape(len(chord_m), step)).mean(axis=1)
+        ratios = (sizes * step / run.rate_hz / chord_m)[far]
+        if np.isfinite(ratios).any():
+            found[role] = float(np.nanmedian(ratios))
+    return found

@@ -1,0 +1,108 @@
+"""The mistakes in vehicle.toml that the referee knows, each with what undoes it in the channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import combinations
+from math import pi
+
+from daq import STANDARD_GRAVITY_MPS2
+
+JUDGED_ROLES = ("ground_speed", "wheel_speed", "vertical_load", "drawbar_pull", "driving_torque")
+"""The channels that are judged, in the order of their rows."""
+RADIUS = "radius_m"
+
+_POUND_N = 4.4482216152605
+_FOOT_M = 0.3048
+_INCH_M = 0.0254
+_SPEEDS = {"km/h": 1 / 3.6, "mph": 0.44704, "kt": 1852 / 3600}
+_WHEEL_SPEEDS = {"rpm": pi / 30, "deg/s": pi / 180}
+_FORCES = {"kN": 1e3, "kgf": STANDARD_GRAVITY_MPS2, "lbf": _POUND_N}
+_MOMENTS = {"kNm": 1e3, "lbf ft": _POUND_N * _FOOT_M}
+_LENGTHS = {"in": _INCH_M, "mm": 1e-3}
+_FORCE_ROLES = ("vertical_load", "drawbar_pull")
+_OF_FORCE = {"kN": "kNm", "lbf": "lbf ft"}
+
+
+class Kind(StrEnum):
+    """What kind of mistake it is."""
+
+    UNIT = "unit"
+    """The values are in `unit`, and were taken for SI."""
+    DECLARED = "declared"
+    """The values are in SI, and were taken for `unit`."""
+    SIGN = "sign"
+    EXCHANGED = "exchanged"
+
+
+@dataclass(frozen=True, eq=False)
+class Mend:
+    """One mistake, and what undoes it.
+
+    Attributes
+    ----------
+    factors : mapping role -> float
+        What the values as declared are multiplied by, of the radius, too.
+    units : mapping role -> str
+        The unit that was mistaken.
+    """
+
+    kind: Kind
+    factors: dict[str, float] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    exchanged: tuple[str, ...] = ()
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The roles that it changes."""
+        return self.exchanged or tuple(self.factors)
+
+    @property
+    def key(self) -> str:
+        """Short name: ``unit:ground_speed=km/h``, ``sign:drawbar_pull``, ``exchanged:ground_speed,wheel_speed``."""
+        return f"{self.kind}:" + ",".join(
+            f"{role}={self.units[role]}" if role in self.units else role for role in self.roles
+        )
+
+
+def _units() -> list[Mend]:
+    single = [
+        ("ground_speed", _SPEEDS),
+        ("wheel_speed", _WHEEL_SPEEDS),
+        *((role, _FORCES) for role in _FORCE_ROLES),
+        ("driving_torque", _MOMENTS),
+        (RADIUS, _LENGTHS),
+    ]
+    found = [Mend(Kind.UNIT, {role: f}, {role: unit}) for role, units in single for unit, f in units.items()]
+    both = [(dict.fromkeys(_FORCE_ROLES, f), dict.fromkeys(_FORCE_ROLES, unit)) for unit, f in _FORCES.items()]
+    found += [Mend(Kind.UNIT, factors, units) for factors, units in both]
+    return found + [
+        Mend(
+            Kind.UNIT,
+            factors | {"driving_torque": _MOMENTS[_OF_FORCE[units["vertical_load"]]]},
+            units | {"driving_torque": _OF_FORCE[units["vertical_load"]]},
+        )
+        for factors, units in both
+        if units["vertical_load"] in _OF_FORCE
+    ]
+
+
+def _declared() -> list[Mend]:
+    return [
+        Mend(Kind.DECLARED, {role: 1 / f}, {role: unit})
+        for role, units in (("ground_speed", _SPEEDS), ("wheel_speed", _WHEEL_SPEEDS))
+        for unit, f in units.items()
+    ]
+
+
+MENDS = (
+    *_units(),
+    *_declared(),
+    *(Mend(Kind.SIGN, {role: -1.0}) for role in JUDGED_ROLES),
+    *(Mend(Kind.EXCHANGED, exchanged=pair) for pair in combinations(JUDGED_ROLES, 2)),
+)
+"""Every mistake that the referee knows; one at a time."""
+LISTED = tuple(mend.key for mend in MENDS if mend.kind is not Kind.DECLARED and len(mend.factors) < 2)
+"""The thirty that the documentation lists, each of one channel or one pair."""
+BY_KEY = {mend.key: mend for mend in MENDS}

@@ -1,0 +1,106 @@
+"""The physics referee: mistakes of vehicle.toml are named, sound runs are left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from referee_study import base_world, is_right, ruling_of
+from referee_world import WAYS, Way, firm, mistaken, sound_world
+
+from daq import Severity
+from model.wheel_soil import SOILS
+from processing import RunCode, is_refused
+from processing.referee import BY_KEY, LISTED, MENDS, REFUSED_BELOW, Evidence, Kind, Ruling, evidence_of, judge
+
+UNLISTED_SEED = 9000
+
+
+@pytest.fixture(
+    scope="module", params=[("firm", True), pytest.param(("sandy", False), marks=pytest.mark.slow)], ids=str
+)
+def sound(request: pytest.FixtureRequest):  # type: ignore[no-untyped-def]
+    """A sound run with, and one without quiet stretches."""
+    soil, quiet = request.param
+    return base_world(soil, quiet=quiet, seed=UNLISTED_SEED)
+
+
+@pytest.mark.parametrize("key", LISTED)
+def test_a_listed_mistake_is_named_and_refused(sound, key: str) -> None:  # type: ignore[no-untyped-def]
+    ruling = ruling_of(mistaken(sound, key))
+    assert key in [mend.key for mend in ruling.named]
+    assert is_right(ruling, key) or ruling.mends[0][0].key == key
+    assert ruling.sound < 0.01 or "lbf ft" in key
+
+
+def test_thirty_are_listed() -> None:
+    assert len(LISTED) == 30
+    assert len(BY_KEY) == len(MENDS)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+@pytest.mark.parametrize("soft", [False, True])
+def test_a_sound_run_is_not_refused(way: Way, soft: bool) -> None:
+    soil = SOILS["clay"] if soft else firm(SOILS["sandy_loam"])
+    run = sound_world(np.random.default_rng(UNLISTED_SEED + 7), soil, way).processed()
+    assert not is_refused(run)
+
+
+def test_a_vehicle_that_reverses_is_sound(sound) -> None:  # type: ignore[no-untyped-def]
+    """All four turned: that is how a vehicle drives backward."""
+    evidence = evidence_of(sound.processed(), sound.vehicle)
+    turned = {role: values if role == "vertical_load" else -values for role, values in evidence.channels.items()}
+    backward = Evidence(turned, evidence.radius_m, evidence.mass_kg, evidence.against_track)
+    assert judge(backward).sound == pytest.approx(judge(evidence).sound, abs=0.05)
+
+
+def test_positions_decide_between_units_of_speed(sound) -> None:  # type: ignore[no-untyped-def]
+    world = mistaken(sound, "unit:ground_speed=kt")
+    evidence = evidence_of(world.processed(), world.vehicle)
+    assert evidence.against_track["ground_speed"] == pytest.approx(3600 / 1852, rel=0.05)
+    assert judge(evidence).mends[0][0].key == "unit:ground_speed=kt"
+    without = judge(Evidence(evidence.channels, evidence.radius_m, evidence.mass_kg))
+    assert without.mends[0][1] < judge(evidence).mends[0][1]
+
+
+@pytest.mark.parametrize("lacking", ["driving_torque", "drawbar_pull", "vertical_load", "wheel_speed", "ground_speed"])
+def test_a_channel_less_is_no_fault(sound, lacking: str) -> None:  # type: ignore[no-untyped-def]
+    evidence = evidence_of(sound.processed(), sound.vehicle)
+    fewer = {role: values for role, values in evidence.channels.items() if role != lacking}
+    ruling = judge(Evidence(fewer, evidence.radius_m, evidence.mass_kg, evidence.against_track))
+    assert not ruling.refused
+    assert all(lacking not in mend.roles for mend, _ in ruling.mends)
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.05])
+def test_a_road_vehicle_without_forces(slip: float) -> None:
+    rim = 10 + np.sin(np.arange(2000) / 100)
+    speeds = {"ground_speed": rim * (1 - slip), "wheel_speed": rim / 0.33}
+    assert not judge(Evidence(speeds, 0.33)).doubted
+    wrong = speeds | {"ground_speed": speeds["ground_speed"] * 3.6}
+    assert judge(Evidence(wrong, 0.33)).mends[0][0].key == "unit:ground_speed=km/h"
+
+
+def test_nothing_to_judge_is_sound() -> None:
+    assert judge(Evidence({}, 0.5)) == Ruling(1.0)
+    standing = {"ground_speed": np.zeros(500), "wheel_speed": np.zeros(500)}
+    assert judge(Evidence(standing, 0.5)).sound == 1.0
+
+
+def test_what_is_named() -> None:
+    first, second, third = MENDS[:3]
+    sure = Ruling(1e-9, ((first, 0.995), (second, 0.005)))
+    assert sure.named == (first,)
+    open_ = Ruling(1e-9, ((first, 0.6), (second, 0.395), (third, 0.005)))
+    assert open_.named == (first, second)
+    assert Ruling(REFUSED_BELOW * 1.01, ((first, 0.9),)).refused is False
+    assert Ruling(REFUSED_BELOW * 0.99, ((first, 0.9),)).refused is True
+    assert Ruling(0.5, ((first, 0.4),)).doubted is False
+
+
+def test_the_note_says_what_was_declared(sound) -> None:  # type: ignore[no-untyped-def]
+    run = mistaken(sound, "sign:driving_torque").processed()
+    [note] = [one for one in run.quality.notes if one.code == RunCode.IMPLAUSIBLE]
+    assert note.severity == Severity.FAULT
+    assert note.values["mends"] == ("sign:driving_torque",)
+    assert note.values["radius_m"] == run.wheel_radius_m
+    assert BY_KEY[note.values["mends"][0]].kind is Kind.SIGN
