@@ -50,6 +50,17 @@ def test_a_damaged_entry_is_made_anew(at: int, damage: str, entry: Path, caplog:
     assert entry.read_bytes() == whole
 
 
+def test_a_folder_that_all_may_write_into_is_not_used(entry: Path, caplog: pytest.LogCaptureFixture) -> None:
+    entry.parent.chmod(0o777)
+    with caplog.at_level(logging.WARNING, "wheelsoil.cache.store"):
+        assert get("one-0") is None and folder() is None and clear() == 0
+        put("two-0", VALUE)
+    assert caplog.text.count("anyone may write into it") == 1 and "chmod o-w" in caplog.text
+    assert list(entry.parent.iterdir()) == [entry]
+    entry.parent.chmod(0o755)
+    assert get("one-0") is not None
+
+
 def test_an_entry_under_another_name_is_not_taken(entry: Path) -> None:
     entry.rename(entry.with_name("two-0.kept"))
     assert get("two-0") is None, "it was made of other inputs"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import multiprocessing
 import os
 import re
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -33,6 +35,8 @@ _SUFFIX, _DRAFT = ".kept", ".draft"
 _ABANDONED_S = 3600.0
 """Age from which a draft belongs to a command that was killed."""
 _log = logging.getLogger(__name__)
+_told: set[Path] = set()
+"""Folders that are open to all, and were named."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,28 @@ class Entry:
 
 
 def folder() -> Path | None:
-    """Return where results are kept: WHEELSOIL_CACHE, else the user's cache folder; None where nothing is kept."""
+    """Return where results are kept: WHEELSOIL_CACHE, else the user's cache folder; None where nothing is kept.
+
+    Nor is anything kept in a folder that everyone may write into: the name of an entry says what is taken for it.
+    """
+    place = _chosen()
+    if place is None or not _open_to_all(place):
+        return place
+    if place not in _told and multiprocessing.parent_process() is None:
+        _told.add(place)
+        step = f"`chmod o-w {place}`, or {VARIABLE} names another folder"
+        _log.warning("note: the cache folder %s is not used, since anyone may write into it: %s", place, step)
+    return None
+
+
+def _open_to_all(place: Path) -> bool:
+    try:
+        return os.name == "posix" and bool(place.stat().st_mode & stat.S_IWOTH)
+    except OSError:
+        return False
+
+
+def _chosen() -> Path | None:
     named = os.environ.get(VARIABLE, "")
     if named == OFF:
         return None

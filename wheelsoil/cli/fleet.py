@@ -65,7 +65,8 @@ def fleet_run(
 
     Exit codes: 1 a campaign failed; 2 usage, no campaign, a store that cannot be written; 4 no scheduler or workers.
     """
-    from wheelsoil.fleet import FleetOptions, Shard, Workers, plan_fleet, run_fleet
+    from wheelsoil.fleet import FleetOptions, Shard, Workers, is_open_to_others, plan_fleet, run_fleet
+    from wheelsoil.wording.store_text import OPEN_STORE, PLAIN_SCHEDULER
     from wheelsoil.workflows import diagnosis_options
 
     if scheduler and engine is Engine.local:
@@ -74,6 +75,10 @@ def fleet_run(
     diagnosis_options(effects=chosen)
     settings = FleetOptions(tuple(chosen))
     plan = plan_fleet(roots, store, settings, shard=Shard.of(shard), retry_failed=retry_failed, thorough=check)
+    if is_open_to_others(scheduler):
+        say(PLAIN_SCHEDULER.format(scheduler))
+    if plan.store.is_open_to_all:
+        say(OPEN_STORE.format(store))
     there = len(plan.found) - len(plan.todo)
     say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
     anew = {one.campaign for one in plan.damaged} & {source.name for source in plan.todo}

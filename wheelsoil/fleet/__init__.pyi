@@ -1,4 +1,5 @@
 from .campaign_task import FleetOptions as FleetOptions
+from .engines import is_open_to_others as is_open_to_others
 from .holdings import Holdings as Holdings
 from .holdings import holdings_of as holdings_of
 from .manifests import Damage as Damage

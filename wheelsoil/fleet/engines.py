@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass
+from ipaddress import ip_address
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -130,7 +131,7 @@ def on_dask(
         if not scheduler:
             limit = memory_bytes or "auto"
             cluster = distributed.LocalCluster(
-                n_workers=jobs, threads_per_worker=1, memory_limit=limit, dashboard_address=":0"
+                n_workers=jobs, threads_per_worker=1, memory_limit=limit, dashboard_address="127.0.0.1:0"
             )
             scheduler = stack.enter_context(cluster).scheduler_address
         client = stack.enter_context(_connected(scheduler))
@@ -144,6 +145,17 @@ def on_dask(
                 else:
                     yield items[i], future.result()
                 future.release()
+
+
+def is_open_to_others(scheduler: str) -> bool:
+    """Return whether a scheduler's address is of another machine and not encrypted: it knows no login, either."""
+    kind, _, place = scheduler.rpartition("://")
+    host = place.rpartition(":")[0].strip("[]") or place
+    try:
+        loopback = ip_address(host).is_loopback
+    except ValueError:
+        loopback = host in ("localhost", "")
+    return bool(scheduler) and kind not in ("tls", "wss") and not loopback
 
 
 def _connected(scheduler: str) -> Any:

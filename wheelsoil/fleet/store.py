@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -91,6 +92,11 @@ class Store:
         """Of its address: "file", "s3"."""
         known = self.files.protocol
         return known if isinstance(known, str) else str(known[0])
+
+    @property
+    def is_open_to_all(self) -> bool:
+        """Whether everyone on this machine may write into it."""
+        return self.is_local and os.name == "posix" and bool(Path(self.root).stat().st_mode & stat.S_IWOTH)
 
     def listing(self) -> Listing:
         """Return what was written of finished campaigns, by name.

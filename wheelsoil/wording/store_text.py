@@ -18,6 +18,12 @@ _WHAT = {
 }
 _LISTED = 40
 
+PLAIN_SCHEDULER = (
+    "warning: {} is not encrypted and asks for no login: whoever reaches the scheduler or a worker runs programs there "
+    "as you. Use tls:// (docs/fleet.md), or a network that only your machines reach"
+)
+OPEN_STORE = "note: anyone on this machine may write into the store {}: `chmod o-w` keeps its rows yours"
+
 
 def damage_lines(store: str, damaged: Sequence[Damage]) -> Iterator[str]:
     """Yield what was set aside and why, and how it is made anew."""

@@ -6,13 +6,15 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from cli_support import invoke
 from doctor_support import free_port
 from fleet_support import WHEELSOIL, Program, contents, rows_of, running, small_fleet
+
+from wheelsoil.fleet import is_open_to_others
 
 _ENV = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"}
 
@@ -84,3 +86,50 @@ def test_no_scheduler_no_workers_and_another_version_are_said(fleet: Path, tmp_p
             code, err = said(address)
         assert code == 2 and "another version of wheelsoil" in err and "0.0.9" in err
     assert not contents(tmp_path / "s")
+
+
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        ("tcp://10.0.0.7:8786", True),
+        ("node7:8786", True),
+        ("ucx://node7:8786", True),
+        ("tls://node7:8786", False),
+        ("tcp://127.0.0.1:8786", False),
+        ("tcp://[::1]:8786", False),
+        ("tcp://localhost:8786", False),
+        ("", False),
+    ],
+)
+def test_a_scheduler_that_others_reach_is_known(address: str, warned: bool) -> None:
+    assert is_open_to_others(address) == warned
+
+
+def _listening(pids: list[int]) -> set[str]:
+    """Return the addresses, in the system's notation, on which some processes listen."""
+    inodes = set()
+    for pid in pids:
+        for link in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):
+                inodes.add(str(link.readlink()).removeprefix("socket:[").removesuffix("]"))
+    rows = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
+    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in inodes}
+
+
+@pytest.mark.slow
+def test_a_cluster_of_this_machine_listens_on_loopback_only(fleet: Path, tmp_path: Path) -> None:
+    call = ("fleet", "run", fleet / "bench", "--store", tmp_path / "s", "--engine", "dask", "--jobs", 1)
+    (tmp_path / "s").mkdir(mode=0o777)
+    (tmp_path / "s").chmod(0o777)
+    with running(*WHEELSOIL, *call) as client:
+        client.line_with("1/")
+        pids = [int(place.name) for place in Path("/proc").glob("[0-9]*") if _group(place) == client.process.pid]
+        assert len(pids) > 1 and _listening(pids) == {"0100007F"}
+    assert any("anyone on this machine may write into the store" in line for line in client.read)
+
+
+def _group(place: Path) -> int:
+    try:
+        return os.getpgid(int(place.name))
+    except OSError:
+        return 0
