@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 import venv
@@ -68,6 +70,23 @@ def test_the_example_of_the_public_api_is_typed_for_who_installs_the_wheel(pytho
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--python-executable", python, "example.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_the_built_wheel_has_the_compiled_core(python: Path, tmp_path: Path) -> None:
+    script = "import model; print(model.core_in_use(), model.__file__)"
+    done = subprocess.run([python, "-I", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("compiled ") and str(python.parents[1]) in done.stdout
+
+
+@pytest.mark.slow
+def test_without_a_compiler_a_wheel_is_built_for_every_platform(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", tmp_path, ROOT]
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, "CC": "false"})
+    [wheel] = tmp_path.glob("*.whl")
+    assert wheel.name.endswith("-py3-none-any.whl")
+    assert not [name for name in zipfile.ZipFile(wheel).namelist() if "_compiled" in name]
 
 
 def test_a_module_that_hides_ours_is_named(tmp_path: Path) -> None:
