@@ -17,8 +17,8 @@ from daq.arrays import FloatArray, IntArray
 
 _PIECE = 1 << 14
 """Stamps are looked at together in pieces of at least so many."""
-_MOST_BLOCKED = 8
-"""Pieces whose blocks are looked at."""
+_MOST_KEPT = 3
+"""Pieces whose intervals are kept, to be looked at closely."""
 _BACK_NS = -100_000_000
 """Stamps that run back further do not belong together: a step of the clock."""
 _PAUSE_NS = 2_000_000_000
@@ -84,35 +84,19 @@ class _Blocks:
 
     Attributes
     ----------
-    interval_ns : float
-        Mean interval.
+    steps : float64 array, shape (blocks, intervals)
     spread, independent_spread : float
         Variance of the blocks, and what it would be if intervals were independent.
-    half_ns, wide_ns : float
-        Half of the time is in intervals up to the first, nearly all of it in intervals up to the second.
     """
 
-    interval_ns: float
+    steps: FloatArray
     spread: float
     independent_spread: float
-    half_ns: float
-    wide_ns: float
 
-
-@dataclass
-class _Short:
-    """Intervals up to `_PAUSE_NS`: number, sum, and half of the time is in intervals up to `half_ns`."""
-
-    count: int = 0
-    time_ns: int = 0
-    half_ns: float = 0.0
-
-    def add(self, steps: IntArray, *, closely: bool) -> None:
-        """Add intervals; `half_ns` is the largest of the pieces looked at closely."""
-        self.count += len(steps)
-        self.time_ns += int(steps.sum())
-        if closely and len(steps):
-            self.half_ns = max(self.half_ns, _intervals_up_to(steps, (0.5,))[0])
+    @property
+    def interval_ns(self) -> float:
+        """The mean interval."""
+        return float(self.steps.mean())
 
 
 class SamplingEstimator:
@@ -123,14 +107,12 @@ class SamplingEstimator:
         self._last_ns: int | None = None
         self._first_ns = 0
         self._count = 0
-        self._short = _Short()
+        self._short_count, self._short_ns = 0, 0
         self._long: list[IntArray] = []
         self._leading: IntArray = np.zeros(0, np.int64)
         self._medians: list[float] = []
         self._near, self._positive = 0, 0
-        self._blocks: list[_Blocks] = []
-        self._units: list[float] = []
-        self._looked_at = 0
+        self._kept: list[IntArray] = []
 
     def take(self, time_ns: IntArray) -> None:
         """Take stamps in the order of their samples; equal ones count."""
@@ -142,29 +124,28 @@ class SamplingEstimator:
     def estimate(self) -> Sampling:
         """Return what is known so far."""
         self._settle()
+        longest_ns = self._longest_hole_ns()
         long = np.concatenate([np.zeros(0, np.int64), *self._long])
-        within = long[long <= _longest_hole_ns(self._short, long)]
+        within = long[long <= longest_ns]
         pauses = len(long) - len(within)
-        count, duration_ns = self._short.count + len(within), self._short.time_ns + int(within.sum())
+        count, duration_ns = self._short_count + len(within), self._short_ns + int(within.sum())
         if not count or duration_ns <= 0:
             return Sampling(pauses=pauses)
+        kept = [steps[steps <= longest_ns] for steps in self._kept]
+        blocks = [one for steps in kept for one in _in_blocks(steps)]
         median_ns = float(np.median(self._medians)) if self._medians else nan
-        mean_ns = float(np.mean([one.interval_ns for one in self._blocks])) if self._blocks else duration_ns / count
-        usual = self._near > 0.5 * self._positive
-        balanced = self._balanced()
+        mean_ns = float(np.mean([one.interval_ns for one in blocks])) if blocks else duration_ns / count
+        usual, balanced = self._near > 0.5 * self._positive, _balanced(blocks)
         even = usual and abs(mean_ns / median_ns - 1) < (_EVEN_BALANCED if balanced else _EVEN)
-        if even:
-            interval_ns = spacing_ns = median_ns
-            period_ns = mean_ns if balanced else median_ns
-        else:
+        if not even:
             count, duration_ns = self._without_first_burst(count, duration_ns)
-            interval_ns = spacing_ns = duration_ns / count
-            if balanced:
-                wide_ns = _WIDE_MARGIN * float(np.median([one.wide_ns for one in self._blocks]))
-                half_ns = float(np.median([one.half_ns for one in self._blocks]))
-                period_ns, spacing_ns = mean_ns, max(half_ns, wide_ns / BRIDGED_INTERVALS, interval_ns)
-            else:
-                period_ns = float(np.median(self._units)) if self._units else median_ns if usual else nan
+        interval_ns = median_ns if even else duration_ns / count
+        spacing_ns, period_ns = interval_ns, mean_ns
+        if balanced and not even:
+            spacing_ns = max(_spacing_ns(blocks), interval_ns)
+        elif not balanced:
+            units = [] if even else [unit for steps in kept for unit in _unit_of(steps)]
+            period_ns = float(np.median(units)) if units else median_ns if usual else nan
         return Sampling(
             rate_hz=1e9 * count / duration_ns,
             interval_s=interval_ns * 1e-9,
@@ -187,9 +168,9 @@ class SamplingEstimator:
         self._last_ns = int(time_ns[-1])
         self._count += len(time_ns)
         steps = steps[steps >= _BACK_NS]
-        short, long = steps[steps <= _PAUSE_NS], steps[steps > _PAUSE_NS]
-        closely = self._looked_at < _MOST_BLOCKED
-        self._short.add(short, closely=closely)
+        long = steps[steps > _PAUSE_NS]
+        self._short_count += len(steps) - len(long)
+        self._short_ns += int(steps.sum()) - int(long.sum())
         self._long.append(long)
         positive = inner[inner > 0]
         if len(positive):
@@ -197,10 +178,29 @@ class SamplingEstimator:
             self._medians.append(median)
             self._near += int(np.count_nonzero(np.abs(positive - median) < _NEAR * median))
             self._positive += len(positive)
-        if closely:
-            self._looked_at += 1
-            self._blocks += _in_blocks(steps[steps <= _longest_hole_ns(self._short, long)])
-            self._units += _unit_of(positive)
+        if len(self._kept) < _MOST_KEPT:
+            self._kept.append(steps[: 2 * _PIECE].copy())
+
+    def _longest_hole_ns(self) -> float:
+        """Return the interval beyond which one is a pause: far longer than others, between stretches, not bursts."""
+        long = np.concatenate([np.zeros(0, np.int64), *self._long])
+        if not len(long):
+            return _PAUSE_NS
+        parts = [steps[steps <= _PAUSE_NS] for steps in self._kept]
+        usual_hole_ns = max((_intervals_up_to(short, (0.5,))[0] for short in parts if len(short)), default=0.0)
+        longest_ns, before_ns = float(_PAUSE_NS), 0.0
+        while longest_ns > before_ns:
+            before_ns, within = longest_ns, long[long <= longest_ns]
+            if len(long) > self._short_count:
+                within = long[long <= max(longest_ns, _PAUSE_INTERVALS * float(np.median(long)))]
+            time_ns = int(within.sum())
+            mean_ns = (self._short_ns + time_ns) / max(self._short_count + len(within), 1)
+            half_ns = _intervals_up_to(within, (0.5,))[0] if time_ns > self._short_ns else usual_hole_ns
+            longest_ns = max(longest_ns, _PAUSE_INTERVALS * mean_ns, _PAUSE_HOLES * half_ns)
+        pauses = long[long > longest_ns]
+        rest_ns = self._short_ns + int(long.sum()) - int(pauses.sum())
+        in_bursts = len(pauses) >= _LEAST_PAUSES_IN_DOUBT and rest_ns < _PAUSE_NS * len(pauses)
+        return np.inf if in_bursts else longest_ns
 
     def _without_first_burst(self, count: int, duration_ns: int) -> tuple[int, int]:
         """Leave out the intervals within the first burst: its samples were sent before the first stamp."""
@@ -208,32 +208,11 @@ class SamplingEstimator:
         burst = self._leading[: int(np.argmax(apart))] if apart.any() else self._leading[:0]
         return count - len(burst), duration_ns - int(burst.sum())
 
-    def _balanced(self) -> bool:
-        spread = sum(one.spread for one in self._blocks)
-        return bool(self._blocks) and spread <= _BALANCED * sum(one.independent_spread for one in self._blocks)
-
     def _missing(self, period_ns: float) -> float:
         if not isfinite(period_ns) or self._last_ns is None:
             return nan
         expected = (self._last_ns - self._first_ns) / period_ns + 1
         return max(0.0, 1.0 - self._count / expected)
-
-
-def _longest_hole_ns(short: _Short, long: IntArray) -> float:
-    """Return the interval beyond which one is a pause: far longer than others, between stretches, not bursts."""
-    longest_ns, before_ns = float(_PAUSE_NS), 0.0
-    while longest_ns > before_ns:
-        before_ns, within = longest_ns, long[long <= longest_ns]
-        if len(long) > short.count:
-            within = long[long <= max(longest_ns, _PAUSE_INTERVALS * float(np.median(long)))]
-        time_ns = int(within.sum())
-        mean_ns = (short.time_ns + time_ns) / max(short.count + len(within), 1)
-        half_ns = _intervals_up_to(within, (0.5,))[0] if time_ns > short.time_ns else short.half_ns
-        longest_ns = max(longest_ns, _PAUSE_INTERVALS * mean_ns, _PAUSE_HOLES * half_ns)
-    pauses = long[long > longest_ns]
-    rest_ns = short.time_ns + int(long.sum()) - int(pauses.sum())
-    in_bursts = len(pauses) >= _LEAST_PAUSES_IN_DOUBT and rest_ns < _PAUSE_NS * len(pauses)
-    return np.inf if in_bursts else longest_ns
 
 
 def sampling_of(time_ns: IntArray) -> Sampling:
@@ -260,16 +239,27 @@ def _in_blocks(steps: IntArray) -> list[_Blocks]:
     times = blocks.sum(axis=1)
     off = np.abs(times - np.median(times))
     blocks = blocks[off <= _OUTLYING * np.quantile(off, 0.75)]
-    total = float(blocks.sum())
-    if total <= 0:
+    if not blocks.sum() > 0:
         return []
-    half_ns, wide_ns = _intervals_up_to(blocks.ravel(), (0.5, _WIDE_TIME_SHARE))
-    spread, independent = float(blocks.sum(axis=1).var()), size * float(blocks.var())
-    return [_Blocks(total / blocks.size, spread, independent, half_ns, wide_ns)]
+    return [_Blocks(blocks, float(blocks.sum(axis=1).var()), size * float(blocks.var()))]
+
+
+def _balanced(blocks: list[_Blocks]) -> bool:
+    """Return whether blocks take equal times: what is late is made up for, and nothing is lost."""
+    spread, independent = sum(one.spread for one in blocks), sum(one.independent_spread for one in blocks)
+    return bool(blocks) and spread <= _BALANCED * independent
+
+
+def _spacing_ns(blocks: list[_Blocks]) -> float:
+    """Return the interval of which `BRIDGED_INTERVALS` reach over nearly all holes of a stream in bursts."""
+    ends = np.median([_intervals_up_to(one.steps.ravel(), (0.5, _WIDE_TIME_SHARE)) for one in blocks], axis=0)
+    half_ns, wide_ns = ends.tolist()
+    return float(max(half_ns, _WIDE_MARGIN * wide_ns / BRIDGED_INTERVALS))
 
 
 def _unit_of(steps: IntArray) -> list[float]:
     """Return the interval of which longer ones are multiples, as where samples are lost; none where they are not."""
+    steps = steps[steps > 0]
     if not len(steps):
         return []
     shortest = float(np.quantile(steps, _SHORT))

@@ -68,8 +68,15 @@ class NoData:
 
     def is_value(self, values: FloatArray) -> BoolArray:
         """Return where there is one, shape of `values`."""
-        masks = [*self.masks(values).values()]
-        return ~np.any(masks, axis=0) if masks else np.ones(len(values), np.bool_)
+        found = values < self.above if math.isfinite(self.above) else np.ones(len(values), np.bool_)
+        for value in self.words:
+            found &= values != value
+        return found
+
+    def touches(self, low: float, high: float) -> bool:
+        """Return whether values from `low` to `high` may hold one that is none, or has all bits set."""
+        special = (*self.words, self.above, math.inf if self.all_bits_set is None else self.all_bits_set)
+        return high >= self.above or any(low <= value <= high for value in special)
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,8 @@ class SignalRef:
     def to_si(self, channel: Channel) -> Channel:
         """Return the decoded channel in SI, named by the role; NaN where the sender had no data."""
         values = channel.values * self.si_factor + self.si_offset
-        values[~self.no_data.is_value(channel.values)] = np.nan
+        if self.no_data.words or math.isfinite(self.no_data.above):
+            values[~self.no_data.is_value(channel.values)] = np.nan
         return Channel(self.role, self.si_unit, channel.time_ns, values, channel.labels)
 
 

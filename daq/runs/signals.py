@@ -129,12 +129,13 @@ class _Message:
         self.count += len(time_ns)
         for name, column in values.items():
             there = column[np.isfinite(column)]
-            if name in self._no_data:
+            least, most = _ends(there)
+            if name in self._no_data and self._no_data[name].touches(least, most):
                 there = self._without_absent(name, there)
-            if len(there):
-                low, high = self._range[name]
-                self._range[name] = (min(low, float(there.min())), max(high, float(there.max())))
-                self._present[name] += len(there)
+                least, most = _ends(there)
+            low, high = self._range[name]
+            self._range[name] = (min(low, least), max(high, most))
+            self._present[name] += len(there)
 
     def _without_absent(self, name: str, values: FloatArray) -> FloatArray:
         """Count what is no value, and what may be none; return the values."""
@@ -163,3 +164,8 @@ class _Message:
             gap_at_s=(self._gap_at_ns - start_ns) * 1e-9,
             signals=tuple(signals),
         )
+
+
+def _ends(values: FloatArray) -> tuple[float, float]:
+    """Return the least and the largest value, infinity and minus infinity where there is none."""
+    return (float(values.min()), float(values.max())) if len(values) else (np.inf, -np.inf)
