@@ -39,6 +39,8 @@ _REPLICATES = 16
 def average_of(fits: Fits, found: Posterior, seed: int) -> Average:
     """Fit the most probable sets, and measure what their average is worth.
 
+    A set whose spread the data leave undetermined is left to the rest.
+
     Parameters
     ----------
     found : Posterior
@@ -49,8 +51,12 @@ def average_of(fits: Fits, found: Posterior, seed: int) -> Average:
     linearised, kept = fits.linearised, probable_sets(found, MOST_SETS)
     fits.fit(*kept)
     own = {keys: fits[keys] for keys in kept}
-    sets = in_parallel(lambda keys: _fitted(linearised, own[keys], found, kept[keys]), kept)
-    return Average(tuple(sets), max(1.0 - sum(kept.values()), 0.0), _gain(linearised, own, found, seed))
+    sets = list(in_parallel(lambda keys: _fitted(linearised, own[keys], found, kept[keys]), kept))
+    known = [all(np.isfinite(matrix).all() for matrix in one.covariances) for one in sets]
+    own = {keys: own[keys] for keys, fine in zip(kept, known, strict=True) if fine or not keys}
+    sets = [one for one, fine in zip(sets, known, strict=True) if fine or not one.causes]
+    rest = max(1.0 - sum(one.probability for one in sets), 0.0)
+    return Average(tuple(sets), rest, _gain(linearised, own, found, seed))
 
 
 def _fitted(linearised: LinearisedCampaign, fit: SetFit, found: Posterior, probability: float) -> FittedSet:
