@@ -69,7 +69,7 @@ def test_a_pasted_unit_is_read(campaign: Path, tmp_path: Path) -> None:
         ("sign:drawbar_pull", 'write drawbar_pull = {signal = "WFT.Fx", unit = "kN"}'),
         ("unit:drawbar_pull=kgf", 'write drawbar_pull = {signal = "WFT.Fx", unit = "kgf", sign = -1}'),
         ("unit:radius_m=in", "[wheel] radius_m seems to be in inches (more than 99.9 %): write radius_m = 0.4699"),
-        ("declared:ground_speed=kt", 'in m/s, and is taken for knots (more than 99.9 %): write ground_speed = {signal = "GNSS.Speed", unit = "m/s"}'),
+        ("declared:ground_speed=kt", 'is taken for knots (more than 99.9 %): write ground_speed = {signal = "GNSS.Speed", unit = "m/s"}'),
         ("exchanged:ground_speed,driving_torque", 'write ground_speed = "WFT.My" and driving_torque = "GNSS.Speed"'),
         ("unit:vertical_load=kN,drawbar_pull=kN", "vertical load and drawbar pull seem to be in kN"),
     ],
