@@ -6,16 +6,16 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from math import isfinite
 
-from daq import OUTPUTS, ROLES, number, probability
+from daq import OUTPUTS, ROLES, number
 from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
 from processing import ProcessedRun
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
-from wheelsoil.wording.names import place_text, plain_name
-from wheelsoil.wording.notes import step_text, texts_of
+from wheelsoil.wording.names import chance, place_text, plain_name
+from wheelsoil.wording.notes import odds_text, step_text, texts_of
 from wheelsoil.wording.run_summary import summary_table
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import refusal_words, sentence_of
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
@@ -56,10 +56,10 @@ def diagnosis_html(found: Diagnosis) -> str:
     if causes:
         head = ["cause", "parameter", "probability", "value", "95 % interval", "unit"]
         shown.append(html_table(head, causes, left=2, caption=f"verdict: {plain_name(found.verdict)}"))
-    likely = [
-        [plain_name(c.name), probability(c.probability)] for c in found.candidates if c.probability >= _LEAST_SHOWN
-    ]
-    if likely:
+    likely = [[plain_name(c.name), chance(c.probability)] for c in found.candidates if c.probability >= _LEAST_SHOWN]
+    if refused := refusal_words(found):
+        shown.append(html_paragraph(refused))
+    elif likely:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
         [
@@ -79,9 +79,9 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
         runs = [
-            [step_text(run), number(run.expected_log_bayes_factor, 3), number(run.cost_runs)] for run in found.next_run
+            [step_text(run), odds_text(run.expected_log_bayes_factor), number(run.cost_runs)] for run in found.next_run
         ]
-        shown.append(html_table(["next run, best first", "expected ln Bayes factor", "cost, runs"], runs))
+        shown.append(html_table(["next run, best first", "expected odds", "cost, runs"], runs))
     return "".join(shown)
 
 
@@ -94,7 +94,7 @@ def _gain_rows(gain: Gain) -> list[list[str]]:
 
 
 def _cause_rows(cause: Cause) -> list[list[str]]:
-    name, sure = plain_name(cause.name), probability(cause.probability)
+    name, sure = plain_name(cause.name), chance(cause.probability)
     if not cause.parameters:
         return [[name, "", sure, "", "", ""]]
     rows = []

@@ -22,6 +22,7 @@ from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.verdict import refusal_words, sentences_of
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs
@@ -145,10 +146,12 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
 def diagnose_members(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
 ) -> dict[str, Any]:
-    """Return the diagnosis as `diagnose --json` prints it; see `diagnose_campaigns` for errors."""
+    """Return the diagnosis as `diagnose --json` prints it, with its sentences; see `diagnose_campaigns` for errors."""
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
-    found: dict[str, Any] = plain(diagnosis_json(diagnose_campaigns(campaigns_of(paths, processed, soil), options)))
+    diagnosis = diagnose_campaigns(campaigns_of(paths, processed, soil), options)
+    shown = {"sentences": sentences_of(diagnosis), "refused": refusal_words(diagnosis)}
+    found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
     return found
 
 

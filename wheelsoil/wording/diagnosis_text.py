@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite
+from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
-from daq import probability as as_probability
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
-from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
+from wheelsoil.wording.names import (
+    SOIL_LETTERS,
+    chance,
+    effect_name,
+    family_of,
+    parameter_name,
+    place_text,
+    plain_name,
+    shares_percent,
+)
 from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, sentence_of
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, sentence_of
 
 FINDING_NOTE = (
     "Median there: of measured - predicted. Size of the shape: the largest contribution of that shape "
@@ -31,6 +40,7 @@ NOT_DETECTABLE = "Not detectable"
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
+_MOST_SETS = 5
 _FINDINGS = (
     "median: of measured - predicted there; shape: contribution of that shape alone, with the soil free, so that its "
     "sign can be opposite."
@@ -74,6 +84,25 @@ def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectab
 def set_name(one: CauseSet) -> str:
     """Return a set of causes as text."""
     return " + ".join(map(plain_name, one.causes)) or "no cause"
+
+
+class SetShare(NamedTuple):
+    """A set of causes, its probability, and its percentage as it is shown: those of all add up to 100."""
+
+    name: str
+    probability: float
+    percent: float
+
+
+def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShare]:
+    """Return the most probable sets, and all others together."""
+    if not sets:
+        return []
+    names = [*map(set_name, sets[:most]), "all other sets"]
+    chances = [one.probability for one in sets[:most]]
+    chances.append(max(1.0 - sum(chances), 0.0))
+    shares = map(SetShare, names, chances, shares_percent(chances))
+    return [one for one in shares if one.percent > 0]
 
 
 def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
@@ -138,7 +167,7 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
-    name, probability = plain_name(cause.name), as_probability(cause.probability)
+    name, probability = plain_name(cause.name), chance(cause.probability)
     for parameter in cause.parameters:
         low, high = parameter.interval95
         interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
@@ -148,14 +177,16 @@ def _cause_rows(cause: Cause) -> Iterator[list[str]]:
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
     if cause.form and cause.form_probability < 1:
-        yield [f"  as {cause.form}, within the family", "", as_probability(cause.form_probability), "", "", ""]
+        yield [f"  as {cause.form}, within the family", "", chance(cause.form_probability), "", "", ""]
 
 
 def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
+    if refused := refusal_words(diagnosis):
+        return wrapped(refused, width)
     shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
     rest = len(diagnosis.candidates) - len(shown)
-    words = [f"{plain_name(c.name)} {as_probability(c.probability)}" for c in shown]
-    words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
+    words = [f"{plain_name(c.name)} {chance(c.probability)}" for c in shown]
+    words += [f"{rest} more below {100 * _LEAST_SHOWN:g} %"] if rest else []
     if not words:
         return []
     return ["Candidates (probability of being among the causes)", *wrapped(", ".join(words), width, "  ")]
@@ -164,7 +195,7 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
 def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
     if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
         return []
-    words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
+    words = ", ".join(f"{name} {share:.1f} %" for name, _, share in set_shares(diagnosis.sets))
     return ["Sets of causes (probability that these act, and no others)", *wrapped(words, width, "  ")]
 
 

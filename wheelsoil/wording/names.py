@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import floor, isfinite
+
 from model.diagnosis import Kind, Rows, Shape
 from model.effects import EFFECTS
 
@@ -33,6 +36,9 @@ _TEXTS = {
     Kind.LOAD_ERROR: "as a sensor error everywhere",
     Kind.LOAD_ERROR_WITH_LOAD: "as a sensor error, growing with the load",
 }
+
+_HIGHEST, _LOWEST = 0.9995, 0.0005
+_ROUNDING = 1e-6
 
 SOIL_LETTERS = {
     "cohesion_pa": "c",
@@ -70,8 +76,19 @@ def parameter_name(key: str, name: str) -> str:
 
 
 def chance(p: float) -> str:
-    """Return a probability as a percentage; never 100 % or 0 %, which no data give."""
-    return "> 99.9 %" if p > 0.9995 else "< 0.1 %" if p < 0.0005 else f"{100 * p:.3g} %"
+    """Return a probability as a percentage with one decimal; never 100 % or 0 %, which no data give."""
+    return "> 99.9 %" if p >= _HIGHEST else "< 0.1 %" if p < _LOWEST else f"{100 * p:.1f} %" if isfinite(p) else "-"
+
+
+def shares_percent(shares: Sequence[float]) -> list[float]:
+    """Return shares that add up to 1 as percentages with one decimal that add up to 100, by the largest remainder."""
+    tenths = [1000.0 * max(share, 0.0) for share in shares]
+    whole = [floor(one + _ROUNDING) for one in tenths]
+    lacking = round(sum(tenths)) - sum(whole)
+    order = sorted(range(len(tenths)), key=lambda i: whole[i] - tenths[i])
+    for i in order[: max(lacking, 0)]:
+        whole[i] += 1
+    return [one / 10 for one in whole]
 
 
 def place_text(place: Shape | Rows) -> str:

@@ -36,6 +36,8 @@ _NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
+_OPEN_AT = 0.05
+"""Posterior probability from which on a confounded family would fit almost as well."""
 _UNLISTED_AT = 0.05
 """Probability of something unlisted from which on it is said to keep a name back."""
 _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
@@ -54,9 +56,10 @@ def sentences_of(found: Diagnosis) -> list[str]:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
-    said = [*laboratory_words(found.soils), *said[:before_next], *prior_words(found), *said[before_next:]]
+    first, rest = said[:1], [*said[1:before_next], *prior_words(found), *said[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
-    return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
+    soil = laboratory_words(found.soils)
+    return [*first, *cautions, *soil, *rest] if found.verdict == "unexplained" else [*first, *soil, *rest, *cautions]
 
 
 def headline_of(found: Diagnosis) -> str:
@@ -126,10 +129,11 @@ def prior_words(found: Diagnosis) -> list[str]:
     times = "three times as large" if first.factor > 1 else "a third as large"
     named = first.verdict == "named"
     other = f"{_listed([plain_name(f) for f in first.families])} named" if named else VERDICT_WORDS[first.verdict]
-    more = f" ({len(shifts)} such changes change it)" if len(shifts) > 1 else ""
+    turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
+    more = f"; it also depends on that of {_listed([plain_name(one) for one in turned])}" if turned else ""
     return [
-        f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
-        f"the verdict is {other}{more}."
+        f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is {times}, "
+        f"it is {other}{more}."
     ]
 
 
@@ -237,11 +241,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
         said.append(f"On held-out runs {worth}")
     if found.grounds.beside:
         said.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
-    if alike:
-        said.append(
-            f"{_listed([plain_name(f) for f in alike]).capitalize()} would fit almost as well; "
-            "the differences in these runs are small, but beyond the noise"
-        )
+    said += rival_words(alike, chances)
     if alike and found.next_run:
         said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
@@ -267,11 +267,28 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if barred is not None:
         said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.confounded if family not in families]
-    if others:
-        said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would fit almost as well")
+    said += rival_words(others, chances)
     if found.next_run:
         said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
+
+
+def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[str]:
+    """Return how well families with a similar signature are separated: by their posterior probability.
+
+    Those below 5 % are separated by these data; the others are not.
+    """
+    open_ = [f for f in families if chances.get(f, 0.0) >= _OPEN_AT]
+    closed = [f for f in families if f not in open_]
+    said = []
+    if open_:
+        each = [f"{plain_name(f)} ({chance(chances[f])})" for f in open_]
+        said.append(f"{_listed(each)[0].upper()}{_listed(each)[1:]} would fit almost as well")
+    if closed:
+        each = [f"{plain_name(f)} ({chance(chances.get(f, 0.0))})" for f in closed]
+        verb = "has a similar signature, but is" if len(each) == 1 else "have similar signatures, but are"
+        said.append(f"{_listed(each)[0].upper()}{_listed(each)[1:]} {verb} separable in these data")
+    return said
 
 
 def _unlisted_words(judged: Adequacy | None) -> str:
@@ -279,6 +296,20 @@ def _unlisted_words(judged: Adequacy | None) -> str:
     if judged is None or 1.0 - judged.listed < _UNLISTED_AT:
         return ""
     return f": something that the library does not have may act ({chance(1.0 - judged.listed)})"
+
+
+def refusal_words(found: Diagnosis) -> str:
+    """Return which set is the best of the library, and why it is refused; empty where the verdict is another."""
+    if found.verdict != "unexplained" or found.grounds.undecided is not None:
+        return ""
+    best = found.grounds.most_probable or next((one.causes for one in found.sets), ())
+    why = "it does not explain these data"
+    if found.grounds.barred is not None:
+        why = note_text(found.grounds.barred)
+    elif found.adequacy is not None:
+        why = adequacy_words(found.adequacy)
+    name = _listed([plain_name(one) for one in best]) or "no cause"
+    return f"Best of the library, refused: {name}. Reason: {why}."
 
 
 def unexplained_words(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from math import exp, isfinite
+from math import isfinite
 
 import numpy as np
 
@@ -19,18 +19,15 @@ from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.diagnosis_text import COVERED
 from wheelsoil.wording.names import chance, family_of, plain_name
-from wheelsoil.wording.notes import note_text, step_text
+from wheelsoil.wording.notes import note_text, odds_text, step_text
 from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, sentences_of
 from wheelsoil.workflows.grading import Grade
 
 _STEPS = 3
 _NAMED = 5
 _SIGMAS = 1.959964
-_HIGHEST_ODDS = 1000.0
 _ONE_PLACE_DEG = 0.02
 """Two kilometres: runs farther apart have no place in common."""
-_FEWER = 1.5
-"""By how many times less than the first a step must tell to be compared with it."""
 
 
 @section("glance", "Summary")
@@ -281,17 +278,9 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     else:
         first = []
     ranked = []
-    most = found.next_run[0].expected_log_bayes_factor
     for run in found.next_run[:_STEPS]:
         parted = listed([plain_name(name) for name in run.separates])
-        odds = exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0))
-        to_1 = f"{number(odds, 2)} : 1" if odds < _HIGHEST_ODDS else "above 1000 : 1"
-        times = most / run.expected_log_bayes_factor if run.expected_log_bayes_factor > 0 else 1.0
-        tells = (
-            f"about {number(100 / times, 1)} % of the evidence of step {len(first) + 1}"
-            if times > _FEWER
-            else f"expected odds {to_1}"
-        )
+        tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
         cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
         reason = f"Separates {parted}; {tells}{cost}."
         ranked.append(Step(upper(step_text(run)), reason if parted else ""))

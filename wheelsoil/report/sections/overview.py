@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
@@ -32,14 +33,14 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, biases
 from wheelsoil.report.sections.glance import caution_text, in_page_unit, upper
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
-from wheelsoil.wording.diagnosis_text import set_name
+from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import adequacy_words
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
 from wheelsoil.workflows.traction import Traction, traction_of
 
 _SIGMAS = 1.959964
-_MOST_SETS, _MOST_CAUSES, _MOST_RUNS = 5, 6, 40
+_MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
@@ -221,11 +222,10 @@ def causes(material: ReportInputs) -> Contents:
     """Build the section: sets of causes, which add up, and each cause with its size."""
     found = material.diagnosis
     blocks: list[Block] = []
-    sets = _sets(found)
-    bars = [
-        Bar(f"{name} alone" if alone else name, share, chance(share), i == 0)
-        for i, (name, share, alone) in enumerate(sets)
-    ]
+    if found.verdict == "unexplained":
+        return _refused(material, found)
+    sets = set_shares(found.sets)
+    bars = [Bar(_alone(one.name), one.percent / 100, f"{one.percent:.1f} %", i == 0) for i, one in enumerate(sets)]
     if bars:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
@@ -241,12 +241,13 @@ def causes(material: ReportInputs) -> Contents:
             "Each cause alone or with others: these need not add up. "
             "Minimum detectable: alone, in half of such campaigns."
         )
-        note += f" {upper(listed([plain_name(one) for one in rivals]))} would fit almost as well." if rivals else ""
+        chances = {one.name: one.probability for one in found.candidates}
+        note += "".join(f" {said}." for said in rival_words(rivals, chances))
         blocks.append(Table("Each cause", ["cause", "probability", "estimate", "minimum detectable"], rows, note))
     if not blocks:
         raise DataError("no cause was weighed")
     numbers = {
-        "sets": [{"causes": name, "probability": share} for name, share, _ in sets],
+        "sets": [{"causes": one.name, "probability": one.probability, "percent": one.percent} for one in sets],
         "candidates": found.candidates,
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
@@ -254,12 +255,38 @@ def causes(material: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _sets(found: Diagnosis) -> list[tuple[str, float, bool]]:
-    """Return the most probable sets and all others together: name, probability, whether it is one cause alone."""
-    shown = found.sets[:_MOST_SETS]
-    listed_sets = [(set_name(one), one.probability, len(one.causes) == 1) for one in shown]
-    rest = 1.0 - sum(one.probability for one in shown)
-    return [*listed_sets, ("all other sets", rest, False)] if shown and rest > 0.0005 else listed_sets
+def _alone(name: str) -> str:
+    return name if " + " in name or name in ("no cause", "all other sets") else f"{name} alone"
+
+
+def _refused(material: ReportInputs, found: Diagnosis) -> Contents:
+    """Return the residual where it is largest, and the best set of the library with why it is refused."""
+    said = refusal_words(found) or "Nothing can be decided from these data."
+    blocks: list[Block] = [Text(said, "warning")]
+    try:
+        blocks.append(_largest_residual(material.recommendation))
+    except DataError as error:
+        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    numbers = {"sets": [], "refused": said, "candidates": found.candidates, "causes": found.causes}
+    return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
+
+
+def _largest_residual(one: Recommendation) -> Drawing:
+    """Return the residual of the channel in which its median is largest, in sigmas of a sample."""
+    sizes = {}
+    for channel in one.measured:
+        left, noise = (binned(one.slip, x, EDGES) for x in (one.residual(channel), one.noise[channel]))
+        if len(left.median) and len(left.median) == len(noise.median):
+            sigmas = np.abs(left.median) / noise.median
+            sizes[channel] = (float(np.nanmax(np.append(sigmas, 0.0))), left, int(np.argmax(np.nan_to_num(sigmas))))
+    if not sizes:
+        raise DataError("the noise of the samples is not known")
+    channel = max(sizes, key=lambda c: sizes[c][0])
+    sigma, left, worst = sizes[channel]
+    factor, text = in_page_unit(channel)
+    size = f"{signed(factor * float(left.median[worst]), '+.0f')} {text}"
+    title = f"{OUTPUTS[channel].name.capitalize()}: residual {size} at slip {left.centre[worst]:.2f} ({sigma:.1f} σ)"
+    return replace(_residuals(one, channel), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:

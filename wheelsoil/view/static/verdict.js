@@ -6,7 +6,7 @@ import { fixed, sensible } from "./channels.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { Job } from "./job.js";
 import { verdictOf } from "./list.js";
-import { effectOf, setChances, setEffect, setValues } from "./model.js";
+import { effectOf, setChances, setEffect, setJudged, setValues } from "./model.js";
 import { choiceOf, current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
@@ -35,7 +35,8 @@ async function show() {
   showLine(told, diagnosis);
   showErrors(diagnosis);
   const rows = rowsOf(diagnosis);
-  write(get("causes-count"), diagnosis ? `${rows.length}` : "not diagnosed");
+  write(get("causes-count"), diagnosis ? (diagnosis.refused ? "refused" : `${rows.length}`) : "not diagnosed");
+  write(get("refused"), diagnosis?.refused ?? "");
   list(get("candidates"), rows, makeRow, fillRow);
 }
 
@@ -56,9 +57,11 @@ async function fetchOnce({ key, diagnosis }) {
 function showLine(told, diagnosis) {
   const line = get("verdict"), words = told ? verdictOf(told) : "";
   get("verdict-line").dataset.state = told?.state ?? "none";
-  get("recommended").hidden = !recommendedOf(diagnosis);
+  const model = recommendedOf(diagnosis);
+  if (current()) setJudged(current().key, model);
+  get("recommended").hidden = !model;
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
-  const [first, ...rest] = diagnosis.sentence.split(/(?<=[.)])\s+(?=[A-Z])/), next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
+  const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
   const parts = [part("b", "", first)];
   if (best?.parameters.length) {
     const [{ name, value, interval95, unit }] = best.parameters, interval = interval95.every((end) => end !== null) ? ` [${interval95.map((end) => sensible(end, 3)).join(", ")}]` : "";
@@ -75,19 +78,22 @@ function showLine(told, diagnosis) {
   line.title = diagnosis.sentence;
 }
 
-/** The model that the diagnosis recommends: the likeliest cause's form with its values, and the soil that goes with it. */
+/** The model that the diagnosis recommends: all named causes with their values, and the soil that goes with them. */
 function recommendedOf(diagnosis) {
-  const best = diagnosis?.causes[0], effect = best && effectOf(best.name, best.form);
-  if (!effect?.can) return null;
+  const causes = diagnosis?.verdict === "named" ? diagnosis.causes : [];
+  const effects = causes.map((each) => effectOf(each.name, each.form));
+  if (!effects.length || effects.some((each) => !each?.can)) return null;
   const soil = diagnosis.soils.find(({ campaign }) => campaign === current().name) ?? diagnosis.soils[0];
-  return { effect, values: { ...(soil?.values ?? {}), ...Object.fromEntries(best.parameters.map(({ name, value }) => [name, value])) } };
+  return { keys: effects.map(({ key }) => key), values: { ...(soil?.values ?? {}), ...Object.fromEntries(causes.flatMap(({ parameters }) => parameters.map((each) => [each.name, each.value]))) } };
 }
 
 function take() {
   const found = recommendedOf(kept.get(current().key)?.diagnosis);
   if (!found) return;
-  if (!choiceOf(current().key).effects?.includes(found.effect.key)) setEffect(found.effect.key, true);
-  setValues(found.values, "recommended");
+  const on = choiceOf(current().key).effects ?? [];
+  for (const key of on) if (!found.keys.includes(key)) setEffect(key, false);
+  for (const key of found.keys) if (!on.includes(key)) setEffect(key, true);
+  setValues(found.values);
 }
 
 function showErrors(diagnosis) {
@@ -98,7 +104,7 @@ function showErrors(diagnosis) {
     const [before, after] = [base.channels[channel][key], extended.channels[channel][key]];
     return [words, fixed(before, digits), fixed(after, digits), key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
   });
-  fillTable(get("error-table"), ["", "baseline", "recommended", "difference"], rows);
+  fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
 }
 
 export function fillTable(table, head, rows) {
@@ -112,7 +118,7 @@ export function fillTable(table, head, rows) {
 
 function rowsOf(diagnosis) {
   const causes = new Map((diagnosis?.causes ?? []).map((cause) => [cause.name, cause]));
-  return (diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
+  return (diagnosis?.refused ? [] : diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
 }
 
 const percent = (share) => (share > 0.999 ? "> 99.9 %" : `${(100 * share).toFixed(1)} %`);
