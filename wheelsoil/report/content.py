@@ -124,6 +124,8 @@ class Tile:
     note: str = ""
     before: str = ""
     change: str = ""
+    better: bool = True
+    """Whether the change is an improvement beyond its interval."""
 
 
 @dataclass(frozen=True)
@@ -136,10 +138,11 @@ class Tiles:
 
 @dataclass(frozen=True)
 class Step:
-    """A thing to do next, and why."""
+    """A thing to do next, why, and the command or the lines of a file to paste."""
 
     what: str
     why: str = ""
+    paste: str = ""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import refusal_words, sentences_of
+from wheelsoil.wording.verdict import refusal_words, sentences_of, size_text
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs
@@ -150,7 +150,11 @@ def diagnose_members(
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
     diagnosis = diagnose_campaigns(campaigns_of(paths, processed, soil), options)
-    shown = {"sentences": sentences_of(diagnosis), "refused": refusal_words(diagnosis)}
+    shown = {
+        "sentences": sentences_of(diagnosis),
+        "refused": refusal_words(diagnosis),
+        "sizes": [size_text(cause) for cause in diagnosis.causes],
+    }
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
     return found
 

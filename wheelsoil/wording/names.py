@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import floor, isfinite
 
+from daq import OUTPUTS, Quantity, unit_suffix, unit_text
 from model.diagnosis import Kind, Rows, Shape
 from model.effects import EFFECTS
 
@@ -49,6 +50,49 @@ SOIL_LETTERS = {
     "frictional_modulus": "k_φ",
 }
 """The textbook's letters of the soil's parameters."""
+
+
+LABORATORY = "Wong, laboratory soil"
+"""Wong's model with the soil of terrain.toml."""
+CALIBRATED = "Wong, calibrated soil"
+"""Wong's model with the soil fitted to the runs within the laboratory's uncertainty, and no cause."""
+
+PARAMETERS = {
+    "H_m": "H",
+    "H2_m": "H₂",
+    "Q_m": "Q",
+    "m1": "m₁",
+    "m2": "m₂",
+    "p": "p = m₁ + m₂",
+    "p = m1 + m2": "p = m₁ + m₂",
+    "n1": "n₁",
+    "c1": "c₁",
+    "c2": "c₂",
+    "ln_mu": "ln μ",
+    "lambda": "λ",
+    "angle_rad": "angle",
+    **SOIL_LETTERS,
+}
+"""The textbook's letters of parameters."""
+
+_UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
+
+
+def letter(name: str) -> str:
+    """Return the textbook's letter of a parameter, or else its name in words, without the unit."""
+    return PARAMETERS.get(name) or (name if "=" in name else named_with_unit(name)[0])
+
+
+def named_with_unit(name: str) -> tuple[str, str]:
+    """Return "drawbar pull noise", "N" of ``drawbar_pull_noise_n``; no unit where the name ends in none."""
+    plain, _, last = name.rpartition("_")
+    known = plain and last in _UNITS
+    return (plain if known else name).replace("_", " "), _UNITS[last] if known else ""
+
+
+def page_unit(channel: str) -> tuple[float, str]:
+    """Return the factor to the unit that pages write for a channel, and that unit: sinkage is in mm."""
+    return (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
 
 
 def plain_name(name: str) -> str:

@@ -30,11 +30,11 @@ from wheelsoil.report.content import (
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Recommendation, biases
-from wheelsoil.report.sections.glance import caution_text, in_page_unit, upper
+from wheelsoil.report.recommendation import Recommendation, biases, recommended_causes
+from wheelsoil.report.sections.glance import caution_text, upper
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
-from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
+from wheelsoil.wording.names import CALIBRATED, chance, family_of, page_unit, parameter_name, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
 from wheelsoil.workflows.traction import Traction, traction_of
@@ -71,14 +71,20 @@ def fit(material: ReportInputs) -> Contents:
     if table is not None:
         beside.append(table)
     if checks:
-        beside.append(Checks("Checks", "Bias and lack of fit of the recommended model.", checks))
+        beside.append(
+            Checks(
+                "Checks",
+                f"Bias and lack of fit of the model: {one.title.lower() if not one.is_base else one.title}.",
+                checks,
+            )
+        )
     blocks += [Pair(beside)] if beside else []
     numbers: dict[str, Any] = {
         "recommended": one.name,
         "baseline": one.base_name,
         "biases": found,
         "checks": [check.text for check in checks],
-        "causes": _recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
+        "causes": recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
         "soils": material.diagnosed.soils if material.diagnosed is not None else (),
         "residual": {c: _residual_numbers(one, c) for c in one.measured},
     }
@@ -91,7 +97,7 @@ def fit(material: ReportInputs) -> Contents:
 
 def _noise(one: Recommendation, channel: str) -> str:
     """Return the noise of a sample, driving and braking: a smaller bias need not show."""
-    factor, text = in_page_unit(channel)
+    factor, text = page_unit(channel)
     sides = (("driving", one.slip > 0), ("braking", one.slip < 0))
     known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
     said = text.replace(" ", "\u00a0")
@@ -104,14 +110,14 @@ def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
 
 
 def _residuals(one: Recommendation, channel: str) -> Drawing:
-    factor, text = in_page_unit(channel)
+    factor, text = page_unit(channel)
     noise = parted_at_zero(binned(one.slip, factor * one.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -_SIGMAS * noise.median, _SIGMAS * noise.median)]
     if not one.is_base:
         below = parted_at_zero(binned(one.slip, factor * one.residual(channel, base=True), EDGES))
-        curves.append(Curve("Baseline", below.centre, below.median, "base"))
+        curves.append(Curve(_short(one.base_name), below.centre, below.median, "base"))
     above = parted_at_zero(binned(one.slip, factor * one.residual(channel), EDGES))
-    curves.append(Curve("Baseline" if one.is_base else "Recommended", above.centre, above.median, "model"))
+    curves.append(Curve(_short(one.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = reach(*driving, *edges)
@@ -132,6 +138,10 @@ def _residuals(one: Recommendation, channel: str) -> Drawing:
     )
 
 
+def _short(name: str) -> str:
+    return name.removeprefix("Wong, ").capitalize()
+
+
 def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
@@ -146,7 +156,7 @@ def _parameters(material: ReportInputs) -> Table | None:
     found = material.diagnosed
     if found is None:
         return None
-    rows = [row for cause in _recommended_causes(found) for row in _of_cause(cause)]
+    rows = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
     several = len(found.soils) > 1
     for soil in found.soils:
         for name, value in soil.values.items():
@@ -161,20 +171,17 @@ def _parameters(material: ReportInputs) -> Table | None:
     if not rows:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
-    causes = listed([_with_form(cause) for cause in _recommended_causes(found)])
+    causes = listed([_with_form(cause) for cause in recommended_causes(found)])
     of_soil = (
         "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
     )
-    model = f"Wong with {causes}, {of_soil}" if causes else "Wong, soil calibrated on these runs"
-    return Table("Recommended model", head, rows, f"{model}. σ: of the laboratory's value.")
+    model = f"Wong with {causes}, {of_soil}" if causes else CALIBRATED
+    title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
+    return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
 
 
 def _with_form(cause: Cause) -> str:
     return f"{plain_name(cause.name)}{f' ({form_name(cause.form)})' if cause.form else ''}"
-
-
-def _recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
-    return found.causes if found.verdict == "named" else found.causes[:1] if found.verdict == "one_of" else ()
 
 
 def _with_unit(name: str, text: str) -> str:
@@ -283,7 +290,7 @@ def _largest_residual(one: Recommendation) -> Drawing:
         raise DataError("the noise of the samples is not known")
     channel = max(sizes, key=lambda c: sizes[c][0])
     sigma, left, worst = sizes[channel]
-    factor, text = in_page_unit(channel)
+    factor, text = page_unit(channel)
     size = f"{signed(factor * float(left.median[worst]), '+.0f')} {text}"
     title = f"{OUTPUTS[channel].name.capitalize()}: residual {size} at slip {left.centre[worst]:.2f} ({sigma:.1f} σ)"
     return replace(_residuals(one, channel), key="largest-residual", title=title)

@@ -2,7 +2,7 @@
 
 import { ask, query } from "./api.js";
 import { confirmed, took } from "./choice.js";
-import { fixed, sensible } from "./channels.js";
+import { fixed } from "./channels.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { Job } from "./job.js";
 import { verdictOf } from "./list.js";
@@ -63,10 +63,7 @@ function showLine(told, diagnosis) {
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
   const parts = [part("b", "", first)];
-  if (best?.parameters.length) {
-    const [{ name, value, interval95, unit }] = best.parameters, interval = interval95.every((end) => end !== null) ? ` [${interval95.map((end) => sensible(end, 3)).join(", ")}]` : "";
-    parts.push(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${name} = ${sensible(value, 3)}${interval}${unit === "1" ? "" : ` ${unit}`}`));
-  }
+  if (best?.parameters.length) parts.push(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${diagnosis.sizes[0]}`));
   if (gain?.held_out) {
     const { base, extended } = gain.held_out, better = part("span", "", `Held-out error ${fixed(base.R0_N, 0)} → ${fixed(extended.R0_N, 0)} N `);
     better.append(part("strong", gain.reduction_percent > 0 ? "better" : "", `${fixed(-gain.reduction_percent, 0)} %`));
