@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
+from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -21,6 +22,7 @@ from wheelsoil.wording.names import (
 )
 from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, sentence_of
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
     "Median there: of measured - predicted. Size of the shape: the largest contribution of that shape "
@@ -168,11 +170,9 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
     name, probability = plain_name(cause.name), chance(cause.probability)
-    for parameter in cause.parameters:
-        low, high = parameter.interval95
-        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
-        unit = "" if parameter.unit == "1" else parameter.unit
-        yield [name, parameter_name(cause.key, parameter.name), probability, number(parameter.value, 3), interval, unit]
+    for one, parameter in zip(sizes_of(cause), cause.parameters, strict=True):
+        interval, words = figure_interval(one, " .. "), parameter_name(cause.key, parameter.name)
+        yield [name, words, probability, figure_value(one), interval, one.unit]
         name = probability = ""
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
@@ -185,7 +185,8 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
         return wrapped(refused, width)
     shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
     rest = len(diagnosis.candidates) - len(shown)
-    words = [f"{plain_name(c.name)} {chance(c.probability)}" for c in shown]
+    figures = figures_of_diagnosis(diagnosis)
+    words = [f"{plain_name(c.name)} {figure_value(figures[f'candidate.{c.name}'])}" for c in shown]
     words += [f"{rest} more below {100 * _LEAST_SHOWN:g} %"] if rest else []
     if not words:
         return []
@@ -239,7 +240,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     if gain is None:
         return []
     head = ["held out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
-    rows = score_rows(gain, number)
+    rows = score_rows(gain, number, diagnosis.verdict)
     return [
         "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
@@ -247,20 +248,20 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
 
 
-def score_rows(gain: Gain, number: Callable[[float, int], str]) -> list[list[str]]:
-    """Return model, R0, unit, M0, R2 and log-likelihood of every channel, without and with the extension."""
+def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) -> list[list[str]]:
+    """Return model, R0, unit, M0, R2 and log-likelihood of every channel, without and with the causes of a verdict."""
     return [
         [
-            f"{OUTPUTS[channel].name}, {which}",
-            number(scores[channel].R0, 4),
-            OUTPUTS[channel].unit_text,
+            f"{OUTPUTS[channel].name}, {which.replace('_', ' ')}",
+            figure_value(one),
+            one.unit,
             number(scores[channel].M0_percent, 3),
             number(scores[channel].R2, 4),
-            number(scores[channel].log_likelihood, 5) if i == 0 else "",  # of the run, all its channels together
+            number(scores[channel].log_likelihood, 5) if channel == next(iter(gain.base)) else "",  # of the whole run
         ]
-        for i, channel in enumerate(gain.base)
-        for which, scores in (("base", gain.base), ("extended", gain.extended))
-        if channel in scores
+        for one in errors_of(gain, verdict)
+        for _, channel, which in [one.key.split(".")]
+        for scores in [gain.base if which == CALIBRATED_SOIL else gain.extended]
     ]
 
 

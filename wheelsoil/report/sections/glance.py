@@ -32,6 +32,8 @@ from wheelsoil.wording.verdict import (
     sentences_of,
 )
 from wheelsoil.workflows.grading import Grade
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.traction import traction_of
 
 _STEPS = 3
 _NAMED = 5
@@ -63,6 +65,7 @@ def glance(material: ReportInputs) -> Contents:
             one.title: {"before": one.before, "value": one.value, "unit": one.unit} for one in _tiles(material, grades)
         },
         "cautions": list(steps.cautions),
+        "key_figures": _key_figures(material),
     }
     return [*blocks, steps], numbers
 
@@ -90,6 +93,12 @@ def _sentences(material: ReportInputs) -> list[str]:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
+def _key_figures(material: ReportInputs) -> dict[str, KeyFigure]:
+    """Return all that other surfaces show too, by its key."""
+    of_ground = figures_of_traction(traction_of(material.fitted)) if material.runs and material.campaign else {}
+    return of_ground | (figures_of_diagnosis(material.diagnosed) if material.diagnosed is not None else {})
+
+
 def _tiles(material: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
     return [_error_tile(material), _confidence_tile(material.diagnosed), _data_tile(material, grades)]
 
@@ -102,17 +111,21 @@ def _error_tile(material: ReportInputs) -> Tile:
     main = found.main_channel
     channel = OUTPUTS[main]
     factor, unit = page_unit(main)
+    figures = figures_of_diagnosis(found)
+    was, now = (figures.get(f"error.{main}.{which}") for which in (CALIBRATED_SOIL, "with_causes"))
     before, after = (factor * scores[main].R0 for scores in (gain.base, gain.extended))
     change = reduction_in(gain, main)
     low, high = change.interval95
     title = f"{channel.name.capitalize()} error, held-out"
     if found.verdict not in ("named", "one_of") or abs(change.percent) < NO_CHANGE:
         others = [f"{OUTPUTS[one].name} {_error_of(gain, one)}" for one in gain.base if one != main]
-        return Tile(title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]))
+        return Tile(
+            title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
+        )
     notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
     notes += [_errors_of(gain, one) for one in gain.base if one != main and one in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
-    return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, better=low > 0)
+    return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=low > 0)
 
 
 def _error_of(gain: Gain, channel: str) -> str:
@@ -146,16 +159,17 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     title = "Confidence"
     if found is None:
         return Tile(title, "–", "", "no diagnosis was made")
-    chances = {one.name: one.probability for one in found.candidates}
+    sure = figures_of_diagnosis(found).get("confidence")
+    if sure is not None:
+        share, keys = _share(sure.value), (None, sure)
     if found.verdict == "named":
         named = listed([plain_name(cause.name) for cause in found.causes])
-        lowest = min(cause.probability for cause in found.causes)
-        return Tile(title, *_share(lowest), f"in {named}, alone or with others{_chosen(found)}")
+        return Tile(title, *share, f"in {named}, alone or with others{_chosen(found)}", keys=keys)
     if found.verdict == "one_of":
         names = " or ".join(f"{plain_name(c.name)} {chance(c.probability)}" for c in found.causes)
-        return Tile(title, *_share(1 - chances.get("none", 0.0)), f"that a cause acts: {names}")
+        return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
-        return Tile(title, *_share(chances.get("none", float("nan"))), "that no cause acts")
+        return Tile(title, *share, "that no cause acts", keys=keys)
     fit = found.adequacy
     why = adequacy_words(fit) if fit else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why

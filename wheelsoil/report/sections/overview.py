@@ -34,9 +34,11 @@ from wheelsoil.report.recommendation import Recommendation, biases, recommended_
 from wheelsoil.report.sections.glance import caution_text, upper
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
-from wheelsoil.wording.names import CALIBRATED, chance, family_of, page_unit, parameter_name, plain_name
+from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.names import CALIBRATED, family_of, page_unit, parameter_name, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
+from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
 from wheelsoil.workflows.traction import Traction, traction_of
 
 _SIGMAS = 1.959964
@@ -156,7 +158,7 @@ def _parameters(material: ReportInputs) -> Table | None:
     found = material.diagnosed
     if found is None:
         return None
-    rows = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
+    rows: list[list[str | KeyFigure]] = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
     several = len(found.soils) > 1
     for soil in found.soils:
         for name, value in soil.values.items():
@@ -188,39 +190,44 @@ def _with_unit(name: str, text: str) -> str:
     return f"{name} ({unit(text)})" if unit(text) else name
 
 
-def _of_cause(cause: Cause) -> list[list[str]]:
+def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     return [
         [
             _with_unit(letter(parameter_name(cause.key, one.name)), one.unit),
-            measured(one.value, one.sigma),
-            interval(*one.interval95),
+            figure,
+            figure_interval(figure, " … "),
             "",
             "",
         ]
-        for one in cause.parameters
+        for one, figure in zip(cause.parameters, sizes_of(cause), strict=True)
     ]
 
 
 def _traction_tiles(one: Traction) -> list[Tile]:
     tiles = []
+    figures = figures_of_traction(one)
     if one.pull is not None:
         low, high = one.pull.interval95
         said = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
         note = f"{said}{count(one.pull.passes)} passes through it, {one.pull.load_n / 1e3:.1f} kN"
-        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", number(one.pull.pull_n), "N", note))
+        pull = figures["pull_at_slip_0.2"]
+        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", figure_value(pull), "N", note, keys=(None, pull)))
         tiles.append(
             Tile(
                 f"Dp/W at slip {one.pull.slip:g}",
-                signed(one.pull.pull_n / one.pull.load_n, ".3f"),
+                figure_value(figures["drawbar_coefficient_at_slip_0.2"]),
                 "",
                 "drawbar coefficient",
+                keys=(None, figures["drawbar_coefficient_at_slip_0.2"]),
             )
         )
     if isfinite(one.drawbar_coefficient):
-        tiles.append(Tile("Highest Dp/W", signed(one.drawbar_coefficient, ".3f"), "", f"at slip {one.at_slip:.2f}"))
+        best = figures["drawbar_coefficient"]
+        tiles.append(Tile("Highest Dp/W", figure_value(best), "", f"at slip {one.at_slip:.2f}", keys=(None, best)))
     if isfinite(one.efficiency):
         note = f"at slip {one.efficiency_at_slip:.2f}; Dp v / (T ω)"
-        tiles.append(Tile("Highest tractive efficiency", signed(100 * one.efficiency, ".0f"), "%", note))
+        best = figures["tractive_efficiency"]
+        tiles.append(Tile("Highest tractive efficiency", figure_value(best), "", note, keys=(None, best)))
     return tiles
 
 
@@ -237,9 +244,9 @@ def causes(material: ReportInputs) -> Contents:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
         )
-    rivals = found.grounds.confounded
-    rows = [
-        [plain_name(one.name), chance(one.probability), *_size(found, one.name)]
+    rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
+    rows: list[list[str | KeyFigure]] = [
+        [plain_name(one.name), figures[f"candidate.{one.name}"], *_size(found, one.name)]
         for i, one in enumerate(found.candidates)
         if one.name != "none" and (i < _MOST_CAUSES or one.name in rivals)
     ]

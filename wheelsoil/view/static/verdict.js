@@ -10,6 +10,7 @@ import { effectOf, setChances, setEffect, setJudged, setValues } from "./model.j
 import { choiceOf, current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
+const CHANNEL_NAMES = { dp: "pull", t: "torque", z: "sinkage" };
 const MOST = 8;
 const LEAST = 0.01;
 const ERRORS = [["dp", "R0", "Pull (N)", 1], ["t", "R0", "Torque (N m)", 1], ["dp", "R2", "R², pull", 3]];
@@ -63,10 +64,11 @@ function showLine(told, diagnosis) {
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
   const parts = [part("b", "", first)];
-  if (best?.parameters.length) parts.push(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${diagnosis.sizes[0]}`));
-  if (gain?.held_out) {
-    const { base, extended } = gain.held_out, better = part("span", "", `Held-out error ${fixed(base.R0_N, 0)} → ${fixed(extended.R0_N, 0)} N `);
-    better.append(part("strong", gain.reduction_percent > 0 ? "better" : "", `${fixed(-gain.reduction_percent, 0)} %`));
+  if (best?.parameters.length) parts.push(keyed(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${diagnosis.sizes[0]}`), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
+  const [was, now] = ["calibrated_soil", "with_causes"].map((which) => `error.${diagnosis.main_channel}.${which}`);
+  if (gain?.held_out && diagnosis.figures[now]) {
+    const better = part("span", "", `Held-out error, ${CHANNEL_NAMES[diagnosis.main_channel]} `), change = diagnosis.change_percent;
+    better.append(figure(diagnosis, was), " → ", figure(diagnosis, now), ` ${diagnosis.figures[now].unit} `, part("strong", change > 0 ? "better" : "", `${fixed(-change, 0)} %`));
     parts.push(better);
   }
   parts.push(part("span", "rest", rest.filter((each) => each !== next).join(" ")));
@@ -74,6 +76,15 @@ function showLine(told, diagnosis) {
   line.replaceChildren(...parts.flatMap((each) => [each, " "]));
   line.title = diagnosis.sentence;
 }
+
+/** Mark what a part shows: the key of the quantity and its unrounded value. */
+function keyed(made, { figures }, key) {
+  if (figures[key]) Object.assign(made.dataset, { key, value: figures[key].value });
+  return made;
+}
+
+/** A quantity as every other surface writes it. */
+const figure = (diagnosis, key) => keyed(part("span", "", diagnosis.figures[key].text), diagnosis, key);
 
 /** The model that the diagnosis recommends: all named causes with their values, and the soil that goes with them. */
 function recommendedOf(diagnosis) {
@@ -99,7 +110,9 @@ function showErrors(diagnosis) {
   if (!base) return;
   const rows = ERRORS.filter(([channel]) => base.channels[channel] && extended.channels[channel]).map(([channel, key, words, digits]) => {
     const [before, after] = [base.channels[channel][key], extended.channels[channel][key]];
-    return [words, fixed(before, digits), fixed(after, digits), key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
+    const figures = ["calibrated_soil", "with_causes"].map((which) => `error.${channel}.${which}`);
+    const cells = key === "R0" && diagnosis.figures[figures[1]] ? figures.map((each) => figure(diagnosis, each)) : [fixed(before, digits), fixed(after, digits)];
+    return [words, ...cells, key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
   });
   fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
 }
@@ -107,7 +120,11 @@ function showErrors(diagnosis) {
 export function fillTable(table, head, rows) {
   const row = (cells, tag) => {
     const made = part("tr");
-    made.append(...cells.map((words, i) => part(i ? tag : "th", "", words)));
+    made.append(...cells.map((cell, i) => {
+      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell : "");
+      if (typeof cell !== "string") box.append(cell);
+      return box;
+    }));
     return made;
   };
   table.replaceChildren(row(head, "th"), ...rows.map((cells) => row(cells, "td")));
