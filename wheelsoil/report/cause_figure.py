@@ -21,8 +21,6 @@ from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
 
 _BINS = 16
 _LONGEST_STEP_S = 0.5
-_INNER = (2.0, 98.0)
-_NEAR_ZERO = 0.25
 
 
 @dataclass(frozen=True)
@@ -115,12 +113,15 @@ _VIEWS: Mapping[str, _View] = {
         "Ground speed (m/s)", lambda s: s.speed_mps, lambda _, size, x: f"The ground speed reads {size} {_too(x)}"
     ),
     "speed_latency": _View(
-        *_SLIP,
-        lambda c, size, x: f"The {c} is a loop over slip: ground speed comes {size} {'later' if x > 0 else 'earlier'}",
+        "Acceleration of the vehicle (m/s²)",
+        lambda s: s.acceleration_mps2,
+        lambda _, size, x: f"The ground speed comes {size} {'later' if x > 0 else 'earlier'} than declared",
     ),
     "wheel_radius": _View(
         *_SLIP,
-        lambda _c, _s, x: f"Slip is shifted: the rolling radius is {_percent(x)} {'larger' if x > 0 else 'smaller'}",
+        lambda _c, _s, x: (
+            f"Slip is shifted: the rolling radius is {_percent(x)} {'larger' if x > 0 else 'smaller'} than stated"
+        ),
     ),
     "wheel_inertia": _View(
         "Acceleration of the rim (m/s²)",
@@ -140,8 +141,6 @@ def cause_figure(material: ReportInputs, one: Recommendation, channel: str) -> D
     if cause.name not in _VIEWS or not cause.parameters:
         return None
     view, samples = _VIEWS[cause.name], _samples_of(material, one, found)
-    if cause.name == "wheel_radius":
-        return _near_zero(one, channel, view, cause)
     if view.own is None:
         left, line = one.residual(channel, base=True), one.recommended[channel] - one.base[channel]
         against = f"{CALIBRATED}, without the cause"
@@ -152,10 +151,8 @@ def cause_figure(material: ReportInputs, one: Recommendation, channel: str) -> D
     factor, unit = page_unit(channel)
     title = _title(view, cause, channel)
     caption = f"Measured − predicted by {against}. Points: median and middle half. Line: the correction."
-    if cause.name == "speed_latency":
-        return _loop(samples, factor * left, factor * line, title, caption, unit)
     over_slip = view.axis == "Slip ratio"
-    if over_slip:  # braking is so much steeper that the driven part would look flat beside it
+    if over_slip or cause.name == "speed_latency":  # braking is so steep that the driven part would look flat
         left, line = (np.where(one.slip > 0, values, np.nan) for values in (left, line))
     edges = EDGES if over_slip else _edges(across)
     points, correction = binned(across, factor * left, edges), binned(across, factor * line, edges)
@@ -176,42 +173,6 @@ def _title(view: _View, cause: Cause, channel: str) -> str:
         ends = sorted((abs(low), abs(high))) if low * high > 0 else (low, high)
         size = f"{size} ({' to '.join(measured(end, first.sigma) for end in ends)})"
     return view.finding(OUTPUTS[channel].name, size, first.value)
-
-
-def _loop(samples: _Samples, left: FloatArray, line: FloatArray, title: str, caption: str, unit: str) -> Drawing:
-    """Return residual and correction against slip, speeding up and slowing down by themselves."""
-    curves, heights = [], []
-    driven = samples.slip > 0
-    for name, look, side in (("speeding up", "model", 1.0), ("slowing down", "base", -1.0)):
-        rows = driven & (side * samples.acceleration_mps2 > 0)
-        points, correction = (binned(samples.slip[rows], values[rows], EDGES) for values in (left, line))
-        curves.append(Curve(name, correction.centre, correction.median, look))
-        curves.append(Curve("", points.centre, points.median, look, points.lower, points.upper, points=True))
-        heights += [points.lower, points.upper, correction.median]
-    plane = Plane(
-        (0.0, float(np.nanmax(samples.slip))), reach(*heights), "Slip ratio", f"Measured − predicted ({unit})"
-    )
-    return drawn("hero", title, caption, plane, curves)
-
-
-def _near_zero(one: Recommendation, channel: str, view: _View, cause: Cause) -> Drawing:
-    """Return the channel about zero slip, where a shift of slip shows."""
-    factor, unit = page_unit(channel)
-    rows = np.abs(one.slip) <= _NEAR_ZERO
-    edges = np.linspace(-_NEAR_ZERO, _NEAR_ZERO, 2 * _BINS + 1)
-    points, base, model = (
-        binned(one.slip[rows], factor * values[channel][rows], edges)
-        for values in (one.measured, one.base, one.recommended)
-    )
-    curves = [
-        Curve(CALIBRATED, base.centre, base.median, "base"),
-        Curve("Recommended", model.centre, model.median, "model"),
-        Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
-    ]
-    name = OUTPUTS[channel].name.capitalize()
-    plane = Plane((-_NEAR_ZERO, _NEAR_ZERO), _height(points, base, model), "Slip ratio", f"{name} ({unit})")
-    caption = "About zero slip, all runs and loads. Points: median and middle half."
-    return drawn("hero", _title(view, cause, channel), caption, plane, curves)
 
 
 def _share(found: Diagnosis, cause: Cause, channel: str) -> float:

@@ -71,6 +71,8 @@ PARAMETERS = {
     "ln_mu": "ln μ",
     "lambda": "λ",
     "angle_rad": "angle",
+    "relative": "relative error",
+    "campaign_span_n": "drift over the campaign",
     **SOIL_LETTERS,
 }
 """The textbook's letters of parameters."""

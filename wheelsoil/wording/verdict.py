@@ -141,8 +141,11 @@ def prior_words(found: Diagnosis) -> list[str]:
         return []
     first = shifts[0]
     times = "three times as large" if first.factor > 1 else "a third as large"
-    named = first.verdict == "named"
-    other = f"{_listed([plain_name(f) for f in first.families])} named" if named else VERDICT_WORDS[first.verdict]
+    families = [plain_name(one) for one in first.families]
+    other = {"named": f"{_listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
+        first.verdict, ""
+    )
+    other = other or VERDICT_WORDS[first.verdict]
     turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
     more = f"; it also depends on that of {_listed([plain_name(one) for one in turned])}" if turned else ""
     return [
