@@ -81,7 +81,6 @@ SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
 
 OF_THE_DIAGNOSIS = (
     overview.causes,
-    change.cost,
     misfit.misfit,
     candidates.candidates,
     evidence.evidence,
