@@ -51,7 +51,6 @@ from .errors import not_installed as not_installed
 from .formatting import file_name as file_name
 from .formatting import moment as moment
 from .formatting import number as number
-from .formatting import probability as probability
 from .formatting import table_lines as table_lines
 from .formatting import without_powers as without_powers
 from .host_clock import UncertainTimestamps as UncertainTimestamps

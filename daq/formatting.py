@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import zip_longest
-from math import floor, isfinite, log10
+from math import floor, log10
 
 import numpy as np
 
@@ -46,14 +46,6 @@ def moment(time_ns: int) -> str:
     if time_ns < EARLIEST_DATE_NS:
         return f"{time_ns / 1e9:.3f} s, no date"
     return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"
-
-
-def probability(value: float) -> str:
-    """Return a probability with three digits, limited to <0.001 and >0.999: no data give 0 or 1."""
-    if not isfinite(value):
-        return "-"
-    text = f"{value:.3f}"
-    return {"1.000": ">0.999", "0.000": "<0.001"}.get(text, text)
 
 
 def table_lines(

@@ -9,6 +9,7 @@ from processing.options import ProcessOptions
 from wheelsoil.report.build import Report
 from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
+from wheelsoil.wording.figures import figure_value
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
@@ -38,6 +39,14 @@ def text_of(report: Report, key: str) -> str:
         elif isinstance(block, Panels):
             parts.append(block.reading)
     return " ".join(parts)
+
+
+def cells_of(section: Section) -> list[str]:
+    """Return the cells of a section's tables as they are written."""
+    tables = [block for block in section.blocks if isinstance(block, Table)]
+    return [
+        cell if isinstance(cell, str) else figure_value(cell) for table in tables for row in table.rows for cell in row
+    ]
 
 
 def section_of(report: Report, key: str) -> Section:

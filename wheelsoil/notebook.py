@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from math import isfinite
 
-from daq import OUTPUTS, ROLES, number, probability
+from daq import OUTPUTS, ROLES, number
 from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
 from processing import ProcessedRun
+from wheelsoil.wording.figures import figure_html, figure_interval
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
-from wheelsoil.wording.names import place_text, plain_name
-from wheelsoil.wording.notes import step_text, texts_of
+from wheelsoil.wording.names import chance, place_text, plain_name
+from wheelsoil.wording.notes import odds_text, step_text, texts_of
 from wheelsoil.wording.run_summary import summary_table
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import refusal_words, sentence_of
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, errors_of, figures_of_diagnosis, sizes_of
 
+Cell = str | KeyFigure
+"""A cell of a table: a text, or a key figure, which its renderer writes."""
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
 
@@ -51,15 +54,19 @@ def fit_html(fit: CampaignFit) -> str:
 
 def diagnosis_html(found: Diagnosis) -> str:
     """Return the verdict, the causes and the residuals of the simulation."""
-    shown = [html_paragraph(sentence_of(found))]
+    shown, figures = [html_paragraph(sentence_of(found))], figures_of_diagnosis(found)
     causes = [row for cause in found.causes for row in _cause_rows(cause)]
     if causes:
         head = ["cause", "parameter", "probability", "value", "95 % interval", "unit"]
         shown.append(html_table(head, causes, left=2, caption=f"verdict: {plain_name(found.verdict)}"))
-    likely = [
-        [plain_name(c.name), probability(c.probability)] for c in found.candidates if c.probability >= _LEAST_SHOWN
+    likely: list[list[Cell]] = [
+        [plain_name(c.name), figures[f"candidate.{c.name}"]]
+        for c in found.candidates
+        if c.probability >= _LEAST_SHOWN and f"candidate.{c.name}" in figures
     ]
-    if likely:
+    if refused := refusal_words(found):
+        shown.append(html_paragraph(refused))
+    elif likely:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
         [
@@ -74,38 +81,42 @@ def diagnosis_html(found: Diagnosis) -> str:
         caption = "Residuals of the simulation, largest first"
         shown.append(html_table(["channel", "where", "by", "sigmas"], wrong, left=2, caption=caption))
     if found.gain is not None:
-        rows = _gain_rows(found.gain)
-        head = ["on held-out runs", "R0 base", "R0 extended", "unit"]
+        rows = _gain_rows(found.gain, found.verdict)
+        head = ["R0 on held-out runs", "calibrated soil", "with the causes", "unit"]
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
         runs = [
-            [step_text(run), number(run.expected_log_bayes_factor, 3), number(run.cost_runs)] for run in found.next_run
+            [step_text(run), odds_text(run.expected_log_bayes_factor), number(run.cost_runs)] for run in found.next_run
         ]
-        shown.append(html_table(["next run, best first", "expected ln Bayes factor", "cost, runs"], runs))
+        shown.append(html_table(["next run, best first", "expected odds", "cost, runs"], runs))
     return "".join(shown)
 
 
-def _gain_rows(gain: Gain) -> list[list[str]]:
+def _gain_rows(gain: Gain, verdict: str) -> list[list[Cell]]:
+    errors = {one.key: one for one in errors_of(gain, verdict)}
     return [
-        [channel.name, number(gain.base[key].R0), number(gain.extended[key].R0), channel.unit_text]
+        [
+            channel.name,
+            errors[f"error.{key}.{CALIBRATED_SOIL}"],
+            errors.get(f"error.{key}.with_causes", "–"),
+            channel.unit_text,
+        ]
         for key, channel in OUTPUTS.items()
         if key in gain.base and key in gain.extended
     ]
 
 
-def _cause_rows(cause: Cause) -> list[list[str]]:
-    name, sure = plain_name(cause.name), probability(cause.probability)
+def _cause_rows(cause: Cause) -> list[list[Cell]]:
+    name, sure = plain_name(cause.name), chance(cause.probability)
     if not cause.parameters:
         return [[name, "", sure, "", "", ""]]
-    rows = []
-    for p in cause.parameters:
-        low, high = p.interval95
-        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
-        rows.append([name, p.name, sure, number(p.value, 3), interval, "" if p.unit == "1" else p.unit])
+    rows: list[list[Cell]] = []
+    for one, p in zip(sizes_of(cause), cause.parameters, strict=True):
+        rows.append([name, p.name, sure, one, figure_interval(one), one.unit])
     return rows
 
 
-def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, caption: str = "") -> str:
+def html_table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, left: int = 1, caption: str = "") -> str:
     """Return a small HTML table; texts are escaped. Aligned as in `daq.table_lines`; no head where `head` is empty."""
     parts = ["<table>"]
     if caption:
@@ -121,9 +132,13 @@ def html_paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>" if text else ""
 
 
-def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
-    sides = ("left" if i < left else "right" for i in range(len(texts)))
+def _html_cells(tag: str, cells: Sequence[Cell], left: int) -> str:
+    sides = ("left" if i < left else "right" for i in range(len(cells)))
     return "".join(
-        f'<{tag} style="text-align:{side};padding:.1em .7em .1em 0">{escape(text)}</{tag}>'
-        for text, side in zip(texts, sides, strict=True)
+        f'<{tag} style="text-align:{side};padding:.1em .7em .1em 0">{_html_of(cell)}</{tag}>'
+        for cell, side in zip(cells, sides, strict=True)
     )
+
+
+def _html_of(cell: Cell) -> str:
+    return escape(cell) if isinstance(cell, str) else figure_html(cell)

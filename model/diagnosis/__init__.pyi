@@ -23,6 +23,7 @@ from .core import Lugs as Lugs
 from .core import NextRun as NextRun
 from .core import ParameterEstimate as ParameterEstimate
 from .core import PlotData as PlotData
+from .core import Reduction as Reduction
 from .core import Rows as Rows
 from .core import Scores as Scores
 from .core import Shape as Shape

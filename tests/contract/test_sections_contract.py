@@ -20,6 +20,7 @@ from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.runs import process_runs
 
 every_section = pytest.mark.parametrize("builder", SECTIONS, ids=lambda builder: builder.key)
@@ -37,6 +38,7 @@ def whole(campaign) -> ReportInputs:
         sources=tuple(source_of(run) for run, _ in processed),
         versions=versions(),
         diagnosed=diagnosis("named"),
+        last=LastReport("last.json", "2026-05-04T10:00:00", "Clay", ()),
     )
 
 

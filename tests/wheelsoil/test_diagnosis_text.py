@@ -66,25 +66,25 @@ def test_the_gain_is_of_its_own_channel():
 def test_everything_is_said():
     text = squeezed(text_of(diagnosis("named")))
     for words in (
-        "slip sinkage H_m 0.970 0.051 0.04 .. 0.06 m",
-        "as vasilev, within the family 0.620",
-        "slip sinkage 0.970, bulldozing 0.030, none 0.020, 1 more below 0.01",
+        "slip sinkage H_m 97.0 % 0.0510 0.0400 .. 0.0600 m",
+        "as vasilev, within the family 62.0 %",
+        "slip sinkage 97.0 %, bulldozing 3.0 %, none 2.0 %, 1 more below 1 %",
         "-122 N -8.3 slip 0.4 to 0.9",
         "its sign can be opposite",
         "driving torque: 14 rows",
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
-        "The best explanation is adequate: something that the library does not have acts with a probability of 2 %.",
+        "The best explanation is adequate: something that the library does not have acts with a probability of 2.0 %.",
         "Samples used: 1210 of 1214. The linearisation converged after 5 iterations.",
         "Not detectable (1) slope: all runs go one way",
         "Detectable, not identifiable (1) speed bias: all runs go one way",
         "speed bias * offset_mps 0.02 m/s",
         "* detectable, not identifiable: see above",
-        "slip sinkage 0.900, slip sinkage + bulldozing 0.060",
+        "slip sinkage 90.0 %, slip sinkage + bulldozing 6.0 %, all other sets 4.0 %",
         "slip sinkage (vasilev) H_m 0.012 m",
         "at no size: slope",
-        "1. a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far: expected ln Bayes factor "
-        "6.3, costs 1 run, separates slip sinkage, bulldozing",
+        "1. a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far: expected odds "
+        "540 : 1, costs 1 run, separates slip sinkage, bulldozing",
         "the usual laboratory's is taken",
     ):
         assert words in text, words
@@ -94,7 +94,7 @@ def test_everything_is_said():
 def test_under_one_of_the_causes_are_a_set():
     text = text_of(diagnosis("one_of"))
     assert "One of, each as if it were the one" in text
-    assert re.search(r"bulldozing +fraction +0\.400 +0\.2 +-\n", text)
+    assert re.search(r"bulldozing +fraction +40\.0 % +0\.20 +–\n", text)
 
 
 def test_the_log_likelihood_of_a_run_is_told_once():
@@ -122,7 +122,7 @@ def test_the_sum_of_lyaskos_parameters_says_what_it_is():
     found = diagnosis("named")
     total = ParameterEstimate("p", "1", 0.6, (0.5, 0.7), 0.05)
     lyasko = replace(found.causes[0], key="lyasko", form="lyasko", parameters=(total,))
-    assert "p = m1 + m2 0.970 0.6" in squeezed(text_of(replace(found, causes=(lyasko,))))
+    assert "p = m1 + m2 97.0 % 0.600" in squeezed(text_of(replace(found, causes=(lyasko,))))
 
 
 def test_an_empty_score_and_no_convergence_are_said():

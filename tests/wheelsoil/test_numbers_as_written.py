@@ -6,10 +6,26 @@ import math
 
 import pytest
 
-from daq.formatting import moment, probability
+from daq.formatting import moment
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
+from wheelsoil.wording.names import chance, shares_percent
 
 NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        ((0.7715, 0.0725, 0.0245, 0.1315), [77.2, 7.3, 2.4, 13.1]),
+        ((1 / 3, 1 / 3, 1 / 3), [33.4, 33.3, 33.3]),
+        ((1.0, 0.0), [100.0, 0.0]),
+        ((0.9, 0.1), [90.0, 10.0]),
+        ((), []),
+    ],
+)
+def test_shares_add_up_to_100_percent(shares, said):
+    assert shares_percent(shares) == said
+    assert not shares or round(sum(said), 6) == 100.0
 
 
 @pytest.mark.parametrize(
@@ -55,9 +71,9 @@ def test_names_end_in_their_unit() -> None:
     assert named_with_unit("m") == ("m", "")
 
 
-def test_a_probability_has_three_digits_and_is_never_certain() -> None:
-    said = [probability(p) for p in (0.0, 0.0004, 0.9064, 0.9996, 1.0, NAN)]
-    assert said == ["<0.001", "<0.001", "0.906", ">0.999", ">0.999", "-"]
+def test_a_probability_has_one_decimal_and_is_never_certain() -> None:
+    said = [chance(p) for p in (0.0, 0.0004, 0.9064, 0.9994, 0.9995, 1.0, NAN)]
+    assert said == ["< 0.1 %", "< 0.1 %", "90.6 %", "99.9 %", "> 99.9 %", "> 99.9 %", "-"]
 
 
 def test_a_time_has_milliseconds() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnosis_samples import diagnosis
-from report_support import material_of, section_of, text_of
+from report_support import cells_of, material_of, section_of, text_of
 
 from daq import Note
 from daq.recording import Event
@@ -49,9 +49,7 @@ def test_every_number_of_a_table_is_in_the_json(processed):
     looked = 0
     for section in report.sections:
         known = np.array(all_numbers(numbers["sections"][section.key]))
-        for cell in (
-            cell for block in section.blocks if isinstance(block, Table) for row in block.rows for cell in row
-        ):
+        for cell in cells_of(section):
             for found in _NUMBER.finditer(cell):
                 shown = as_float(found[0])
                 last = 10.0 ** (-len(found[1] or "") + (int(found[0].partition("e")[2] or 0)))

@@ -23,6 +23,7 @@ from model.diagnosis.core.result import (
     NextRun,
     ParameterEstimate,
     Scores,
+    SoilEstimate,
     undecided,
 )
 from model.diagnosis.core.shapes import Kind, Shape
@@ -34,7 +35,9 @@ from wheelsoil.wording.verdict import (
     named_words,
     nothing_words,
     one_of_words,
+    rival_words,
     sentence_of,
+    sentences_of,
     unexplained_words,
     want_words,
 )
@@ -99,32 +102,48 @@ def causes(*families: str) -> tuple[Cause, ...]:
 
 def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     named = " ".join(named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES))
-    assert named.startswith("Slip sinkage explains the misfit (97 %; vasilev most probable, 70 %): ")
+    assert named.startswith("Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %): ")
     assert "H_m = 0.031 (0.027 to 0.035) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
-    assert "A further cause acts: one of slope (40 %), bulldozing (50 %)" in named
+    assert "A further cause acts: one of slope (40.0 %), bulldozing (50.0 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
     alone = " ".join(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
     assert "H_m = 0.031 m" in alone
-    assert "Grouser would fit almost as well" in alone
+    assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in alone
 
 
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     runs = (NextRun(MORE_LOAD, ("slope",), 4.0),)
     one_of = " ".join(one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04))
-    assert one_of.startswith("A cause acts (with probability 96 %): one of slope (40 %), bulldozing (50 %).")
+    assert one_of.startswith("A cause acts (with probability 96.0 %): one of slope (40.0 %), bulldozing (50.0 %).")
     assert one_of.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
     barred = " ".join(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
     assert "Slope is not named: all runs go one way: drive some back" in barred
-    assert "Grouser would fit almost as well" in barred
+    assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in barred
+
+
+def test_how_well_two_are_separated_is_said_by_one_probability() -> None:
+    chances = {"slope": 0.4, "bulldozing": 1e-5, "grouser": 0.0499}
+    assert rival_words(("slope", "bulldozing", "grouser"), chances) == [
+        "Slope (40.0 %) would fit almost as well",
+        "Bulldozing (< 0.1 %) and grouser (5.0 %) have similar signatures, but are separable in these data",
+    ]
+
+
+def test_the_verdict_comes_before_the_soil() -> None:
+    off = SoilEstimate("clay", {"tan_phi": 0.3}, {"tan_phi": 0.01}, {"tan_phi": (0.2, 0.01)})
+    for verdict in ("named", "one_of", "unexplained", "nothing_detectable"):
+        bare, moved = diagnosis(verdict), replace(diagnosis(verdict), soils=(off,))  # type: ignore[arg-type]
+        assert sentences_of(moved)[0] == sentences_of(bare)[0]
+        assert sentences_of(moved)[1].startswith("The laboratory's soil does not hold here: tan φ is 10.0 sigma above")
 
 
 @pytest.mark.parametrize("families", [("slope",), ("slope", "bulldozing")])
 def test_what_is_unlisted_is_the_reason_where_it_keeps_a_name_back(families: tuple[str, ...]) -> None:
     doubted = replace(BARE, causes=causes(*families), adequacy=Adequacy(0.16, 0.5, True, "probability"))
     said = " ".join(one_of_words(doubted, CHANCES, 0.0))
-    assert "sure enough for a name: something that the library does not have may act (16 %)." in said
+    assert "sure enough for a name: something that the library does not have may act (16.0 %)." in said
     surely = replace(doubted, adequacy=Adequacy(0.01, 0.5, True, "probability"))
     assert "library" not in " ".join(one_of_words(surely, CHANCES, 0.0))
 
@@ -133,7 +152,7 @@ def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
     sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
     said = " ".join(one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02))
-    assert "Several may act together: load gain and grouser (43 %)." in said
+    assert "Several may act together: load gain and grouser (43.0 %)." in said
 
 
 REASONS = {
@@ -162,9 +181,11 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
         assert said[0].startswith(f"These runs are not explained: {words}"), said
         assert said[-1].startswith("Next: check zeros")
     unsure = " ".join(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
-    assert unsure.startswith("No cause is distinguishable from chance (no cause: 30 %). The most probable one is slope")
+    assert unsure.startswith(
+        "No cause is distinguishable from chance (no cause: 30.0 %). The most probable one is slope"
+    )
     nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
-    assert "no cause: 93 %" in nothing
+    assert "no cause: 93.0 %" in nothing
     assert "slip sinkage from H_m = 0.0034 m on would be detected in half of such campaigns" in nothing
 
 
@@ -181,12 +202,13 @@ def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() 
 
 
 @pytest.mark.parametrize("verdict", ["named", "unexplained"])
-def test_what_speaks_against_one_diagnosis_stands_beside_a_name_and_before_no_explanation(verdict: str) -> None:
+def test_what_speaks_against_one_diagnosis_stands_behind_the_verdict(verdict: str) -> None:
     facts = {"parameter": "H_m", "unit": "m", "own": (("a", 0.01, 0.001), ("b", 0.03, 0.002)), "q": 9.0, "chance": 1e-4}
     grounds = Grounds(cautions=(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts),))
-    said = sentence_of(replace(diagnosis(verdict), grounds=grounds))  # type: ignore[arg-type]
     caution = "The campaigns disagree about H_m: a 0.01 +- 0.001 m, b 0.03 +- 0.002 m (Cochran's Q 9.0 on 1, p < 0.1 %)"
-    assert said.startswith(caution) == (verdict == "unexplained") and caution in said
+    sentences = sentences_of(replace(diagnosis(verdict), grounds=grounds))  # type: ignore[arg-type]
+    assert any(one.startswith(caution) for one in sentences[1:])
+    assert sentences[1].startswith(caution) == (verdict == "unexplained")
 
 
 def test_of_what_decides_nothing_the_reason_is_said() -> None:

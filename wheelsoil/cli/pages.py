@@ -56,6 +56,13 @@ def report_command(
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LAST",
+            help="An earlier report (JSON, page or folder): what has changed since.",
+        ),
+    ] = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
@@ -70,12 +77,14 @@ def report_command(
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
     fault has cost a section or the diagnosis.
     """
+    from wheelsoil.workflows.last_report import load_last
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of, report_of_tables
     from wheelsoil.workflows.runs import Files
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
+    last = load_last(against) if against else None
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = options.chosen(
@@ -86,6 +95,8 @@ def report_command(
         slip_threshold=slip_threshold,
         min_speed=min_speed,
     )
+    if tables and against:
+        raise ConfigError.of("--against compares reports of driven runs", "--table", next_step="omit one of the two")
     if tables:
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = read_benches(tables, wheels, rename=rename, where=where)
@@ -100,7 +111,7 @@ def report_command(
             lenient_dbc=lenient_dbc,
             accept_implausible=accept_implausible,
         )
-        report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose)
+        report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose, last=last)
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} omitted: {why}")

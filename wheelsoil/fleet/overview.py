@@ -23,10 +23,11 @@ from wheelsoil import __version__
 from wheelsoil.fleet.holdings import Holdings, read
 from wheelsoil.fleet.pooled import Pooled, day_of, pooled_json, pooled_of
 from wheelsoil.fleet.store import Store
-from wheelsoil.report import Curve, Drawing, Plane, drawn, reach
+from wheelsoil.report import Curve, Drawing, Plane, drawn, reach, ticks
 from wheelsoil.to_json import plain
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.passport_text import passport_line, soil_lines
+from wheelsoil.wording.verdict import upper
 
 SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
@@ -79,8 +80,12 @@ class Overview:
             return f"Transducer {serials} is wrong: {sure}{effects}."
         named = {family: a for family, (a, _) in self.causes.items() if a}
         if named:
-            family, count = max(named.items(), key=lambda item: item[1])
-            return f"The cause that is named most often is {plain_name(family)}: in {count} of {self.done} campaigns."
+            most = max(named.values())
+            first = [plain_name(family) for family, count in named.items() if count == most]
+            if len(first) > 1:
+                tied = f"{', '.join(first[:-1])} and {first[-1]}"
+                return f"{upper(tied)} are named equally often: in {most} of {self.done} campaigns each."
+            return f"The cause that is named most often is {first[0]}: in {most} of {self.done} campaigns."
         return f"No cause is named in any of {self.done} campaigns."
 
     @property
@@ -155,6 +160,7 @@ def _overview(holdings: Holdings) -> Overview:
     grades = holdings.table("runs", ["grade"]).to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
     whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
+    whole = whole.iloc[sorted(range(len(whole)), key=lambda i: _badness(whole.iloc[i].to_dict()))]
     counts = Counter(zip(shown["family"], shown["role"], strict=True))
     families = dict.fromkeys(shown["family"])
     return Overview(
@@ -180,6 +186,15 @@ def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
     """Return the median error on held-out runs before and after, N, of campaigns that have one."""
     known = campaigns.dropna(subset=["R0_base", "R0_extended"])
     return (float(known["R0_base"].median()), float(known["R0_extended"].median())) if len(known) else None
+
+
+def _badness(row: Mapping[Any, Any]) -> tuple[int, float]:
+    """Return what puts the worst first: failed, unexplained, named, one of several; then the largest error."""
+    if row["state"] == "failed":
+        return 0, 0.0
+    order = {"unexplained": 1, "named": 2, "one_of": 3}.get(str(row["verdict"]), 4)
+    error = row["R0_base"]
+    return order, -float(error) if error is not None and error == error else 0.0
 
 
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
@@ -259,5 +274,6 @@ def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
     fifth = np.searchsorted(edges, pull) + 1
     places = zip(x.round(1), y.round(1), fifth.tolist(), known["campaign"], pull.round(0), strict=True)
     across = span * _MAP[0]
-    width = f"{number(across, 2)} km" if across >= 1 else f"{number(1000 * across, 2)} m"
-    return {"size": _MAP, "places": list(places), "across": width, "pulls": (float(pull.min()), float(pull.max()))}
+    length = ticks(0.0, across, 5)[1]
+    scale = (round(length / span, 1), f"{length:g} km" if length >= 1 else f"{1000 * length:g} m")
+    return {"size": _MAP, "places": list(places), "scale": scale, "pulls": (float(pull.min()), float(pull.max()))}

@@ -6,3 +6,4 @@ from .drawing import Curve as Curve
 from .drawing import Plane as Plane
 from .drawing import drawn as drawn
 from .drawing import reach as reach
+from .drawing import ticks as ticks

@@ -27,6 +27,8 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import EVIDENCE, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
+from wheelsoil.wording.figures import figure_value
+from wheelsoil.workflows.key_figures import KeyFigure
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -87,6 +89,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         script=scripts[1],
         script_hashes=" ".join(_hash_of(script) for script in scripts),
         text_columns=_text_columns,
+        figure_value=figure_value,
         json=_json,
         figure_json=lambda one: _json({"data": one.data, "layout": one.layout, "groups": one.groups}),
         drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
@@ -97,8 +100,12 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
 def _text_columns(table: Table) -> set[int]:
     """Return the columns that are read as words: the first ones, and those in which a cell is no number."""
     columns = zip(*table.rows, strict=True)
-    words = {i for i, cells in enumerate(columns) if not all(_NUMBER.match(cell) or not cell for cell in cells)}
+    words = {i for i, cells in enumerate(columns) if not all(_is_number(cell) for cell in cells)}
     return words | set(range(table.left))
+
+
+def _is_number(cell: str | KeyFigure) -> bool:
+    return not isinstance(cell, str) or not cell or bool(_NUMBER.match(cell))
 
 
 def _hash_of(script: str) -> str:
@@ -268,7 +275,11 @@ def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
     sections = SECTIONS_OF_TABLES if material.tables else SECTIONS
-    return [builder for builder in sections if diagnosed or builder not in OF_THE_DIAGNOSIS]
+    found = material.diagnosed
+    without = [] if diagnosed else list(OF_THE_DIAGNOSIS)
+    without += [] if found is not None and found.verdict == "named" else ["cost"]
+    without += [] if material.last is not None else ["against"]
+    return [builder for builder in sections if builder not in without and builder.key not in without]
 
 
 def _head(material: ReportInputs) -> Head:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.workflows.key_figures import KeyFigure
 
 _DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
 
@@ -25,7 +26,7 @@ class Table:
 
     caption: str
     head: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | KeyFigure]]
     note: str = ""
     left: int = 1
     strong: int | None = None
@@ -124,6 +125,10 @@ class Tile:
     note: str = ""
     before: str = ""
     change: str = ""
+    keys: tuple[KeyFigure | None, KeyFigure | None] = (None, None)
+    """What before and value are, where they are key figures."""
+    better: bool = True
+    """Whether the change is an improvement beyond its interval."""
 
 
 @dataclass(frozen=True)
@@ -136,10 +141,11 @@ class Tiles:
 
 @dataclass(frozen=True)
 class Step:
-    """A thing to do next, and why."""
+    """A thing to do next, why, and the command or the lines of a file to paste."""
 
     what: str
     why: str = ""
+    paste: str = ""
 
 
 @dataclass(frozen=True)

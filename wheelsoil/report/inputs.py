@@ -29,6 +29,7 @@ from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
+from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.tables import BenchFiles
 
@@ -180,6 +181,8 @@ class ReportInputs:
         Whether a fault, and not the measurement, is why.
     tables : tuple of BenchFiles
         Single-wheel tables in place of runs.
+    last : LastReport, optional
+        An earlier report, with which this one is compared.
     """
 
     runs: tuple[ProcessedRun, ...]
@@ -195,6 +198,7 @@ class ReportInputs:
     no_diagnosis: str = ""
     diagnosis_failed: bool = False
     tables: tuple[BenchFiles, ...] = ()
+    last: LastReport | None = None
 
     @property
     def diagnosis(self) -> Diagnosis:

@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
-from model.diagnosis import Diagnosis
+from model.diagnosis import Cause, Diagnosis
 from model.fit import CampaignFit
 from wheelsoil.report.figures import EDGES, Bins, binned, style
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import CALIBRATED, LABORATORY, plain_name
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES = 10
@@ -36,23 +36,29 @@ class Pool(Protocol):
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Baseline and recommended model on the same samples.
+    """The recommended or most probable model and the one without its causes, on the same samples.
 
     Attributes
     ----------
+    title : "Recommended", "Most probable" or that of the base
+        What the model is called: only a named cause is recommended.
     name, base_name : str
-        Of the recommended model and of the baseline, in words.
+        Of the model and of the one beside it, in words.
     is_base : bool
-        Whether nothing better than the baseline is known: then there is one model.
+        Whether nothing better than the base is known: then there is one model.
+    main_channel : "dp", "t" or "z"
+        Channel that the figure of the cause shows.
     runs : tuple of str
         ``run`` indexes them.
     measured, base, recommended, noise : mapping channel -> float64 array, shape (n,)
         ``noise`` is one sigma of a measured sample about the baseline; NaN where nobody estimated it.
     """
 
+    title: str
     name: str
     base_name: str
     is_base: bool
+    main_channel: str
     runs: tuple[str, ...]
     run: IntArray
     time_s: FloatArray
@@ -80,9 +86,11 @@ def of_fit(fit: CampaignFit, runs: tuple[str, ...], pool: Pool) -> Recommendatio
         return {c: pool.predicted(model, OUTPUTS[c].field) for c in channels}
 
     return Recommendation(
+        title=LABORATORY if best == base else style(best).label,
         name=style(best).label,
-        base_name=style(base).label,
+        base_name=LABORATORY if base == "wong" else style(base).label,
         is_base=best == base,
+        main_channel=next(iter(channels), "dp"),
         runs=runs,
         run=pool.run,
         time_s=pool.time_s,
@@ -93,6 +101,11 @@ def of_fit(fit: CampaignFit, runs: tuple[str, ...], pool: Pool) -> Recommendatio
         recommended=predicted(best),
         noise={c: np.full(len(pool.slip), np.nan) for c in channels},
     )
+
+
+def recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
+    """Return the causes of the model that is shown beside the base: the named ones, or the most probable of several."""
+    return found.causes if found.verdict == "named" else found.causes[:1] if found.verdict == "one_of" else ()
 
 
 def of_diagnosis(found: Diagnosis) -> Recommendation:
@@ -111,12 +124,13 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
         return {c: np.concatenate(of_campaigns) for c, of_campaigns in values.items()}
 
     is_base = found.verdict not in ("named", "one_of") or not found.causes
-    names = [plain_name(cause.name) for cause in found.causes]
-    with_cause = " and ".join(names) if found.verdict == "named" else next(iter(names), "")
+    with_cause = " and ".join(plain_name(cause.name) for cause in recommended_causes(found))
     return Recommendation(
-        name="Wong, soil calibrated" if is_base else f"with {with_cause}",
-        base_name="Wong, soil calibrated",
+        title=CALIBRATED if is_base else "Recommended" if found.verdict == "named" else "Most probable",
+        name=CALIBRATED if is_base else f"with {with_cause}",
+        base_name=CALIBRATED,
         is_base=is_base,
+        main_channel=found.main_channel if found.main_channel in channels else next(iter(channels), "dp"),
         runs=tuple(runs),
         run=np.concatenate(number).astype(np.int64),
         time_s=np.concatenate([one.time_s for one in pieces]),

@@ -14,6 +14,7 @@ import numpy as np
 
 from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
+from model.diagnosis import Diagnosis
 from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
@@ -21,9 +22,12 @@ from wheelsoil.to_json import plain
 from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.verdict import reduction_in, refusal_words, sentences_of, size_text
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
+from wheelsoil.workflows.key_figures import figures_of_diagnosis
 from wheelsoil.workflows.runs import process_runs
 
 _UNIT_WEIGHT_N_M3 = float(Conditions.unit_weight_n_m3)
@@ -145,11 +149,30 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
 def diagnose_members(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
 ) -> dict[str, Any]:
-    """Return the diagnosis as `diagnose --json` prints it; see `diagnose_campaigns` for errors."""
+    """Return the diagnosis as `diagnose --json` prints it, with its sentences; see `diagnose_campaigns` for errors."""
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
-    found: dict[str, Any] = plain(diagnosis_json(diagnose_campaigns(campaigns_of(paths, processed, soil), options)))
+    diagnosis = diagnose_campaigns(campaigns_of(paths, processed, soil), options)
+    found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown_of(diagnosis))
     return found
+
+
+def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return what the page writes of a diagnosis: its sentences, and its key figures as text and unrounded."""
+    figures = figures_of_diagnosis(diagnosis)
+    return {
+        "sentences": sentences_of(diagnosis),
+        "refused": refusal_words(diagnosis),
+        "main_channel": diagnosis.main_channel,
+        "change_percent": None
+        if diagnosis.gain is None
+        else reduction_in(diagnosis.gain, diagnosis.main_channel).percent,
+        "sizes": [size_text(cause) for cause in diagnosis.causes],
+        "figures": {
+            key: {"value": one.value, "text": figure_value(one), "unit": one.unit, "model": one.model}
+            for key, one in figures.items()
+        },
+    }
 
 
 def not_identifiable(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:

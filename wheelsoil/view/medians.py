@@ -9,12 +9,12 @@ import numpy as np
 
 from daq import FloatArray
 from processing import ProcessedRun
+from wheelsoil.workflows.traction import traction_of, value_at_slip
 
 _EDGES = np.round(np.arange(-0.5, 1.0001, 0.05), 2)
 _LEAST = 20
 """Samples of a bin that has a median."""
 _CHANNELS = ("drawbar_pull_n", "driving_torque_nm")
-_USUAL_SLIP, _NEAR = 0.2, 0.025
 
 
 def medians_of(run: ProcessedRun) -> dict[str, float | None]:
@@ -50,7 +50,8 @@ def _summary(runs: Sequence[ProcessedRun]) -> dict[str, Any]:
 
     slip, pull, load = of("slip"), of("drawbar_pull_n"), of("vertical_load_n")
     number = np.where(np.isfinite(slip), np.digitize(slip, _EDGES) - 1, -1)
-    near = np.abs(slip - _USUAL_SLIP) <= _NEAR
+    at_slip = traction_of(tuple(runs)).pull
+    torque_nm, _ = value_at_slip(tuple(runs), "driving_torque_nm")
     return {
         "runs": len(runs),
         "seconds": float(sum(u.sum() / run.rate_hz for run, u in zip(runs, used, strict=True))),
@@ -58,9 +59,9 @@ def _summary(runs: Sequence[ProcessedRun]) -> dict[str, Any]:
         "speed_mps": _median(of("ground_speed_mps")),
         "greatest_slip": float(np.nanmax(slip)) if np.isfinite(slip).any() else None,
         "greatest_pull_n": max(filter(None, (binned := _binned(number, pull))), default=None),
-        "pull_n": _median(pull[near]),
-        "pull_coefficient": _median((pull / load)[near]),
-        "torque_nm": _median(of("driving_torque_nm")[near]),
+        "pull_n": at_slip.pull_n if at_slip else None,
+        "pull_coefficient": at_slip.pull_n / at_slip.load_n if at_slip else None,
+        "torque_nm": torque_nm if np.isfinite(torque_nm) else None,
         "curves": {name: binned if name == "drawbar_pull_n" else _binned(number, of(name)) for name in _CHANNELS},
     }
 

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite
+from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
-from daq import probability as as_probability
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
-from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
+from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.names import (
+    SOIL_LETTERS,
+    chance,
+    effect_name,
+    family_of,
+    parameter_name,
+    place_text,
+    plain_name,
+    shares_percent,
+)
 from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, sentence_of
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, sentence_of
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
     "Median there: of measured - predicted. Size of the shape: the largest contribution of that shape "
@@ -31,6 +42,7 @@ NOT_DETECTABLE = "Not detectable"
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
+_MOST_SETS = 5
 _FINDINGS = (
     "median: of measured - predicted there; shape: contribution of that shape alone, with the soil free, so that its "
     "sign can be opposite."
@@ -74,6 +86,25 @@ def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectab
 def set_name(one: CauseSet) -> str:
     """Return a set of causes as text."""
     return " + ".join(map(plain_name, one.causes)) or "no cause"
+
+
+class SetShare(NamedTuple):
+    """A set of causes, its probability, and its percentage as it is shown: those of all add up to 100."""
+
+    name: str
+    probability: float
+    percent: float
+
+
+def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShare]:
+    """Return the most probable sets, and all others together."""
+    if not sets:
+        return []
+    names = [*map(set_name, sets[:most]), "all other sets"]
+    chances = [one.probability for one in sets[:most]]
+    chances.append(max(1.0 - sum(chances), 0.0))
+    shares = map(SetShare, names, chances, shares_percent(chances))
+    return [one for one in shares if one.percent > 0]
 
 
 def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
@@ -138,24 +169,25 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
-    name, probability = plain_name(cause.name), as_probability(cause.probability)
-    for parameter in cause.parameters:
-        low, high = parameter.interval95
-        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
-        unit = "" if parameter.unit == "1" else parameter.unit
-        yield [name, parameter_name(cause.key, parameter.name), probability, number(parameter.value, 3), interval, unit]
+    name, probability = plain_name(cause.name), chance(cause.probability)
+    for one, parameter in zip(sizes_of(cause), cause.parameters, strict=True):
+        interval, words = figure_interval(one, " .. "), parameter_name(cause.key, parameter.name)
+        yield [name, words, probability, figure_value(one), interval, one.unit]
         name = probability = ""
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
     if cause.form and cause.form_probability < 1:
-        yield [f"  as {cause.form}, within the family", "", as_probability(cause.form_probability), "", "", ""]
+        yield [f"  as {cause.form}, within the family", "", chance(cause.form_probability), "", "", ""]
 
 
 def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
+    if refused := refusal_words(diagnosis):
+        return wrapped(refused, width)
     shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
     rest = len(diagnosis.candidates) - len(shown)
-    words = [f"{plain_name(c.name)} {as_probability(c.probability)}" for c in shown]
-    words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
+    figures = figures_of_diagnosis(diagnosis)
+    words = [f"{plain_name(c.name)} {figure_value(figures[f'candidate.{c.name}'])}" for c in shown]
+    words += [f"{rest} more below {100 * _LEAST_SHOWN:g} %"] if rest else []
     if not words:
         return []
     return ["Candidates (probability of being among the causes)", *wrapped(", ".join(words), width, "  ")]
@@ -164,7 +196,7 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
 def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
     if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
         return []
-    words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
+    words = ", ".join(f"{name} {share:.1f} %" for name, _, share in set_shares(diagnosis.sets))
     return ["Sets of causes (probability that these act, and no others)", *wrapped(words, width, "  ")]
 
 
@@ -208,7 +240,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     if gain is None:
         return []
     head = ["held out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
-    rows = score_rows(gain, number)
+    rows = score_rows(gain, number, diagnosis.verdict)
     return [
         "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
@@ -216,20 +248,20 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
 
 
-def score_rows(gain: Gain, number: Callable[[float, int], str]) -> list[list[str]]:
-    """Return model, R0, unit, M0, R2 and log-likelihood of every channel, without and with the extension."""
+def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) -> list[list[str]]:
+    """Return model, R0, unit, M0, R2 and log-likelihood of every channel, without and with the causes of a verdict."""
     return [
         [
-            f"{OUTPUTS[channel].name}, {which}",
-            number(scores[channel].R0, 4),
-            OUTPUTS[channel].unit_text,
+            f"{OUTPUTS[channel].name}, {which.replace('_', ' ')}",
+            figure_value(one),
+            one.unit,
             number(scores[channel].M0_percent, 3),
             number(scores[channel].R2, 4),
-            number(scores[channel].log_likelihood, 5) if i == 0 else "",  # of the run, all its channels together
+            number(scores[channel].log_likelihood, 5) if channel == next(iter(gain.base)) else "",  # of the whole run
         ]
-        for i, channel in enumerate(gain.base)
-        for which, scores in (("base", gain.base), ("extended", gain.extended))
-        if channel in scores
+        for one in errors_of(gain, verdict)
+        for _, channel, which in [one.key.split(".")]
+        for scores in [gain.base if which == CALIBRATED_SOIL else gain.extended]
     ]
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import floor, isfinite
+
+from daq import OUTPUTS, Quantity, unit_suffix, unit_text
 from model.diagnosis import Kind, Rows, Shape
 from model.effects import EFFECTS
 
@@ -34,6 +38,9 @@ _TEXTS = {
     Kind.LOAD_ERROR_WITH_LOAD: "as a sensor error, growing with the load",
 }
 
+_HIGHEST, _LOWEST = 0.9995, 0.0005
+_ROUNDING = 1e-6
+
 SOIL_LETTERS = {
     "cohesion_pa": "c",
     "tan_phi": "tan φ",
@@ -43,6 +50,50 @@ SOIL_LETTERS = {
     "frictional_modulus": "k_φ",
 }
 """The textbook's letters of the soil's parameters."""
+
+
+LABORATORY = "Wong, laboratory soil"
+"""Wong's model with the soil of terrain.toml."""
+CALIBRATED = "Wong, calibrated soil"
+"""Wong's model with the soil fitted to the runs within the laboratory's uncertainty, and no cause."""
+
+PARAMETERS = {
+    "H_m": "H",
+    "H2_m": "H₂",
+    "Q_m": "Q",
+    "m1": "m₁",
+    "m2": "m₂",
+    "p": "p = m₁ + m₂",
+    "n1": "n₁",
+    "c1": "c₁",
+    "c2": "c₂",
+    "ln_mu": "ln μ",
+    "lambda": "λ",
+    "angle_rad": "angle",
+    "relative": "relative error",
+    "campaign_span_n": "drift over the campaign",
+    **SOIL_LETTERS,
+}
+"""The textbook's letters of parameters."""
+
+_UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
+
+
+def letter(name: str) -> str:
+    """Return the textbook's letter of a parameter, or else its name in words, without the unit."""
+    return PARAMETERS.get(name) or (name if "=" in name else named_with_unit(name)[0])
+
+
+def named_with_unit(name: str) -> tuple[str, str]:
+    """Return "drawbar pull noise", "N" of ``drawbar_pull_noise_n``; no unit where the name ends in none."""
+    plain, _, last = name.rpartition("_")
+    known = plain and last in _UNITS
+    return (plain if known else name).replace("_", " "), _UNITS[last] if known else ""
+
+
+def page_unit(channel: str) -> tuple[float, str]:
+    """Return the factor to the unit that pages write for a channel, and that unit: sinkage is in mm."""
+    return (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
 
 
 def plain_name(name: str) -> str:
@@ -70,8 +121,19 @@ def parameter_name(key: str, name: str) -> str:
 
 
 def chance(p: float) -> str:
-    """Return a probability as a percentage; never 100 % or 0 %, which no data give."""
-    return "> 99.9 %" if p > 0.9995 else "< 0.1 %" if p < 0.0005 else f"{100 * p:.3g} %"
+    """Return a probability as a percentage with one decimal; never 100 % or 0 %, which no data give."""
+    return "> 99.9 %" if p >= _HIGHEST else "< 0.1 %" if p < _LOWEST else f"{100 * p:.1f} %" if isfinite(p) else "-"
+
+
+def shares_percent(shares: Sequence[float]) -> list[float]:
+    """Return shares that add up to 1 as percentages with one decimal that add up to 100, by the largest remainder."""
+    tenths = [1000.0 * max(share, 0.0) for share in shares]
+    whole = [floor(one + _ROUNDING) for one in tenths]
+    lacking = round(sum(tenths)) - sum(whole)
+    order = sorted(range(len(tenths)), key=lambda i: whole[i] - tenths[i])
+    for i in order[: max(lacking, 0)]:
+        whole[i] += 1
+    return [one / 10 for one in whole]
 
 
 def place_text(place: Shape | Rows) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import exp, isfinite, log
 from typing import TYPE_CHECKING
 
 from daq import number, without_powers
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from daq import Note
     from model.diagnosis import NextRun
     from processing import ProcessedRun
+
+
+_DECIDING_ODDS = 1000.0
 
 
 def note_text(note: Note) -> str:
@@ -38,10 +42,17 @@ def step_text(run: NextRun) -> str:
     return campaign + note_text(run.step)
 
 
+def odds_text(nats: float) -> str:
+    """Return a logarithm of odds as odds: "33 : 1"; above 1000 : 1 they decide, whatever they are."""
+    if not isfinite(nats):
+        return "-"
+    return "above 1000 : 1" if nats > log(_DECIDING_ODDS) else f"{number(exp(max(nats, 0.0)), 2)} : 1"
+
+
 def worth_text(run: NextRun) -> str:
-    """Return what it is expected to tell, and what it takes in time."""
+    """Return the odds that it is expected to give, and what it takes in time."""
     cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
-    return f"expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}, {cost}"
+    return f"expected odds {odds_text(run.expected_log_bayes_factor)}, {cost}"
 
 
 def texts_of(notes: Iterable[Note]) -> list[str]:

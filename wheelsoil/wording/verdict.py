@@ -18,9 +18,11 @@ from model.diagnosis import (
     Grounds,
     LackOfFit,
     ParameterEstimate,
+    Reduction,
 )
-from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, parameter_name, place_text, plain_name
+from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, letter, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, step_text
+from wheelsoil.wording.numbers import estimate
 
 REFUTED_AT = 3.0
 """One-sigmas of the laboratory by which a soil's parameter may be off."""
@@ -29,14 +31,19 @@ VERDICT_WORDS = {
     "nothing_detectable": "nothing detectable",
     "unexplained": "unexplained",
 }
+MOST_WORDS = 25
+"""Of a headline."""
+_MOST_NAMES = 3
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
-_NO_CHANGE = 0.5
+NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
 _IN_ALL = 0.99
 """Probability above which a family is said to be in every explanation."""
+_OPEN_AT = 0.05
+"""Posterior probability from which on a confounded family would fit almost as well."""
 _UNLISTED_AT = 0.05
 """Probability of something unlisted from which on it is said to keep a name back."""
 _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
@@ -55,20 +62,18 @@ def sentences_of(found: Diagnosis) -> list[str]:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
-    said = [
-        *laboratory_words(found),
-        *said[:before_next],
-        *instead_words(found),
-        *prior_words(found),
-        *said[before_next:],
-    ]
+    first = said[:1]
+    rest = [*said[1:before_next], *instead_words(found), *prior_words(found), *said[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
-    return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
+    soil = laboratory_words(found)
+    return [*first, *cautions, *soil, *rest] if found.verdict == "unexplained" else [*first, *soil, *rest, *cautions]
 
 
 def headline_of(found: Diagnosis) -> str:
     """Return the verdict in one short sentence, with the gain on held-out runs where there is one."""
     names = [plain_name(cause.name) for cause in found.causes]
+    if len(names) > _MOST_NAMES:
+        names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} more"]
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
     if found.verdict == "named":
@@ -81,12 +86,14 @@ def headline_of(found: Diagnosis) -> str:
         return "No known cause explains these data: do not rely on the model."
     else:
         return "No cause is detected: soil and noise explain these data."
-    gain = found.gain
-    if gain is None or not isfinite(gain.reduction_percent) or abs(gain.reduction_percent) < _NO_CHANGE:
+    gain, channel = found.gain, found.main_channel
+    change = reduction_in(gain, channel) if gain is not None else None
+    if change is None or not isfinite(change.percent) or abs(change.percent) < NO_CHANGE:
         return f"{said}."
-    how = "falls" if gain.reduction_percent > 0 else "grows"
-    error = f"the {OUTPUTS[gain.channel].name} error on held-out data {how} by {abs(gain.reduction_percent):.0f} %"
-    return f"{said}: {error}." if found.verdict == "named" else f"{said}. With the first, {error}."
+    how = "falls" if change.percent > 0 else "grows"
+    error = f"the {OUTPUTS[channel].name} error on held-out data {how} by {abs(change.percent):.0f} %"
+    whole = f"{said}: {error}." if found.verdict == "named" else f"{said}. With the first, {error}."
+    return whole if len(whole.split()) <= MOST_WORDS else f"{said}."
 
 
 def details_of(found: Diagnosis) -> list[str]:
@@ -99,9 +106,14 @@ def details_of(found: Diagnosis) -> list[str]:
     return [f"{sizes}." if one[1:] == f"{named[1:]}." else one for one in said]
 
 
-def _form_and_size(cause: Cause) -> str:
+def size_text(cause: Cause) -> str:
+    """Return the parameters of a cause with their intervals, those without one only where no other is known."""
     known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
-    sizes = ", ".join(_estimate(p, parameter_name(cause.key, p.name)) for p in known or cause.parameters)
+    return ", ".join(_estimate(p, letter(parameter_name(cause.key, p.name))) for p in known or cause.parameters)
+
+
+def _form_and_size(cause: Cause) -> str:
+    sizes = size_text(cause)
     if not cause.form:
         return sizes[0].upper() + sizes[1:] if len(sizes) > 1 and sizes[1].islower() else sizes
     return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
@@ -142,12 +154,16 @@ def prior_words(found: Diagnosis) -> list[str]:
         return []
     first = shifts[0]
     times = "three times as large" if first.factor > 1 else "a third as large"
-    named = first.verdict == "named"
-    other = f"{_listed([plain_name(f) for f in first.families])} named" if named else VERDICT_WORDS[first.verdict]
-    more = f" ({len(shifts)} such changes change it)" if len(shifts) > 1 else ""
+    families = [plain_name(one) for one in first.families]
+    other = {"named": f"{_listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
+        first.verdict, ""
+    )
+    other = other or VERDICT_WORDS[first.verdict]
+    turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
+    more = f"; it also depends on that of {_listed([plain_name(one) for one in turned])}" if turned else ""
     return [
-        f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
-        f"the verdict is {other}{more}."
+        f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is {times}, "
+        f"it is {other}{more}."
     ]
 
 
@@ -233,7 +249,7 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         others = [f"{plain_name(name)} ({chance(chances[name])})" for name in found.grounds.beside]
         more = [f"Beside it, one of: {', '.join(others)}."] if others else []
-        worth = gain_words(found.gain)
+        worth = gain_words(found.gain, found.main_channel)
         held_out = [f"On held-out conditions {worth}."] if worth else []
         seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate."
         if found.grounds.barred is not None and found.grounds.beside:
@@ -248,11 +264,12 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
         named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
         in_all = [c for c in found.causes if c.probability > _IN_ALL]
-        others = [c for c in found.causes if c not in in_all]
+        undecided = [c for c in found.causes if c not in in_all]
         said = f"One of {names}: {channels} of these rows cannot separate them."
-        if in_all and others:
+        if in_all and undecided:
             sure, open_ones = (
-                ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part) for part in (in_all, others)
+                ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part)
+                for part in (in_all, undecided)
             )
             said = (
                 f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "
@@ -280,15 +297,11 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
     if found.grounds.free_form:
         family, over = found.grounds.free_form
         said.append(f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}")
-    if worth := gain_words(found.gain):
+    if worth := gain_words(found.gain, found.main_channel):
         said.append(f"On held-out runs {worth}")
     if found.grounds.beside:
         said.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
-    if alike:
-        said.append(
-            f"{_listed([plain_name(f) for f in alike]).capitalize()} would fit almost as well; "
-            "the differences in these runs are small, but beyond the noise"
-        )
+    said += rival_words(alike, chances)
     if alike and found.next_run:
         said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
@@ -314,11 +327,28 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if barred is not None:
         said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.confounded if family not in families]
-    if others:
-        said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would fit almost as well")
+    said += rival_words(others, chances)
     if found.next_run:
         said.append(f"Next: {step_text(found.next_run[0])}")
     return _sentences(said)
+
+
+def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[str]:
+    """Return how well families with a similar signature are separated: by their posterior probability.
+
+    Those below 5 % are separated by these data; the others are not.
+    """
+    open_ = [f for f in families if chances.get(f, 0.0) >= _OPEN_AT]
+    closed = [f for f in families if f not in open_]
+    said = []
+    if open_:
+        each = [f"{plain_name(f)} ({chance(chances[f])})" for f in open_]
+        said.append(f"{upper(_listed(each))} would fit almost as well")
+    if closed:
+        each = [f"{plain_name(f)} ({chance(chances.get(f, 0.0))})" for f in closed]
+        verb = "has a similar signature, but is" if len(each) == 1 else "have similar signatures, but are"
+        said.append(f"{upper(_listed(each))} {verb} separable in these data")
+    return said
 
 
 def _unlisted_words(judged: Adequacy | None) -> str:
@@ -326,6 +356,20 @@ def _unlisted_words(judged: Adequacy | None) -> str:
     if judged is None or 1.0 - judged.listed < _UNLISTED_AT:
         return ""
     return f": something that the library does not have may act ({chance(1.0 - judged.listed)})"
+
+
+def refusal_words(found: Diagnosis) -> str:
+    """Return which set is the best of the library, and why it is refused; empty where the verdict is another."""
+    if found.verdict != "unexplained" or found.grounds.undecided is not None:
+        return ""
+    best = found.grounds.most_probable or next((one.causes for one in found.sets), ())
+    why = "it does not explain these data"
+    if found.grounds.barred is not None:
+        why = note_text(found.grounds.barred)
+    elif found.adequacy is not None:
+        why = adequacy_words(found.adequacy)
+    name = _listed([plain_name(one) for one in best]) or "no cause"
+    return f"Best of the library, refused: {name}. Reason: {why}."
 
 
 def unexplained_words(
@@ -382,7 +426,8 @@ def nothing_words(
             "Next: drive another run",
         ]
     shown = [
-        f"{plain_name(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()
+        f"{plain_name(name)} from {letter(d.parameter)} = {_number(d.value)}{_unit(d.unit)} on"
+        for name, d in sizes.items()
     ]
     if shown:
         examples = _listed(shown[:_MOST_EXAMPLES])
@@ -398,39 +443,53 @@ def want_words(not_identifiable: Mapping[str, Note]) -> list[str]:
     for family, why in not_identifiable.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
-    said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
-    return [f"Not identifiable from these runs: {'; '.join(said)}."] if said else []
+    return [
+        f"{upper(_listed(families))} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}."
+        for why, families in by_reason.items()
+    ]
 
 
 def _cause(cause: Cause) -> str:
     form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
-    known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
-    sizes = ", ".join(_estimate(p, parameter_name(cause.key, p.name)) for p in known or cause.parameters)
+    sizes = size_text(cause)
     return f"{plain_name(cause.name)} explains the misfit ({chance(cause.probability)}{form}): {sizes}"
 
 
 def _estimate(p: ParameterEstimate, name: str) -> str:
-    low, high = p.interval95
-    known = isfinite(low) and isfinite(high)
-    band = f" ({_number(low)} to {_number(high)})" if known else ""
-    return f"{name} = {_number(p.value)}{band}{_unit(p.unit)}"
+    return f"{name} = {estimate(p.value, p.sigma, p.interval95, p.unit)}"
 
 
-def gain_words(gain: Gain | None) -> str:
-    """Return the change of the held-out errors, without a full stop; empty where it is not known."""
-    if gain is None or not isfinite(gain.reduction_percent):
+def reduction_in(gain: Gain, channel: str) -> Reduction:
+    """Return by how much the held-out error of a channel falls, with its interval where it is known."""
+    if channel == gain.channel:
+        return Reduction(gain.reduction_percent, gain.interval95)
+    if channel in gain.reductions:
+        return gain.reductions[channel]
+    known = channel in gain.base and channel in gain.extended and gain.base[channel].R0 > 0
+    percent = 100 * (1 - gain.extended[channel].R0 / gain.base[channel].R0) if known else float("nan")
+    return Reduction(percent, (float("nan"), float("nan")))
+
+
+def gain_words(gain: Gain | None, first: str = "") -> str:
+    """Return the change of the held-out errors, without a full stop; empty where it is not known.
+
+    `first` is the channel that leads, if not the gain's.
+    """
+    first = first or (gain.channel if gain is not None else "")
+    change = reduction_in(gain, first) if gain is not None else None
+    if gain is None or change is None or not isfinite(change.percent):
         return ""
-    low, high = gain.interval95
-    first, others = gain.channel, [channel for channel in gain.base if channel != gain.channel]
-    falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
+    low, high = change.interval95
+    others = [channel for channel in gain.base if channel != first]
+    falls, size = ("falls", 1.0) if change.percent >= 0 else ("grows", -1.0)
     low, high = sorted((size * low, size * high))
     between = f"{low:.0f} to {high:.0f}" if isfinite(low) and isfinite(high) else ""
-    stays = abs(gain.reduction_percent) < _NO_CHANGE
+    stays = abs(change.percent) < NO_CHANGE
     if stays:
-        change = f"stays as it is ({between} %)" if between else "stays as it is"
+        words = f"stays as it is ({between} %)" if between else "stays as it is"
     else:
-        change = f"{falls} by {size * gain.reduction_percent:.0f}{f' ({between})' if between else ''} %"
-    said = [f"the error of {OUTPUTS[first].name} {change}"]
+        words = f"{falls} by {size * change.percent:.0f}{f' ({between})' if between else ''} %"
+    said = [f"the error of {OUTPUTS[first].name} {words}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
@@ -461,6 +520,11 @@ def adequacy_words(judged: Adequacy) -> str:
     if judged.measure == "probability":
         return f"something that the library does not have acts with a probability of {chance(judged.statistic)}"
     return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
+
+
+def upper(text: str) -> str:
+    """Return a text that begins with a capital."""
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _listed(words: Sequence[str]) -> str:

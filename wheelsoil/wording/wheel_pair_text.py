@@ -6,7 +6,6 @@ from math import isfinite
 from typing import Any
 
 from daq import OUTPUTS, number, table_lines
-from daq import probability as as_probability
 from model.diagnosis import WheelPair
 from model.diagnosis.single_wheel import own_part
 from wheelsoil.wording.diagnosis_text import limited, wrapped
@@ -26,8 +25,8 @@ def wheel_pair_lines(found: WheelPair, first: str, second: str, width: int) -> l
     width = limited(width)
     head = ["slip", *(f"{OUTPUTS[c].name} {_unit(c)}" for c in found.difference)]
     rows = [[f"{slip:.2f}", *(_with_sigma(found, c, i) for c in found.difference)] for i, slip in enumerate(found.slip)]
-    families = [f"{plain_name(name)} {as_probability(p)}" for name, p in found.families().items() if p >= _LEAST_SHOWN]
-    sets = [f"  {as_probability(p)}  {_set(causes)}" for causes, p in _sets(found)]
+    families = [f"{plain_name(name)} {chance(p)}" for name, p in found.families().items() if p >= _LEAST_SHOWN]
+    sets = [f"  {chance(p)}  {_set(causes)}" for causes, p in _sets(found)]
     return [
         *wrapped(wheel_pair_sentence(found, first, second), width),
         "",

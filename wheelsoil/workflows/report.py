@@ -25,6 +25,7 @@ from wheelsoil.workflows.diagnosis import (
     diagnosis_options,
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
+from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.runs import Files, open_and_process
 from wheelsoil.workflows.tables import BenchFiles
 
@@ -49,6 +50,7 @@ def report_of(
     *,
     extended: ExtendedModel | None = None,
     diagnose: bool = True,
+    last: LastReport | None = None,
 ) -> Report:
     """Open and process runs, fit the models and build the report.
 
@@ -60,6 +62,8 @@ def report_of(
         See `FitChoices`.
     diagnose : bool
         Whether to diagnose the runs, too.
+    last : LastReport, optional
+        An earlier report, with which this one is compared.
 
     Raises
     ------
@@ -72,7 +76,7 @@ def report_of(
     processed = open_and_process(paths, options, files, choice=choice)
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
-    return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice)
+    return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last)
 
 
 def report_of_processed(
@@ -84,6 +88,7 @@ def report_of_processed(
     campaign: CampaignFit | None = None,
     diagnosed: Diagnosed = NOT_DIAGNOSED,
     choice: Choice | None = None,
+    last: LastReport | None = None,
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
@@ -112,6 +117,7 @@ def report_of_processed(
         diagnosed=diagnosed.diagnosis,
         no_diagnosis=diagnosed.why_not,
         diagnosis_failed=diagnosed.failed,
+        last=last,
     )
     return build_report(material)
 

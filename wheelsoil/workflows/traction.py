@@ -72,6 +72,21 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
     )
 
 
+def value_at_slip(runs: tuple[ProcessedRun, ...], field: str) -> tuple[float, tuple[float, float]]:
+    """Return a channel at slip 0.2 with its 95 % interval, by the estimator of `traction_of`; NaN where unknown."""
+    used = [run.used for run in runs]
+    pieces = [np.asarray(getattr(run, field), np.float64) for run in runs]
+    known = [p[u] if len(p) == len(u) else np.full(int(u.sum()), np.nan) for p, u in zip(pieces, used, strict=True)]
+
+    def pooled(name: str) -> FloatArray:
+        return np.concatenate([np.zeros(0), *(getattr(run, name)[run.used] for run in runs)])
+
+    number = np.repeat(np.arange(len(runs)), [int(u.sum()) for u in used])
+    values = np.concatenate([np.zeros(0), *known])
+    found = _pull_at(pooled("slip"), values, pooled("vertical_load_n"), pooled("time_s"), number)
+    return (found.pull_n, found.interval95) if found else (float("nan"), (float("nan"), float("nan")))
+
+
 def _pull_at(
     slip: FloatArray, pull: FloatArray, load: FloatArray, time_s: FloatArray, run: IntArray
 ) -> PullAtSlip | None:

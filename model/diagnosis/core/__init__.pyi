@@ -30,6 +30,7 @@ from .result import LackOfFit as LackOfFit
 from .result import Linearisation as Linearisation
 from .result import NextRun as NextRun
 from .result import ParameterEstimate as ParameterEstimate
+from .result import Reduction as Reduction
 from .result import Scores as Scores
 from .result import SoilEstimate as SoilEstimate
 from .shapes import Kind as Kind

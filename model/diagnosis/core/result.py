@@ -356,6 +356,27 @@ class Diagnosis:
         names = {cause.name for cause in self.causes}
         return (*own, *((one.cause, one.why) for name, one in barred.items() if name not in names))
 
+    @property
+    def main_channel(self) -> str:
+        """Channel that the causes change most, in sigmas of a sample: "dp", "t" or "z"; without causes the gain's."""
+        usual = self.gain.channel if self.gain is not None else "dp"
+        if not self.causes or self.verdict not in ("named", "one_of"):
+            return usual
+        sizes = {channel: self._change_sigmas(channel) for channel in OUTPUTS}
+        largest = max(sizes, key=lambda channel: sizes[channel])
+        return largest if sizes[largest] > 0 else usual
+
+    def _change_sigmas(self, channel: str) -> float:
+        """Return the root mean square of what the extended model changes in a channel, in sigmas of a sample."""
+        changes = [
+            (one.extended[channel] - one.base[channel]) / one.base_sigma[channel]
+            for one in self.plot_data
+            if channel in one.base and channel in one.extended
+        ]
+        known = np.concatenate([*changes, np.zeros(0)])
+        known = known[np.isfinite(known)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+
     def to_inference_data(self, *, draws: int = 1000, seed: int = 0) -> DataTree:
         """Return soil and most probable causes for ArviZ, as draws from their normal distribution in four chains.
 

@@ -163,8 +163,14 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     names = page.locator("#candidates .name").all_inner_texts()
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
     errors = [told["gain"]["held_out"][which]["channels"]["dp"]["R0"] for which in ("base", "extended")]
-    shown = page.locator("#error-table tr").nth(1).locator("td").all_inner_texts()
-    assert shown[:2] == [f"{error:.1f}" for error in errors]
+    keys = ["error.dp.calibrated_soil", "error.dp.with_causes"]
+    figures = [page.locator(f"#error-table [data-key='{key}']") for key in keys]
+    assert [float(one.get_attribute("data-value") or "nan") for one in figures] == errors
+    assert [one.inner_text() for one in figures] == [told["figures"][key]["text"] for key in keys]
+    for shown in page.locator("[data-key]").all():
+        key = shown.get_attribute("data-key")
+        assert key is not None and float(shown.get_attribute("data-value") or "nan") == told["figures"][key]["value"]
+    expect(page.locator("#legend")).not_to_contain_text("recommended")
     page.get_by_role("button", name="Use this model").click()
     best = told["causes"][0]["parameters"][0]
     assert value_of(page, best["name"]) == pytest.approx(best["value"], rel=1e-4)

@@ -9,7 +9,9 @@ const clock = (date) => date.toTimeString().slice(0, 8);
 const markKey = (mark) => `${mark.time_utc_s}|${mark.text}`;
 
 export class Commands {
-  constructor() {
+  /** `leaving` says in words whether the run is good to leave. */
+  constructor(leaving) {
+    this.leaving = leaving;
     this.snapshot = null;
     this.live = false;
     this.waiting = [];
@@ -63,6 +65,7 @@ export class Commands {
 
   askStop() {
     get("stop-question").textContent = `Stop run ${this.snapshot.run.id}?`;
+    get("stop-hint").textContent = this.leaving();
     this.open("stop-dialog");
   }
 

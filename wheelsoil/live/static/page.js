@@ -18,8 +18,10 @@ const GOAL = 0.5; // slip from which on a run is good
 const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
 const rank = ({ role }) => ORDER.indexOf(role);
 
+const MPS = { "m/s": 1, "km/h": 1 / 3.6, kph: 1 / 3.6, kn: 1852 / 3600, kt: 1852 / 3600, kts: 1852 / 3600, knot: 1852 / 3600, knots: 1852 / 3600, mph: 0.44704 };
+
 const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", run: "", highest: 0 };
-const commands = new Commands();
+const commands = new Commands(leaving);
 const slipPlot = new Plot(get("slip-plot"), "slip, %");
 const pullPlot = new Plot(get("pull-plot"), "seconds before now");
 
@@ -55,6 +57,7 @@ function showBand() {
 }
 
 function stale(state, headline) {
+  showReasons(page.snapshot?.reasons ?? []);
   get("do").hidden = true;
   band("none", state, "", headline);
   speak(state);
@@ -62,7 +65,8 @@ function stale(state, headline) {
 
 function showLive(snapshot) {
   const { state, level, run } = snapshot;
-  const [worst] = snapshot.reasons;
+  const [worst, ...others] = snapshot.reasons;
+  showReasons(others); // the worst one stands in the band
   const meaning = worst ? `${worst.where}: ${worst.what}` : `${MEANING[level]}`;
   band(level, STATES[state] ?? state, LEVELS[level], state === "recording" ? `${duration(run.since_s)} · ${meaning}` : meaning);
   get("do").hidden = !worst?.next_step;
@@ -119,10 +123,11 @@ function showValues(values) {
   showReach(last);
 }
 
-/** The ground speed in the unit that was chosen. */
-function inUnit(each) {
-  if (each.role !== "ground_speed" || each.unit !== "m/s" || unit !== "km/h") return each;
-  return { ...each, value: known(each.value) ? 3.6 * each.value : each.value, unit };
+/** The ground speed in the unit that was chosen, whichever the DBC sends. */
+export function inUnit(each) {
+  const sent = MPS[each.unit], chosen = MPS[unit];
+  if (each.role !== "ground_speed" || !sent || !chosen) return each;
+  return { ...each, value: known(each.value) ? (each.value * sent) / chosen : each.value, unit };
 }
 
 function showTiles(parent, values) {
@@ -148,6 +153,13 @@ function showTiles(parent, values) {
 function absence({ role, age_s }) {
   if (role === "slip") return known(age_s) ? `not known for ${seconds(age_s)}` : "not known yet";
   return known(age_s) ? `no frames for ${seconds(age_s)}` : "no frames yet";
+}
+
+/** Whether the run is good to leave: what it has reached, and what is wrong. */
+function leaving() {
+  const reached = Math.round(100 * page.highest), wrong = page.snapshot.reasons.filter(({ level }) => level === "red");
+  const missing = [...(page.highest < GOAL ? [`slip has reached ${reached} %, the goal is above ${100 * GOAL} %`] : []), ...wrong.map((each) => `${each.where}: ${each.what}`)];
+  return missing.length ? `Not good to leave yet: ${missing.join("; ")}.` : `Good to leave: slip has reached ${reached} %, and nothing is red.`;
 }
 
 /** How far the slip went in this run, beside where it should go. */
@@ -300,7 +312,6 @@ const connection = new Connection({
     page.nowS = snapshot.session_s + age_s;
     page.pull = keep(page.pull, curves.pull, curves.fresh, page.nowS - curves.span_s);
     page.slip = keep(page.slip, curves.slip, curves.fresh, page.nowS - curves.span_s);
-    showReasons(snapshot.reasons);
     showRun(snapshot);
     showValues(snapshot.values);
     showBuses(snapshot.buses);

@@ -10,6 +10,7 @@ from wheelsoil.report.sections import (
     against_slip,
     against_time,
     candidates,
+    change,
     coefficients,
     evidence,
     glance,
@@ -23,7 +24,14 @@ from wheelsoil.report.sections import (
     verdict,
 )
 
-EVIDENCE: tuple[SectionBuilder, ...] = (overview.fit, overview.causes, overview.runs, overview.signals)
+EVIDENCE: tuple[SectionBuilder, ...] = (
+    change.against,
+    overview.fit,
+    overview.causes,
+    change.cost,
+    overview.runs,
+    overview.signals,
+)
 """Below the first screen; what follows them is the appendix."""
 
 SECTIONS: tuple[SectionBuilder, ...] = (

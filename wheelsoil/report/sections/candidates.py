@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from math import isfinite
 
-from daq import probability
 from model.diagnosis import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
-from wheelsoil.wording.diagnosis_text import not_named, set_name
-from wheelsoil.wording.names import parameter_name, plain_name
-from wheelsoil.wording.verdict import adequacy_words
+from wheelsoil.wording.diagnosis_text import not_named, set_shares
+from wheelsoil.wording.names import chance, parameter_name, plain_name
+from wheelsoil.wording.verdict import adequacy_words, refusal_words
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
@@ -28,10 +27,12 @@ def candidates(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis
     blocks: list[Block] = []
-    if found.candidates:
+    if refused := refusal_words(found):
+        blocks.append(Text(refused, "warning"))
+    elif found.candidates:
         blocks.append(Panels([_figure(found)], _READING))
     if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
-        rows = [[set_name(one), probability(one.probability)] for one in found.sets]
+        rows = [[name, f"{share:.1f} %"] for name, _, share in set_shares(found.sets)]
         blocks.append(Table("Causes that act together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
         blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
@@ -90,7 +91,7 @@ def _table(found: Diagnosis) -> Table:
 
 
 def _rows(cause: Cause) -> list[list[str]]:
-    form = f"{form_name(cause.form)} ({probability(cause.form_probability)})" if cause.form else ""
+    form = f"{form_name(cause.form)} ({chance(cause.form_probability)})" if cause.form else ""
     rows = []
     for i, parameter in enumerate(cause.parameters):
         rows.append(
@@ -100,7 +101,7 @@ def _rows(cause: Cause) -> list[list[str]]:
                 number(parameter.value),
                 interval(*parameter.interval95),
                 unit(parameter.unit),
-                *([probability(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
+                *([chance(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
             ]
         )
     return rows

@@ -55,7 +55,7 @@ _GAIN_NOTE = (
     "knows how uncertain it is."
 )
 _GAIN_READING = (
-    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on "
+    "R₀ of Wong's model with calibrated soil is 100 %; the blue bar is what is left of it with the causes, both on "
     "held-out runs. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
 )
 
@@ -212,10 +212,10 @@ def gain(material: ReportInputs) -> Contents:
         return [Text(f"No gain could be measured: {why}")], {"gain": None}
     gain = found.gain
     if nothing_chosen(gain):
-        return [Text(NO_GAIN), _gain_table(gain)], {"gain": gain}
+        return [Text(NO_GAIN), _gain_table(gain, found.verdict)], {"gain": gain}
     blocks: list[Block] = [
         Text(_gain_sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"),
-        _gain_table(gain),
+        _gain_table(gain, found.verdict),
     ]
     blocks.append(Panels([_gain_figure(gain)], _GAIN_READING))
     if gain.chosen:
@@ -235,9 +235,9 @@ def _gain_sentence(gain: Gain) -> str:
     )
 
 
-def _gain_table(gain: Gain) -> Table:
+def _gain_table(gain: Gain, verdict: str) -> Table:
     head = ["model", "R₀", "unit", "M₀ (%)", "R²", "log likelihood of a run"]
-    return Table("On held-out runs", head, score_rows(gain, number), _GAIN_NOTE)
+    return Table("On held-out runs", head, score_rows(gain, number, verdict), _GAIN_NOTE)
 
 
 def _gain_figure(gain: Gain) -> Figure:
@@ -246,10 +246,12 @@ def _gain_figure(gain: Gain) -> Figure:
     shares = [100 * gain.extended[c].R0 / gain.base[c].R0 for c in channels]
 
     data = [
-        bars(names, [100.0] * len(names), "base", "#bdbdbd", "/"),
-        bars(names, [round(share, 2) for share in shares], "extended", "#0072B2", ""),
+        bars(names, [100.0] * len(names), "calibrated soil", "#bdbdbd", "/"),
+        bars(names, [round(share, 2) for share in shares], "with the causes", "#0072B2", ""),
     ]
-    layout = axes("R₀ on held-out runs (% of the base's)", "", height=130 + 60 * len(names), barmode="group")
+    layout = axes(
+        "R₀ on held-out runs (% of that with calibrated soil)", "", height=130 + 60 * len(names), barmode="group"
+    )
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     layout["xaxis"] |= {"rangemode": "tozero"}
     return Figure("gain", "What is left of the error", data, layout)

@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from math import exp, isfinite
+from math import isfinite
 
 import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
 from model.diagnosis import Diagnosis, Gain
+from wheelsoil.report.cause_figure import cause_figure
 from wheelsoil.report.content import Block, Contents, Drawing, Step, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
 from wheelsoil.report.sections.track import known_places
-from wheelsoil.report.sections.verdict import fit_sentences, rank
+from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.diagnosis_text import COVERED
-from wheelsoil.wording.names import chance, family_of, plain_name
-from wheelsoil.wording.notes import note_text, step_text
-from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, sentences_of
+from wheelsoil.wording.mending import MENDED, mending_of, missing_step
+from wheelsoil.wording.names import CALIBRATED, chance, family_of, page_unit, plain_name
+from wheelsoil.wording.notes import note_text, odds_text, step_text
+from wheelsoil.wording.verdict import (
+    MOST_WORDS,
+    NO_CHANGE,
+    adequacy_words,
+    details_of,
+    headline_of,
+    reduction_in,
+    sentences_of,
+)
 from wheelsoil.workflows.grading import Grade
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.traction import traction_of
 
 _STEPS = 3
 _NAMED = 5
 _SIGMAS = 1.959964
-_HIGHEST_ODDS = 1000.0
 _ONE_PLACE_DEG = 0.02
 """Two kilometres: runs farther apart have no place in common."""
-_FEWER = 1.5
-"""By how many times less than the first a step must tell to be compared with it."""
 
 
 @section("glance", "Summary")
@@ -39,8 +48,7 @@ def glance(material: ReportInputs) -> Contents:
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
     sentences = _sentences(material)
     steps = Steps(_steps(material, grades), _again(grades), [caution_text(one) for one in _cautions(material)])
-    headline = headline_of(material.diagnosed) if material.diagnosed is not None else sentences[0]
-    said = details_of(material.diagnosed) if material.diagnosed is not None else sentences[1:]
+    headline, said = _headline(material, sentences)
     tiles = _tiles(material, grades)
     blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(said), "lead"), Tiles(tiles)]
     try:
@@ -57,8 +65,20 @@ def glance(material: ReportInputs) -> Contents:
             one.title: {"before": one.before, "value": one.value, "unit": one.unit} for one in _tiles(material, grades)
         },
         "cautions": list(steps.cautions),
+        "key_figures": _key_figures(material),
     }
     return [*blocks, steps], numbers
+
+
+def _headline(material: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
+    """Return the headline, of at most 25 words, and the sentences below it."""
+    if material.diagnosed is not None:
+        return headline_of(material.diagnosed), details_of(material.diagnosed)
+    if len(sentences[0].split()) <= MOST_WORDS:
+        return sentences[0], sentences[1:]
+    if material.campaign is not None:
+        return fit_headline(rank(material)), sentences
+    return f"{sentences[0].split(':')[0]}: the reason is below.", sentences
 
 
 def _sentences(material: ReportInputs) -> list[str]:
@@ -73,28 +93,48 @@ def _sentences(material: ReportInputs) -> list[str]:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
+def _key_figures(material: ReportInputs) -> dict[str, KeyFigure]:
+    """Return all that other surfaces show too, by its key."""
+    of_ground = figures_of_traction(traction_of(material.fitted)) if material.runs and material.campaign else {}
+    return of_ground | (figures_of_diagnosis(material.diagnosed) if material.diagnosed is not None else {})
+
+
 def _tiles(material: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
     return [_error_tile(material), _confidence_tile(material.diagnosed), _data_tile(material, grades)]
 
 
 def _error_tile(material: ReportInputs) -> Tile:
-    gain = material.diagnosed.gain if material.diagnosed is not None else None
-    if gain is None or gain.channel not in gain.base:
+    found = material.diagnosed
+    gain = found.gain if found is not None else None
+    if found is None or gain is None or found.main_channel not in gain.base:
         return _in_sample_tile(material)
-    channel = OUTPUTS[gain.channel]
-    factor, unit = in_page_unit(gain.channel)
-    before, after = (factor * scores[gain.channel].R0 for scores in (gain.base, gain.extended))
-    low, high = gain.interval95
-    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
-    others = [one for one in gain.base if one != gain.channel and one in gain.extended]
-    notes += [_errors_of(gain, one) for one in others]
-    change = f"{signed(-gain.reduction_percent, '+.0f')} %" if isfinite(gain.reduction_percent) else ""
+    main = found.main_channel
+    channel = OUTPUTS[main]
+    factor, unit = page_unit(main)
+    figures = figures_of_diagnosis(found)
+    was, now = (figures.get(f"error.{main}.{which}") for which in (CALIBRATED_SOIL, "with_causes"))
+    before, after = (factor * scores[main].R0 for scores in (gain.base, gain.extended))
+    change = reduction_in(gain, main)
+    low, high = change.interval95
     title = f"{channel.name.capitalize()} error, held-out"
-    return Tile(title, number(after), unit, " · ".join(notes), number(before), change)
+    if found.verdict not in ("named", "one_of") or abs(change.percent) < NO_CHANGE:
+        others = [f"{OUTPUTS[one].name} {_error_of(gain, one)}" for one in gain.base if one != main]
+        return Tile(
+            title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
+        )
+    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
+    notes += [_errors_of(gain, one) for one in gain.base if one != main and one in gain.extended]
+    badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
+    return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=low > 0)
+
+
+def _error_of(gain: Gain, channel: str) -> str:
+    factor, unit = page_unit(channel)
+    return f"{number(factor * gain.base[channel].R0)}\u00a0{unit.replace(' ', chr(160))}"
 
 
 def _errors_of(gain: Gain, channel: str) -> str:
-    factor, unit = in_page_unit(channel)
+    factor, unit = page_unit(channel)
     before, after = (number(factor * scores[channel].R0) for scores in (gain.base, gain.extended))
     return f"{OUTPUTS[channel].name} {before} → {after}\u00a0{unit.replace(' ', chr(160))}"
 
@@ -111,7 +151,7 @@ def _in_sample_tile(material: ReportInputs) -> Tile:
         float(np.sqrt(np.nanmean(one.residual("dp", base=base)[one.slip > 0] ** 2))) for base in (True, False)
     )
     if one.is_base:
-        return Tile(title, number(after), "N", "in sample, driving; nothing better than the baseline is known")
+        return Tile(title, number(after), "N", f"in sample, driving; nothing better than {one.base_name} is known")
     return Tile(title, number(after), "N", "in sample, driving; no run was held out", number(base))
 
 
@@ -119,16 +159,17 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     title = "Confidence"
     if found is None:
         return Tile(title, "–", "", "no diagnosis was made")
-    chances = {one.name: one.probability for one in found.candidates}
+    sure = figures_of_diagnosis(found).get("confidence")
+    if sure is not None:
+        share, keys = _share(sure.value), (None, sure)
     if found.verdict == "named":
         named = listed([plain_name(cause.name) for cause in found.causes])
-        lowest = min(cause.probability for cause in found.causes)
-        return Tile(title, *_share(lowest), f"in {named}, alone or with others{_chosen(found)}")
+        return Tile(title, *share, f"in {named}, alone or with others{_chosen(found)}", keys=keys)
     if found.verdict == "one_of":
         names = " or ".join(f"{plain_name(c.name)} {chance(c.probability)}" for c in found.causes)
-        return Tile(title, *_share(1 - chances.get("none", 0.0)), f"that a cause acts: {names}")
+        return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
-        return Tile(title, *_share(chances.get("none", float("nan"))), "that no cause acts")
+        return Tile(title, *share, "that no cause acts", keys=keys)
     fit = found.adequacy
     why = adequacy_words(fit) if fit else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why
@@ -163,13 +204,23 @@ def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
 
 
 def hero(material: ReportInputs) -> Drawing:
-    """Return drawbar pull against slip: measured, baseline, recommended; `DataError` without driven samples."""
+    """Return the figure in which the cause shows, in the channel that it changes most.
+
+    That is this channel against slip, with and without the cause, unless another abscissa shows the cause better.
+
+    Raises
+    ------
+    DataError
+        No driven sample has a measured channel.
+    """
     one = material.recommendation
-    channel = next((c for c in ("dp", "t", "z") if c in one.measured), None)
+    channel = one.main_channel
     driven = one.slip > 0
-    if channel is None or not np.isfinite(one.measured[channel][driven]).any():
+    if channel not in one.measured or not np.isfinite(one.measured[channel][driven]).any():
         raise DataError("no driven sample has a measured drawbar pull or torque")
-    factor, unit = in_page_unit(channel)
+    if (of_cause := cause_figure(material, one, channel)) is not None:
+        return of_cause
+    factor, unit = page_unit(channel)
     shift = load_shift(one, channel)
     slip, added = one.slip[driven], shift.of(one.slip, one.vertical_load_n)
     measured, base, model = (
@@ -181,11 +232,10 @@ def hero(material: ReportInputs) -> Drawing:
     curves = []
     if not one.is_base:
         below = binned(slip, base, EDGES)
-        curves.append(Curve("Baseline", below.centre, below.median, "base", note=_lines(one.base_name)))
-    name = "Baseline" if one.is_base else "Recommended"
+        curves.append(Curve(one.base_name, below.centre, below.median, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
     curves += [
-        Curve(name, above.centre, above.median, "model", *edges, note=_lines(one.name)),
+        Curve(one.title, above.centre, above.median, "model", *edges, note="" if one.is_base else _lines(one.name)),
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
     samples = _samples(material, channel, shift) or (slip, measured)
@@ -213,14 +263,9 @@ def _samples(material: ReportInputs, channel: str, shift: LoadShift) -> tuple[Fl
         np.concatenate([getattr(run, name)[run.used] for run in material.runs])
         for name in ("slip", "vertical_load_n", field)
     )
-    values = in_page_unit(channel)[0] * (values + shift.of(slip, load))
+    values = page_unit(channel)[0] * (values + shift.of(slip, load))
     rows = (slip > 0) & np.isfinite(values)
     return (slip[rows], values[rows]) if rows.any() else None
-
-
-def in_page_unit(channel: str) -> tuple[float, str]:
-    """Return the factor to the unit that the page writes, and that unit: sinkage is in mm."""
-    return (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
 
 
 def _lines(text: str) -> str:
@@ -233,15 +278,15 @@ def _matched(at: FloatArray, known_at: FloatArray, values: FloatArray) -> FloatA
 
 
 def _finding(one: Recommendation, channel: str) -> str:
-    """Return what the figure shows: where the baseline is off most."""
-    name, (factor, unit) = OUTPUTS[channel].name, in_page_unit(channel)
+    """Return what the figure shows: where the model without the cause is off most."""
+    name, (factor, unit) = OUTPUTS[channel].name, page_unit(channel)
     driven = one.slip > 0
     off = binned(one.slip[driven], factor * one.residual(channel, base=True)[driven], EDGES)
     if one.is_base or not len(off.median):
-        return f"{name.capitalize()} against slip: measured and baseline"
+        return f"{name.capitalize()} against slip: measured and {one.base_name}"
     worst = int(np.argmax(np.abs(off.median) * np.sqrt(off.count)))
     size, how = number(abs(float(off.median[worst])), 2), "too much" if off.median[worst] < 0 else "too little"
-    return f"The baseline predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
+    return f"{one.base_name}, predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
 
 
 def _cautions(material: ReportInputs) -> list[Bias]:
@@ -253,7 +298,7 @@ def _cautions(material: ReportInputs) -> list[Bias]:
 
 def caution_text(bias: Bias) -> str:
     """Return a bias of the recommended model in words."""
-    factor, unit = in_page_unit(bias.channel)
+    factor, unit = page_unit(bias.channel)
     low, high = (number(factor * size, 2) for size in bias.size)
     size = f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
     slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
@@ -274,28 +319,34 @@ def _again(grades: dict[str, Grade]) -> str:
 def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     found = material.diagnosed
     poor = any(grade.level == "poor" for grade in grades.values())
-    if found is None or not found.next_run or poor:
-        first = [Step(upper(next_step(material, grades)).replace("`", ""))]
-        if found is None or not found.next_run:
-            return first
-    else:
-        first = []
+    first = [] if poor or found is None else _mending(material, found)
+    if not first and (found is None or not found.next_run or poor):
+        first = [_first_step(material, grades)]
+    if found is None:
+        return first
     ranked = []
-    most = found.next_run[0].expected_log_bayes_factor
     for run in found.next_run[:_STEPS]:
         parted = listed([plain_name(name) for name in run.separates])
-        odds = exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0))
-        to_1 = f"{number(odds, 2)} : 1" if odds < _HIGHEST_ODDS else "above 1000 : 1"
-        times = most / run.expected_log_bayes_factor if run.expected_log_bayes_factor > 0 else 1.0
-        tells = (
-            f"about {number(100 / times, 1)} % of the evidence of step {len(first) + 1}"
-            if times > _FEWER
-            else f"expected odds {to_1}"
-        )
+        tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
         cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
         reason = f"Separates {parted}; {tells}{cost}."
         ranked.append(Step(upper(step_text(run)), reason if parted else ""))
     return [*first, *ranked][:_STEPS]
+
+
+def _mending(material: ReportInputs, found: Diagnosis) -> list[Step]:
+    """Return how to remove the named measurement causes, and what makes those identifiable that are not yet."""
+    named = found.causes if found.verdict == "named" else ()
+    mended = [mending_of(one, material.vehicle) for one in named if one.name in MENDED or one.kind == "measurement"]
+    missing = missing_step(found) if mended or not found.next_run else None
+    steps = [*mended, *([missing] if missing is not None else [])]
+    return [Step(f"{one.what}.", paste=one.paste) for one in steps]
+
+
+def _first_step(material: ReportInputs, grades: dict[str, Grade]) -> Step:
+    """Return the step that the verdict asks for; what stands in backticks is to be pasted."""
+    what, *pasted = next_step(material, grades).split("`")
+    return Step(upper(what.strip()), paste="".join(pasted[:1]))
 
 
 def upper(text: str) -> str:
@@ -315,21 +366,14 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     if found is None and material.no_diagnosis:
         return "see below why there is no diagnosis."
     if found is None:
-        return "`wheelsoil diagnose` says what the simulation gets wrong and why."
+        return "Diagnose the runs: it says what the model gets wrong, and why. `wheelsoil diagnose FOLDER`"
     if found.verdict == "unexplained":
         return (
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
             "Check zeros, signs and configuration first, and whether all runs are on one soil."
         )
-    faulty = listed([plain_name(cause.name) for cause in found.causes if cause.kind == "measurement"])
-    if found.verdict == "named" and faulty:
-        return (
-            f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
-        )
     if found.verdict == "named":
-        return (
-            "take the extended model: `wheelsoil diagnose FOLDER -o model.toml` keeps it for fit, simulate and report."
-        )
+        return "Save the recommended model for fit, simulate and report. `wheelsoil diagnose FOLDER -o model.toml`"
     return "no further run is asked for; see the minimum detectable effect."
 
 

@@ -60,7 +60,7 @@ _AGAINST = (
 _QUARTILE = 0.6745
 
 
-@section("misfit", "Residuals of the baseline")
+@section("misfit", "Residuals with calibrated soil")
 def misfit(material: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
     found = material.diagnosis

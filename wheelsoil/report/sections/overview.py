@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
@@ -29,17 +30,19 @@ from wheelsoil.report.content import (
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Recommendation, biases
-from wheelsoil.report.sections.glance import caution_text, in_page_unit, upper
+from wheelsoil.report.recommendation import Recommendation, biases, recommended_causes
+from wheelsoil.report.sections.glance import caution_text, upper
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
-from wheelsoil.wording.diagnosis_text import set_name
-from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
+from wheelsoil.wording.diagnosis_text import set_shares
+from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.names import CALIBRATED, family_of, page_unit, parameter_name, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import adequacy_words
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
+from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
 from wheelsoil.workflows.traction import Traction, traction_of
 
 _SIGMAS = 1.959964
-_MOST_SETS, _MOST_CAUSES, _MOST_RUNS = 5, 6, 40
+_MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
@@ -70,14 +73,20 @@ def fit(material: ReportInputs) -> Contents:
     if table is not None:
         beside.append(table)
     if checks:
-        beside.append(Checks("Checks", "Bias and lack of fit of the recommended model.", checks))
+        beside.append(
+            Checks(
+                "Checks",
+                f"Bias and lack of fit of the model: {one.title.lower() if not one.is_base else one.title}.",
+                checks,
+            )
+        )
     blocks += [Pair(beside)] if beside else []
     numbers: dict[str, Any] = {
         "recommended": one.name,
         "baseline": one.base_name,
         "biases": found,
         "checks": [check.text for check in checks],
-        "causes": _recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
+        "causes": recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
         "soils": material.diagnosed.soils if material.diagnosed is not None else (),
         "residual": {c: _residual_numbers(one, c) for c in one.measured},
     }
@@ -90,7 +99,7 @@ def fit(material: ReportInputs) -> Contents:
 
 def _noise(one: Recommendation, channel: str) -> str:
     """Return the noise of a sample, driving and braking: a smaller bias need not show."""
-    factor, text = in_page_unit(channel)
+    factor, text = page_unit(channel)
     sides = (("driving", one.slip > 0), ("braking", one.slip < 0))
     known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
     said = text.replace(" ", "\u00a0")
@@ -103,14 +112,14 @@ def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
 
 
 def _residuals(one: Recommendation, channel: str) -> Drawing:
-    factor, text = in_page_unit(channel)
+    factor, text = page_unit(channel)
     noise = parted_at_zero(binned(one.slip, factor * one.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -_SIGMAS * noise.median, _SIGMAS * noise.median)]
     if not one.is_base:
         below = parted_at_zero(binned(one.slip, factor * one.residual(channel, base=True), EDGES))
-        curves.append(Curve("Baseline", below.centre, below.median, "base"))
+        curves.append(Curve(_short(one.base_name), below.centre, below.median, "base"))
     above = parted_at_zero(binned(one.slip, factor * one.residual(channel), EDGES))
-    curves.append(Curve("Baseline" if one.is_base else "Recommended", above.centre, above.median, "model"))
+    curves.append(Curve(_short(one.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = reach(*driving, *edges)
@@ -131,6 +140,10 @@ def _residuals(one: Recommendation, channel: str) -> Drawing:
     )
 
 
+def _short(name: str) -> str:
+    return name.removeprefix("Wong, ").capitalize()
+
+
 def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
@@ -145,7 +158,7 @@ def _parameters(material: ReportInputs) -> Table | None:
     found = material.diagnosed
     if found is None:
         return None
-    rows = [row for cause in _recommended_causes(found) for row in _of_cause(cause)]
+    rows: list[list[str | KeyFigure]] = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
     several = len(found.soils) > 1
     for soil in found.soils:
         for name, value in soil.values.items():
@@ -160,59 +173,61 @@ def _parameters(material: ReportInputs) -> Table | None:
     if not rows:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
-    causes = listed([_with_form(cause) for cause in _recommended_causes(found)])
+    causes = listed([_with_form(cause) for cause in recommended_causes(found)])
     of_soil = (
         "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
     )
-    model = f"Wong with {causes}, {of_soil}" if causes else "Wong, soil calibrated on these runs"
-    return Table("Recommended model", head, rows, f"{model}. σ: of the laboratory's value.")
+    model = f"Wong with {causes}, {of_soil}" if causes else CALIBRATED
+    title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
+    return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
 
 
 def _with_form(cause: Cause) -> str:
     return f"{plain_name(cause.name)}{f' ({form_name(cause.form)})' if cause.form else ''}"
 
 
-def _recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
-    return found.causes if found.verdict == "named" else found.causes[:1] if found.verdict == "one_of" else ()
-
-
 def _with_unit(name: str, text: str) -> str:
     return f"{name} ({unit(text)})" if unit(text) else name
 
 
-def _of_cause(cause: Cause) -> list[list[str]]:
+def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     return [
         [
             _with_unit(letter(parameter_name(cause.key, one.name)), one.unit),
-            measured(one.value, one.sigma),
-            interval(*one.interval95),
+            figure,
+            figure_interval(figure, " … "),
             "",
             "",
         ]
-        for one in cause.parameters
+        for one, figure in zip(cause.parameters, sizes_of(cause), strict=True)
     ]
 
 
 def _traction_tiles(one: Traction) -> list[Tile]:
     tiles = []
+    figures = figures_of_traction(one)
     if one.pull is not None:
         low, high = one.pull.interval95
         said = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
         note = f"{said}{count(one.pull.passes)} passes through it, {one.pull.load_n / 1e3:.1f} kN"
-        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", number(one.pull.pull_n), "N", note))
+        pull = figures["pull_at_slip_0.2"]
+        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", figure_value(pull), "N", note, keys=(None, pull)))
         tiles.append(
             Tile(
                 f"Dp/W at slip {one.pull.slip:g}",
-                signed(one.pull.pull_n / one.pull.load_n, ".3f"),
+                figure_value(figures["drawbar_coefficient_at_slip_0.2"]),
                 "",
                 "drawbar coefficient",
+                keys=(None, figures["drawbar_coefficient_at_slip_0.2"]),
             )
         )
     if isfinite(one.drawbar_coefficient):
-        tiles.append(Tile("Highest Dp/W", signed(one.drawbar_coefficient, ".3f"), "", f"at slip {one.at_slip:.2f}"))
+        best = figures["drawbar_coefficient"]
+        tiles.append(Tile("Highest Dp/W", figure_value(best), "", f"at slip {one.at_slip:.2f}", keys=(None, best)))
     if isfinite(one.efficiency):
         note = f"at slip {one.efficiency_at_slip:.2f}; Dp v / (T ω)"
-        tiles.append(Tile("Highest tractive efficiency", signed(100 * one.efficiency, ".0f"), "%", note))
+        best = figures["tractive_efficiency"]
+        tiles.append(Tile("Highest tractive efficiency", figure_value(best), "", note, keys=(None, best)))
     return tiles
 
 
@@ -221,18 +236,17 @@ def causes(material: ReportInputs) -> Contents:
     """Build the section: sets of causes, which add up, and each cause with its size."""
     found = material.diagnosis
     blocks: list[Block] = []
-    sets = _sets(found)
-    bars = [
-        Bar(f"{name} alone" if alone else name, share, chance(share), i == 0)
-        for i, (name, share, alone) in enumerate(sets)
-    ]
+    if found.verdict == "unexplained":
+        return _refused(material, found)
+    sets = set_shares(found.sets)
+    bars = [Bar(_alone(one.name), one.percent / 100, f"{one.percent:.1f} %", i == 0) for i, one in enumerate(sets)]
     if bars:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
         )
-    rivals = found.grounds.confounded
-    rows = [
-        [plain_name(one.name), chance(one.probability), *_size(found, one.name)]
+    rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
+    rows: list[list[str | KeyFigure]] = [
+        [plain_name(one.name), figures[f"candidate.{one.name}"], *_size(found, one.name)]
         for i, one in enumerate(found.candidates)
         if one.name != "none" and (i < _MOST_CAUSES or one.name in rivals)
     ]
@@ -241,12 +255,13 @@ def causes(material: ReportInputs) -> Contents:
             "Each cause alone or with others: these need not add up. "
             "Minimum detectable: alone, in half of such campaigns."
         )
-        note += f" {upper(listed([plain_name(one) for one in rivals]))} would fit almost as well." if rivals else ""
+        chances = {one.name: one.probability for one in found.candidates}
+        note += "".join(f" {said}." for said in rival_words(rivals, chances))
         blocks.append(Table("Each cause", ["cause", "probability", "estimate", "minimum detectable"], rows, note))
     if not blocks:
         raise DataError("no cause was weighed")
     numbers = {
-        "sets": [{"causes": name, "probability": share} for name, share, _ in sets],
+        "sets": [{"causes": one.name, "probability": one.probability, "percent": one.percent} for one in sets],
         "candidates": found.candidates,
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
@@ -254,12 +269,38 @@ def causes(material: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _sets(found: Diagnosis) -> list[tuple[str, float, bool]]:
-    """Return the most probable sets and all others together: name, probability, whether it is one cause alone."""
-    shown = found.sets[:_MOST_SETS]
-    listed_sets = [(set_name(one), one.probability, len(one.causes) == 1) for one in shown]
-    rest = 1.0 - sum(one.probability for one in shown)
-    return [*listed_sets, ("all other sets", rest, False)] if shown and rest > 0.0005 else listed_sets
+def _alone(name: str) -> str:
+    return name if " + " in name or name in ("no cause", "all other sets") else f"{name} alone"
+
+
+def _refused(material: ReportInputs, found: Diagnosis) -> Contents:
+    """Return the residual where it is largest, and the best set of the library with why it is refused."""
+    said = refusal_words(found) or "Nothing can be decided from these data."
+    blocks: list[Block] = [Text(said, "warning")]
+    try:
+        blocks.append(_largest_residual(material.recommendation))
+    except DataError as error:
+        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    numbers = {"sets": [], "refused": said, "candidates": found.candidates, "causes": found.causes}
+    return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
+
+
+def _largest_residual(one: Recommendation) -> Drawing:
+    """Return the residual of the channel in which its median is largest, in sigmas of a sample."""
+    sizes = {}
+    for channel in one.measured:
+        left, noise = (binned(one.slip, x, EDGES) for x in (one.residual(channel), one.noise[channel]))
+        if len(left.median) and len(left.median) == len(noise.median):
+            sigmas = np.abs(left.median) / noise.median
+            sizes[channel] = (float(np.nanmax(np.append(sigmas, 0.0))), left, int(np.argmax(np.nan_to_num(sigmas))))
+    if not sizes:
+        raise DataError("the noise of the samples is not known")
+    channel = max(sizes, key=lambda c: sizes[c][0])
+    sigma, left, worst = sizes[channel]
+    factor, text = page_unit(channel)
+    size = f"{signed(factor * float(left.median[worst]), '+.0f')} {text}"
+    title = f"{OUTPUTS[channel].name.capitalize()}: residual {size} at slip {left.centre[worst]:.2f} ({sigma:.1f} σ)"
+    return replace(_residuals(one, channel), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.names import effect_name, family_of, plain_name
-from wheelsoil.wording.notes import step_text
+from wheelsoil.wording.notes import odds_text, step_text
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
@@ -20,12 +20,10 @@ _READING = (
 )
 
 _ODDS_NOTE = (
-    "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
-    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
-    "to 1 the limit is not the noise, but the errors of the models themselves. Cost: time in runs like the others, an "
-    "estimate."
+    "Expected odds: by how much one such run is expected to favour the true candidate over the one with the most "
+    "similar signature. 3 : 1 is hardly anything, 150 : 1 is strong. They count noise only: above 1000 : 1 the limit "
+    "is not the noise, but the errors of the models themselves. Cost: time in runs like the others, an estimate."
 )
-_HIGHEST_ODDS = 1e3
 
 
 @section("detectable", "Minimum detectable effect")
@@ -107,12 +105,11 @@ def next_run(material: ReportInputs) -> Contents:
         [
             step_text(run),
             listed([plain_name(name) for name in run.separates]),
-            number(run.expected_log_bayes_factor),
-            f"{number(to_1, 2)} to 1" if to_1 < _HIGHEST_ODDS else "over 1000 to 1",
+            odds_text(run.expected_log_bayes_factor),
             number(run.cost_runs, 2),
         ]
-        for run, to_1 in zip(runs, odds, strict=True)
+        for run in runs
     ]
-    head = ["what to do", "parts", "expected ln Bayes factor", "odds", "cost, runs"]
+    head = ["what to do", "separates", "expected odds", "cost, runs"]
     numbers = {"next_run": [next_run_json(run) for run in runs], "odds_to_1": odds}
     return [Table("Best first: of steps that tell enough, the cheapest", head, rows, _ODDS_NOTE, left=2)], numbers

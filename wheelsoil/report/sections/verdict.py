@@ -19,7 +19,7 @@ from wheelsoil.report.words import listed, number
 from wheelsoil.wording.fit_text import reason_text
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import sentence_of, upper
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 from wheelsoil.workflows.grading import plausibility_of
 
@@ -98,6 +98,15 @@ def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> t
     return blocks, numbers
 
 
+def fit_headline(ranking: Ranking) -> str:
+    """Return which model predicts best, in one short sentence."""
+    error, wong = f"{number(ranking.r0_n)} N", ranking.rival("wong")
+    if wong is None or not wong.is_worse:
+        return f"No slip-sinkage law predicts the drawbar pull detectably better than Wong's model (error {error})."
+    gain = number(100 * (1 - ranking.r0_n / wong.r0_n), 2)
+    return f"{upper(_model(ranking.best.name))} predicts the drawbar pull best: {gain} % less error than Wong's model."
+
+
 def fit_sentences(material: ReportInputs, ranking: Ranking) -> list[str]:
     """Return which model predicts best, in sentences."""
     best, fit = _model(ranking.best.name), material.fit
@@ -116,7 +125,7 @@ def fit_sentences(material: ReportInputs, ranking: Ranking) -> list[str]:
     else:
         gain = 100 * (1 - ranking.r0_n / wong.r0_n)
         text = (
-            f"{best[0].upper()}{best[1:]} follows the drawbar pull best, on the runs it was fitted to: it is off by "
+            f"{upper(best)} follows the drawbar pull best, on the runs it was fitted to: it is off by "
             f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
     names = listed([_model(name, short=True) for name in equal])

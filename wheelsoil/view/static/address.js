@@ -24,7 +24,7 @@ const pairs = (values) => Object.entries(values).map(([name, value]) => `${name}
 const unpaired = (words) => Object.fromEntries((words ?? "").split(",").filter(Boolean).map((each) => [each.slice(0, each.lastIndexOf(":")), Number(each.slice(each.lastIndexOf(":") + 1))]).filter(([name, value]) => name && Number.isFinite(value)));
 
 function queryNow() {
-  const { values, soil, load, label } = modelNow(), asked = new URLSearchParams();
+  const { values, soil, load } = modelNow(), asked = new URLSearchParams();
   const put = (name, value) => { if (value) asked.set(name, value); };
   put("run", nameOf(state.a));
   put("with", state.b && nameOf(state.b));
@@ -35,7 +35,6 @@ function queryNow() {
   put("others", state.colour === "density" ? "" : state.colour);
   put("p", pairs(values));
   put("soil", pairs(soil));
-  put("as", label === "model" ? "" : label);
   put("load", load === null ? "" : String(load));
   return asked;
 }
@@ -64,7 +63,7 @@ function follow() {
   state.zoom = zoom.length === 2 && zoom[0] < zoom[1] ? zoom : null;
   if (state.a) tell("picked");
   setLayout({ rows: asked.get("rows")?.split("~"), cross: CHANNELS.some(({ key }) => key === cross[1]) ? { y: cross[0], x: cross[1] } : undefined, colour: asked.get("others") ?? "density", part: asked.get("slip") ?? "driving" });
-  setModel({ values: unpaired(asked.get("p")), soil: unpaired(asked.get("soil")), load: Number(asked.get("load")) || null, label: asked.get("as") === "recommended" ? "recommended" : "model" });
+  setModel({ values: unpaired(asked.get("p")), soil: unpaired(asked.get("soil")), load: Number(asked.get("load")) || null });
   last = JSON.stringify([asked.get("run"), asked.get("with")]);
 }
 

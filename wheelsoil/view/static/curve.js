@@ -84,7 +84,7 @@ async function once(path, body) {
 
 /** The baseline and the fitted models, those that can be drawn. */
 async function standing({ campaign, run }, { load_n: load, sinkage }) {
-  const models = [{ name: "baseline", label: "baseline", look: "baseline", model: { ...BASELINE, sinkage } }, ...fitted.map((each) => ({ ...each, look: "fitted" }))];
+  const models = [{ name: "baseline", label: "laboratory soil", look: "baseline", model: { ...BASELINE, sinkage } }, ...fitted.map((each) => ({ ...each, look: "fitted" }))];
   const found = await Promise.all(models.map(async ({ model, ...look }) => {
     try {
       return [{ ...(await once("/api/curve", { campaign, run, ...model, load_n: load })), ...look, campaign }];
@@ -117,7 +117,7 @@ async function predictOnce({ model, label }, a, samples) {
   const refused = (error) => { if (!error.faults && !(error instanceof Gone || error instanceof Locked)) throw error; };
   const found = {
     model: { label, ...(await ask("/api/prediction", { ...a, ...model, load_n: null }, PATIENCE_MS).catch(refused)) },
-    baseline: { label: "baseline", ...(await once("/api/prediction", { ...a, ...BASELINE, sinkage: model.sinkage }).catch(refused)) },
+    baseline: { label: "laboratory soil", ...(await once("/api/prediction", { ...a, ...BASELINE, sinkage: model.sinkage }).catch(refused)) },
   };
   if (state.a !== a || samplesOf(a) !== samples) return;
   state.predictions = Object.fromEntries(Object.entries(found).filter(([, each]) => each.drawbar_pull_n));

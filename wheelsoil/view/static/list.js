@@ -121,7 +121,7 @@ function showMenus() {
   const own = state.campaigns.map(({ key, name, runs }) => [name, runs.map((run) => [[key, run.key], `${name}: ${run.id}`])]);
   fillMenu(get("run-pick"), [], own, state.a);
   const others = state.campaigns.map(({ key, name, runs }) => [name, [...(key === state.a?.campaign ? [] : [[[key, null], `${name}: all runs`]]), ...runs.filter((run) => key !== state.a?.campaign || run.key !== state.a.run).map((run) => [[key, run.key], `${name}: ${run.id}`])]]);
-  fillMenu(get("compare"), [["", "Compare: baseline"]], others, state.b);
+  fillMenu(get("compare"), [["", "Compare: nothing"]], others, state.b);
 }
 
 function showView() {

@@ -20,9 +20,11 @@ const chances = new Map(); // campaign -> { family: probability } of its diagnos
 let soil = {}; // what was moved by hand
 let loadN = null;
 let shownFor = null;
-let label = "model";
+const judged = new Map(); // campaign -> { keys, values } of the model that its diagnosis recommends, if it recommends one
 let picker;
 let later = null; // values that came before the parameters were known
+
+const SAME = 1e-6; // relative: the address keeps eight digits
 
 /** An effect that is switched on begins where an estimate would, so that it is seen. */
 const startOf = ({ start, value }) => start ?? value;
@@ -45,12 +47,29 @@ function body() {
 }
 
 /** What undo, the address and a saved layout keep of the sliders. */
-export const modelNow = () => ({ values: Object.fromEntries(inModel().filter(({ name }) => values.has(name)).map(({ name }) => [name, values.get(name)])), soil: { ...soil }, load: loadN, label });
+export const modelNow = () => ({ values: Object.fromEntries(inModel().filter(({ name }) => values.has(name)).map(({ name }) => [name, values.get(name)])), soil: { ...soil }, load: loadN });
+
+/** What the sliders' model is called: "recommended" while it is the one that the diagnosis of this campaign recommends. */
+function label() {
+  const found = judged.get(state.a?.campaign), same = (p, q) => Math.abs(p - q) <= SAME * Math.max(Math.abs(p), Math.abs(q));
+  if (!found || [...found.keys].sort().join() !== [...effectsOn()].sort().join()) return "model";
+  const now = (name) => values.get(name) ?? soil[name] ?? about().soil.find((each) => each.name === name)?.value ?? NaN;
+  return Object.entries(found.values).every(([name, value]) => same(now(name), value)) ? "recommended" : "model";
+}
+
+/** The model that a campaign's diagnosis recommends; null where it recommends none. */
+export function setJudged(campaign, found) {
+  const before = judged.get(campaign);
+  if (JSON.stringify(before ?? null) === JSON.stringify(found)) return;
+  if (found) judged.set(campaign, found);
+  else judged.delete(campaign);
+  if (shownFor === state.a?.campaign) redraw();
+}
 
 /** Put the sliders where they were; those that are not named go back. */
-export function setModel({ values: given = {}, soil: moved = {}, load = null, label: name = "model" }) {
+export function setModel({ values: given = {}, soil: moved = {}, load = null }) {
   if (!about()) {
-    later = { values: given, soil: moved, load, label: name };
+    later = { values: given, soil: moved, load };
     return;
   }
   values.clear();
@@ -59,12 +78,12 @@ export function setModel({ values: given = {}, soil: moved = {}, load = null, la
   for (const each of inModel()) sliders.get(each.name)?.put(given[each.name] ?? startOf(each));
   loadN = load;
   get("load").value = load ?? "";
-  setValues({ ...given, ...moved }, name);
+  setValues({ ...given, ...moved });
 }
 
 /** Bend the curve to what the sliders say. */
 function redraw(since) {
-  if (state.a && about()) bend(body(), since, label);
+  if (state.a && about()) bend(body(), since, label());
 }
 
 /** Put an effect into the model or take it out; the choice remembers it. */
@@ -75,15 +94,14 @@ export function setEffect(key, use) {
   });
 }
 
-/** Put values where the sliders are, the soil's among its own; `name` is what the model is called now. */
-export function setValues(given, name = "model") {
+/** Put values where the sliders are, the soil's among its own. */
+export function setValues(given) {
   for (const [key, value] of Object.entries(given)) {
     const ofSoil = about()?.soil.find((each) => each.name === key);
     (ofSoil ? soilSliders : sliders).get(key)?.put(value);
     if (ofSoil) moveSoil(ofSoil, value);
     else values.set(key, value);
   }
-  label = name;
   redraw();
   tell("model");
 }
@@ -96,7 +114,6 @@ function moveSoil({ name, value: laboratory }, value) {
 }
 
 function moved(since) {
-  label = "model";
   redraw(since);
   tell("model");
 }

@@ -156,7 +156,8 @@ function value({ name, look }, i, title, right, top, wide) {
     return { words, parts: i < 2 ? [sample(look, right - 72 * i - 62, top + 9, 10), words] : [] };
   }
   const y = top + TITLE + 10 + 18 * i, words = text("", right + GUTTER - 8, y, { class: "number", "text-anchor": "end" });
-  return { words, parts: [sample(look, right + 12, y - 4), text(name.length > 13 ? `${name.slice(0, 12)}…` : name, right + 34, y, { class: "label" }), words] };
+  const short = name.replace("laboratory", "lab.");
+  return { words, parts: [sample(look, right + 12, y - 4), text(short.length > 13 ? `${short.slice(0, 12)}…` : short, right + 34, y, { class: "label" }), words] };
 }
 
 /** The selected samples of the first line, where a box or a reason selected them. */

@@ -2,14 +2,15 @@
 
 import { ask, query } from "./api.js";
 import { confirmed, took } from "./choice.js";
-import { fixed, sensible } from "./channels.js";
+import { fixed } from "./channels.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { Job } from "./job.js";
 import { verdictOf } from "./list.js";
-import { effectOf, setChances, setEffect, setValues } from "./model.js";
+import { effectOf, setChances, setEffect, setJudged, setValues } from "./model.js";
 import { choiceOf, current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
+const CHANNEL_NAMES = { dp: "pull", t: "torque", z: "sinkage" };
 const MOST = 8;
 const LEAST = 0.01;
 const ERRORS = [["dp", "R0", "Pull (N)", 1], ["t", "R0", "Torque (N m)", 1], ["dp", "R2", "R², pull", 3]];
@@ -35,7 +36,8 @@ async function show() {
   showLine(told, diagnosis);
   showErrors(diagnosis);
   const rows = rowsOf(diagnosis);
-  write(get("causes-count"), diagnosis ? `${rows.length}` : "not diagnosed");
+  write(get("causes-count"), diagnosis ? (diagnosis.refused ? "refused" : `${rows.length}`) : "not diagnosed");
+  write(get("refused"), diagnosis?.refused ?? "");
   list(get("candidates"), rows, makeRow, fillRow);
 }
 
@@ -56,17 +58,17 @@ async function fetchOnce({ key, diagnosis }) {
 function showLine(told, diagnosis) {
   const line = get("verdict"), words = told ? verdictOf(told) : "";
   get("verdict-line").dataset.state = told?.state ?? "none";
-  get("recommended").hidden = !recommendedOf(diagnosis);
+  const model = recommendedOf(diagnosis);
+  if (current()) setJudged(current().key, model);
+  get("recommended").hidden = !model;
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
-  const [first, ...rest] = diagnosis.sentence.split(/(?<=[.)])\s+(?=[A-Z])/), next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
+  const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
   const parts = [part("b", "", first)];
-  if (best?.parameters.length) {
-    const [{ name, value, interval95, unit }] = best.parameters, interval = interval95.every((end) => end !== null) ? ` [${interval95.map((end) => sensible(end, 3)).join(", ")}]` : "";
-    parts.push(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${name} = ${sensible(value, 3)}${interval}${unit === "1" ? "" : ` ${unit}`}`));
-  }
-  if (gain?.held_out) {
-    const { base, extended } = gain.held_out, better = part("span", "", `Held-out error ${fixed(base.R0_N, 0)} → ${fixed(extended.R0_N, 0)} N `);
-    better.append(part("strong", gain.reduction_percent > 0 ? "better" : "", `${fixed(-gain.reduction_percent, 0)} %`));
+  if (best?.parameters.length) parts.push(keyed(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${diagnosis.sizes[0]}`), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
+  const [was, now] = ["calibrated_soil", "with_causes"].map((which) => `error.${diagnosis.main_channel}.${which}`);
+  if (gain?.held_out && diagnosis.figures[now]) {
+    const better = part("span", "", `Held-out error, ${CHANNEL_NAMES[diagnosis.main_channel]} `), change = diagnosis.change_percent;
+    better.append(figure(diagnosis, was), " → ", figure(diagnosis, now), ` ${diagnosis.figures[now].unit} `, part("strong", change > 0 ? "better" : "", `${fixed(-change, 0)} %`));
     parts.push(better);
   }
   parts.push(part("span", "rest", rest.filter((each) => each !== next).join(" ")));
@@ -75,19 +77,31 @@ function showLine(told, diagnosis) {
   line.title = diagnosis.sentence;
 }
 
-/** The model that the diagnosis recommends: the likeliest cause's form with its values, and the soil that goes with it. */
+/** Mark what a part shows: the key of the quantity and its unrounded value. */
+function keyed(made, { figures }, key) {
+  if (figures[key]) Object.assign(made.dataset, { key, value: figures[key].value });
+  return made;
+}
+
+/** A quantity as every other surface writes it. */
+const figure = (diagnosis, key) => keyed(part("span", "", diagnosis.figures[key].text), diagnosis, key);
+
+/** The model that the diagnosis recommends: all named causes with their values, and the soil that goes with them. */
 function recommendedOf(diagnosis) {
-  const best = diagnosis?.causes[0], effect = best && effectOf(best.name, best.form);
-  if (!effect?.can) return null;
+  const causes = diagnosis?.verdict === "named" ? diagnosis.causes : [];
+  const effects = causes.map((each) => effectOf(each.name, each.form));
+  if (!effects.length || effects.some((each) => !each?.can)) return null;
   const soil = diagnosis.soils.find(({ campaign }) => campaign === current().name) ?? diagnosis.soils[0];
-  return { effect, values: { ...(soil?.values ?? {}), ...Object.fromEntries(best.parameters.map(({ name, value }) => [name, value])) } };
+  return { keys: effects.map(({ key }) => key), values: { ...(soil?.values ?? {}), ...Object.fromEntries(causes.flatMap(({ parameters }) => parameters.map((each) => [each.name, each.value]))) } };
 }
 
 function take() {
   const found = recommendedOf(kept.get(current().key)?.diagnosis);
   if (!found) return;
-  if (!choiceOf(current().key).effects?.includes(found.effect.key)) setEffect(found.effect.key, true);
-  setValues(found.values, "recommended");
+  const on = choiceOf(current().key).effects ?? [];
+  for (const key of on) if (!found.keys.includes(key)) setEffect(key, false);
+  for (const key of found.keys) if (!on.includes(key)) setEffect(key, true);
+  setValues(found.values);
 }
 
 function showErrors(diagnosis) {
@@ -96,15 +110,21 @@ function showErrors(diagnosis) {
   if (!base) return;
   const rows = ERRORS.filter(([channel]) => base.channels[channel] && extended.channels[channel]).map(([channel, key, words, digits]) => {
     const [before, after] = [base.channels[channel][key], extended.channels[channel][key]];
-    return [words, fixed(before, digits), fixed(after, digits), key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
+    const figures = ["calibrated_soil", "with_causes"].map((which) => `error.${channel}.${which}`);
+    const cells = key === "R0" && diagnosis.figures[figures[1]] ? figures.map((each) => figure(diagnosis, each)) : [fixed(before, digits), fixed(after, digits)];
+    return [words, ...cells, key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
   });
-  fillTable(get("error-table"), ["", "baseline", "recommended", "difference"], rows);
+  fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
 }
 
 export function fillTable(table, head, rows) {
   const row = (cells, tag) => {
     const made = part("tr");
-    made.append(...cells.map((words, i) => part(i ? tag : "th", "", words)));
+    made.append(...cells.map((cell, i) => {
+      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell : "");
+      if (typeof cell !== "string") box.append(cell);
+      return box;
+    }));
     return made;
   };
   table.replaceChildren(row(head, "th"), ...rows.map((cells) => row(cells, "td")));
@@ -112,7 +132,7 @@ export function fillTable(table, head, rows) {
 
 function rowsOf(diagnosis) {
   const causes = new Map((diagnosis?.causes ?? []).map((cause) => [cause.name, cause]));
-  return (diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
+  return (diagnosis?.refused ? [] : diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
 }
 
 const percent = (share) => (share > 0.999 ? "> 99.9 %" : `${(100 * share).toFixed(1)} %`);

@@ -1,0 +1,68 @@
+"""The figure of a measurement cause shows the cause: the samples lie on its correction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_samples import diagnosis, seen
+
+from daq import VehicleConfig
+from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.effects import EFFECTS
+from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG
+from wheelsoil.report.cause_figure import cause_figure
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import of_diagnosis
+from wheelsoil.wording.mending import mending_of
+
+VEHICLE = VehicleConfig.model_validate({"wheel": {"radius_m": 0.5, "width_m": 0.3, "outboard_mass_kg": 10}})
+
+
+def cause(key: str, value: float) -> Cause:
+    [parameter] = EFFECTS[key].parameters
+    size = ParameterEstimate(parameter.name, parameter.unit, value, (0.9 * value, 1.1 * value), 0.05 * abs(value))
+    return Cause(EFFECTS[key].name, "", EFFECTS[key].kind, key, 0.99, 1.0, (size,))
+
+
+ADDED = {
+    "torque_zero": ("t", 80.0, lambda data: 80.0 + 0.0 * data.slip),
+    "drawbar_pull_zero": ("dp", -90.0, lambda data: -90.0 + 0.0 * data.slip),
+    "crosstalk": ("dp", 0.02, lambda data: 0.02 * data.vertical_load_n),
+    "drawbar_pull_gain": ("dp", 0.15, lambda data: 0.15 * data.base["dp"]),
+    "torque_gain": ("t", -0.1, lambda data: -0.1 * data.base["t"]),
+}
+
+
+@pytest.mark.parametrize("key", ADDED)
+def test_samples_lie_on_the_correction(key: str) -> None:
+    channel, value, added = ADDED[key]
+    data = seen()
+    change = {channel: added(data)}
+    extended = data.base | {channel: data.base[channel] + change[channel]}
+    noise = {c: data.base_sigma[c] * np.random.default_rng(1).standard_normal(len(data.slip)) for c in data.base}
+    measured = {c: extended[c] + noise[c] for c in data.base}
+    data = replace(data, measured=measured, extended=extended, signatures={key: change})
+    found = replace(diagnosis(), causes=(cause(key, value),), plot_data=(data,))
+    assert found.main_channel == channel
+    drawing = cause_figure(ReportInputs((), None, "", VEHICLE, "clay", diagnosed=found), of_diagnosis(found), channel)
+    assert drawing is not None
+    line, points = drawing.curves
+    assert list(line["x"]) == list(points["x"])
+    assert np.max(np.abs(line["y"] - points["y"])) < 1.5 * data.base_sigma[channel][0]
+    low, high = change[channel].min(), change[channel].max()
+    assert np.all((line["y"] > low - 1.0) & (line["y"] < high + 1.0)) and np.ptp(line["y"]) >= 0.5 * (high - low)
+
+
+def test_a_cause_over_slip_has_no_figure_of_its_own() -> None:
+    found = diagnosis()
+    assert cause_figure(ReportInputs((), None, "", VEHICLE, "clay", diagnosed=found), of_diagnosis(found), "dp") is None
+
+
+def test_what_is_to_be_pasted_holds_the_value() -> None:
+    assert mending_of(cause("wheel_radius", 0.03), VEHICLE).paste == "[wheel]\nradius_m = 0.5150"
+    assert mending_of(cause("speed_latency", 0.15), VEHICLE).paste.endswith("latency_s = 0.150")
+    said = mending_of(cause("wheel_inertia", 0.5), VEHICLE).paste.splitlines()
+    assert said[1:] == [f"outboard_mass_kg = {10 + MASS_KG / 2:g}", f"outboard_inertia_kgm2 = {INERTIA_KGM2 / 2:g}"]
+    assert "0.870 times" in mending_of(cause("drawbar_pull_gain", 0.15), VEHICLE).what

@@ -1,0 +1,106 @@
+"""A quantity has one key, one value and one text on the report, the page, the terminal, a notebook and in the JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import get_args
+
+import pytest
+from diagnosis_samples import diagnosis
+from report_support import material_of, processed_of
+
+from model.diagnosis.core.result import Verdict
+from wheelsoil.notebook import diagnosis_html
+from wheelsoil.report.build import build_report
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.to_json import plain
+from wheelsoil.view.jobs import shown_of
+from wheelsoil.view.medians import compared
+from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.diagnosis_text import diagnosis_lines
+from wheelsoil.wording.figures import figure_value, recording_figures
+from wheelsoil.workflows.key_figures import figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.traction import traction_of
+
+GATE = ("named", "nothing_detectable")
+GROUND = ("pull_at_slip_0.2", "drawbar_coefficient_at_slip_0.2", "drawbar_coefficient")
+
+
+class Keyed(HTMLParser):
+    """Keys, unrounded values and texts of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.found: dict[str, set[tuple[float, str]]] = {}
+        self._open: tuple[str, float] | None = None
+        self.feed(page)
+
+    def handle_starttag(self, _: str, attributes: list[tuple[str, str | None]]) -> None:
+        said = dict(attributes)
+        if said.get("data-key"):
+            self._open = (str(said["data-key"]), float(said["data-value"] or "nan"))
+
+    def handle_data(self, data: str) -> None:
+        if self._open is not None:
+            key, value = self._open
+            self.found.setdefault(key, set()).add((value, data.removesuffix(" %")))  # a tile writes its unit small
+            self._open = None
+
+
+@pytest.fixture(scope="module")
+def material(campaign) -> ReportInputs:
+    return material_of(processed_of(campaign))
+
+
+def required(verdict: str) -> set[str]:
+    """Return what every surface has to show of a verdict."""
+    errors = {f"error.{channel}.calibrated_soil" for channel in ("dp", "t")}
+    if verdict in ("named", "one_of"):
+        errors |= {f"error.{channel}.with_causes" for channel in ("dp", "t")} | {"cause.slip_sinkage.H_m"}
+    return errors | (set() if verdict == "unexplained" else {"candidate.slip_sinkage", "candidate.bulldozing"})
+
+
+@pytest.mark.parametrize(
+    "verdict", [pytest.param(v, marks=() if v in GATE else pytest.mark.slow) for v in get_args(Verdict)]
+)
+def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) -> None:
+    found = diagnosis(verdict)
+    expected = {key: (one.value, figure_value(one)) for key, one in figures_of_diagnosis(found).items()}
+    for key, one in figures_of_traction(traction_of(material.fitted)).items():
+        expected[key] = (one.value, figure_value(one))
+    report = build_report(replace(material, diagnosed=found))
+    page = Keyed(report.html("report.json")).found
+    notebook = Keyed(diagnosis_html(found)).found
+    for surface in (page, notebook):
+        assert surface.keys() <= expected.keys()
+        for key, shown in surface.items():
+            value, text = expected[key]
+            assert shown == {(value, text.removesuffix(" %"))}, key
+    with recording_figures() as terminal:
+        diagnosis_lines(found)
+    assert all(value == expected[key][0] for key, value in terminal.items())
+    viewed = {key: (one["value"], one["text"]) for key, one in shown_of(found)["figures"].items()}
+    assert all(shown == expected[key] for key, shown in viewed.items())
+    written = json.loads(json.dumps(report.numbers()))["sections"]["glance"]["key_figures"]
+    assert {key: one["value"] for key, one in written.items()} == {key: value for key, (value, _) in expected.items()}
+    wanted = required(verdict)
+    shown_in_report = page.keys() | ({key for key in wanted if key.startswith("error.t")} & written.keys())
+    for name, surface in {"notebook": notebook, "terminal": terminal, "view": viewed, "json": written}.items():
+        assert wanted <= surface.keys(), (name, wanted - surface.keys())
+    assert wanted | set(GROUND) <= shown_in_report, wanted | set(GROUND) - shown_in_report
+
+
+def test_the_page_and_the_json_of_diagnose_have_the_values_of_the_report(material: ReportInputs) -> None:
+    found = diagnosis()
+    figures = figures_of_diagnosis(found)
+    told = plain(diagnosis_json(found))
+    held_out = told["gain"]["held_out"]
+    assert held_out["base"]["channels"]["t"]["R0"] == figures["error.t.calibrated_soil"].value
+    assert held_out["extended"]["R0_N"] == figures["error.dp.with_causes"].value
+    assert told["causes"][0]["parameters"][0]["value"] == figures["cause.slip_sinkage.H_m"].value
+    ground = figures_of_traction(traction_of(material.fitted))
+    [group] = compared([material.fitted])["groups"]
+    assert group["pull_n"] == ground["pull_at_slip_0.2"].value
+    assert group["pull_coefficient"] == ground["drawbar_coefficient_at_slip_0.2"].value

@@ -1,0 +1,100 @@
+"""What a cause costs, and what differs from an earlier report."""
+
+from __future__ import annotations
+
+import json
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daq.errors import ConfigError
+from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.effects import EFFECTS
+from model.wheel_soil import SOILS, Wheel
+from wheelsoil.workflows.cause_cost import costs_of
+from wheelsoil.workflows.last_report import changes_since, load_last
+
+CLAY = SOILS["clay"]
+NO_SOIL = SoilEstimate("clay", {}, {})
+
+
+def cause(key: str, value: float, interval: tuple[float, float]) -> Cause:
+    [parameter] = EFFECTS[key].parameters
+    size = ParameterEstimate(parameter.name, parameter.unit, value, interval, 1.0)
+    return Cause(EFFECTS[key].name, "", EFFECTS[key].kind, key, 0.99, 1.0, (size,))
+
+
+def test_a_torque_zero_costs_no_pull_and_shows_its_size_in_the_torque() -> None:
+    found = costs_of(
+        [cause("torque_zero", 80.0, (70.0, 90.0))], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2
+    )
+    by = {(one.quantity, one.slip): one for one in found}
+    assert by["drawbar_pull", 0.2].difference == 0.0
+    assert by["driving_torque", 0.2].difference == pytest.approx(80.0)
+    assert by["driving_torque", 0.2].difference95 == pytest.approx((70.0, 90.0))
+    assert len(found) == 6 and found[-1].slip > 0.2
+
+
+def test_slip_sinkage_costs_pull_and_efficiency() -> None:
+    size = ParameterEstimate("H_m", "m", 0.05, (0.04, 0.06), 5e-3)
+    sinkage = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.99, 1.0, (size,))
+    found = costs_of([sinkage], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2)
+    pulls = [one for one in found if one.quantity == "drawbar_pull"]
+    assert all(one.difference < 0 for one in found if one.quantity != "driving_torque")
+    assert all(one.difference95[0] < one.difference < one.difference95[1] < 0 for one in pulls)
+
+
+def sections(tan_phi: float, zero: tuple[float, float] | None, pull: float) -> dict[str, Any]:
+    sizes = (
+        [{"name": "offset_nm", "unit": "N m", "value": zero[0], "interval95": [zero[0] - zero[1], zero[0] + zero[1]]}]
+        if zero
+        else []
+    )
+    return {
+        "fit": {
+            "soils": [{"campaign": f"day {tan_phi}", "values": {"tan_phi": tan_phi}, "sigmas": {"tan_phi": 0.01}}],
+            "traction": {"pull": {"pull_n": pull, "interval95": [pull - 30.0, pull + 30.0]}},
+        },
+        "causes": {"causes": [{"name": "torque_zero", "parameters": sizes}] if sizes else []},
+        "runs": {"run-1": {"usable_share": 0.9}},
+        "glance": {"key_figures": {"error.dp.calibrated_soil": {"value": 41.0, "unit": "N"}}},
+    }
+
+
+def write(path: Path, found: dict[str, Any]) -> Path:
+    path.write_text(json.dumps({"schema": "wheelsoil/report/2", "made_at": "2026-05-04T10:00:00", "sections": found}))
+    return path
+
+
+def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
+    last = load_last(write(tmp_path / "last.json", sections(0.25, (78.0, 5.0), 700.0)))
+    found = changes_since(last, sections(0.31, (20.0, 5.0), 720.0))
+    assert [(one.name, one.beyond) for one in found] == [
+        ("soil.tan_phi", True),
+        ("torque_zero.offset_nm", True),
+        ("pull_at_slip_0.2", False),
+        ("error.dp.calibrated_soil", False),
+        ("usable_share", False),
+    ]
+    assert found[1].difference == pytest.approx(-58.0)
+    gone = {one.name: one for one in changes_since(last, sections(0.26, None, 700.0))}
+    assert gone["torque_zero.offset_nm"].beyond and not gone["soil.tan_phi"].beyond
+    assert abs(gone["soil.tan_phi"].difference) < inf
+
+
+def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) -> None:
+    write(tmp_path / "monday.json", sections(0.25, None, 700.0))
+    with pytest.raises(ConfigError, match="no report, or several"):
+        load_last(tmp_path)
+    page = tmp_path / "monday.html"
+    page.write_text("")
+    assert load_last(tmp_path) == load_last(page) == load_last(tmp_path / "monday.json")
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}'])
+def test_what_is_no_report_is_refused_with_a_next_step(tmp_path: Path, text: str) -> None:
+    (tmp_path / "other.json").write_text(text)
+    with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil"):
+        load_last(tmp_path / "other.json")

@@ -1,0 +1,240 @@
+"""The figure in which a person sees a cause: the residual against what the cause acts through, with its correction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from daq import OUTPUTS, FloatArray
+from model.diagnosis import Cause, Diagnosis
+from model.wheel_soil import speed_ratio
+from wheelsoil.report.content import Drawing
+from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.figures import EDGES, Bins, binned
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import Recommendation, recommended_causes
+from wheelsoil.report.words import measured, number
+from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
+
+_BINS = 16
+_LONGEST_STEP_S = 0.5
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """What causes act through, at the samples of a recommendation; arrays of shape (n,)."""
+
+    slip: FloatArray
+    load_n: FloatArray
+    speed_mps: FloatArray
+    day_min: FloatArray
+    clock: FloatArray
+    acceleration_mps2: FloatArray
+    rim_acceleration_mps2: FloatArray
+
+
+Own = Callable[[float, _Samples, FloatArray], FloatArray]
+
+
+class _View(NamedTuple):
+    """How a cause is shown.
+
+    Attributes
+    ----------
+    axis : str
+        Title of the abscissa.
+    across : callable
+        The abscissa of samples.
+    finding : callable
+        Sentence of the figure, of channel, size and 95 % interval in words, and the value.
+    own : callable, optional
+        What the cause adds to the channel itself, of its value, the samples, and what the recommended model predicts;
+        None for a cause that acts through slip or load.
+    """
+
+    axis: str
+    across: Callable[[_Samples], FloatArray]
+    finding: Callable[[str, str, float], str]
+    own: Own | None = None
+
+
+def _too(value: float) -> str:
+    return "too much" if value > 0 else "too little"
+
+
+def _percent(value: float) -> str:
+    return f"{number(100 * abs(value), 2)} %"
+
+
+_SLIP = ("Slip ratio", lambda s: s.slip)
+_VIEWS: Mapping[str, _View] = {
+    "drawbar_pull_zero": _View(
+        *_SLIP, lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip", lambda x, s, _: x + 0.0 * s.slip
+    ),
+    "torque_zero": _View(
+        *_SLIP, lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip", lambda x, s, _: x + 0.0 * s.slip
+    ),
+    "zero_drift": _View(
+        "Time since the first run (min)",
+        lambda s: s.day_min,
+        lambda c, size, x: f"The zero of the {c} drifts by {size} over the campaign, {'up' if x > 0 else 'down'}wards",
+        lambda x, s, _: x * s.clock,
+    ),
+    "drawbar_pull_gain": _View(
+        "Predicted drawbar pull (N)",
+        lambda s: s.slip,  # replaced by what is predicted
+        lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
+        lambda x, _, said: x / (1.0 + x) * said,
+    ),
+    "torque_gain": _View(
+        "Predicted driving torque (N m)",
+        lambda s: s.slip,
+        lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
+        lambda x, _, said: x / (1.0 + x) * said,
+    ),
+    "crosstalk": _View(
+        "Vertical load (kN)",
+        lambda s: s.load_n / 1e3,
+        lambda c, _, x: f"{_percent(x)} of the vertical load is {'added to' if x > 0 else 'taken off'} the {c}",
+        lambda x, s, _: x * s.load_n,
+    ),
+    "load_zero": _View(
+        "Vertical load (kN)", lambda s: s.load_n / 1e3, lambda _, size, x: f"The vertical load reads {size} {_too(x)}"
+    ),
+    "load_gain": _View(
+        "Vertical load (kN)",
+        lambda s: s.load_n / 1e3,
+        lambda _c, _s, x: f"The vertical load reads {_percent(x)} {_too(x)}",
+    ),
+    "speed_bias": _View(
+        "Ground speed (m/s)", lambda s: s.speed_mps, lambda _, size, x: f"The ground speed reads {size} {_too(x)}"
+    ),
+    "speed_latency": _View(
+        "Acceleration of the vehicle (m/s²)",
+        lambda s: s.acceleration_mps2,
+        lambda _, size, x: f"The ground speed comes {size} {'later' if x > 0 else 'earlier'} than declared",
+    ),
+    "wheel_radius": _View(
+        *_SLIP,
+        lambda _c, _s, x: (
+            f"Slip is shifted: the rolling radius is {_percent(x)} {'larger' if x > 0 else 'smaller'} than stated"
+        ),
+    ),
+    "wheel_inertia": _View(
+        "Acceleration of the rim (m/s²)",
+        lambda s: s.rim_acceleration_mps2,
+        lambda c, _s, _x: f"The {c} follows the wheel's acceleration: outboard mass and inertia are not declared",
+    ),
+}
+_GAINS = ("drawbar_pull_gain", "torque_gain")
+
+
+def cause_figure(material: ReportInputs, one: Recommendation, channel: str) -> Drawing | None:
+    """Return the figure of the cause that corrects a channel most; None where slip shows it best, or there is none."""
+    found = material.diagnosed
+    if found is None or not found.plot_data or not recommended_causes(found):
+        return None
+    cause = max(recommended_causes(found), key=lambda each: _share(found, each, channel))
+    if cause.name not in _VIEWS or not cause.parameters:
+        return None
+    view, samples = _VIEWS[cause.name], _samples_of(material, one, found)
+    if view.own is None:
+        left, line = one.residual(channel, base=True), one.recommended[channel] - one.base[channel]
+        against = f"{CALIBRATED}, without the cause"
+    else:
+        line = view.own(cause.parameters[0].value, samples, one.recommended[channel])
+        left, against = one.residual(channel) + line, "the recommended model without its correction"
+    across = one.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
+    factor, unit = page_unit(channel)
+    title = _title(view, cause, channel)
+    caption = f"Measured − predicted by {against}. Points: median and middle half. Line: the correction."
+    over_slip = view.axis == "Slip ratio"
+    if over_slip or cause.name == "speed_latency":  # braking is so steep that the driven part would look flat
+        left, line = (np.where(one.slip > 0, values, np.nan) for values in (left, line))
+    edges = EDGES if over_slip else _edges(across)
+    points, correction = binned(across, factor * left, edges), binned(across, factor * line, edges)
+    curves = [
+        Curve("Correction", correction.centre, correction.median, "model", note=plain_name(cause.name)),
+        Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
+    ]
+    span = _driven_slips(one.slip) if over_slip else _span(across)
+    plane = Plane(span, _height(points, correction), view.axis, f"Measured − predicted ({unit})")
+    return drawn("hero", title, caption, plane, curves, samples=_known(across, factor * left))
+
+
+def _title(view: _View, cause: Cause, channel: str) -> str:
+    first = cause.parameters[0]
+    low, high = first.interval95
+    size = f"{measured(abs(first.value), first.sigma)} {first.unit}".removesuffix(" 1")
+    if np.isfinite(low) and np.isfinite(high):
+        ends = sorted((abs(low), abs(high))) if low * high > 0 else (low, high)
+        size = f"{size} ({' to '.join(measured(end, first.sigma) for end in ends)})"
+    return view.finding(OUTPUTS[channel].name, size, first.value)
+
+
+def _share(found: Diagnosis, cause: Cause, channel: str) -> float:
+    """Return the root mean square of what a cause changes in a channel, in sigmas of a sample."""
+    total, count = 0.0, 0
+    for seen in found.plot_data:
+        changed = seen.signatures.get(cause.key, {}).get(channel)
+        if changed is not None:
+            sigmas = (changed / seen.base_sigma[channel])[np.isfinite(changed)]
+            total, count = total + float(np.sum(sigmas**2)), count + len(sigmas)
+    return float(np.sqrt(total / count)) if count else 0.0
+
+
+def _samples_of(material: ReportInputs, one: Recommendation, found: Diagnosis) -> _Samples:
+    starts = {run.run.id: run.start_ns * 1e-9 for run in material.runs}
+    first = min(starts.values(), default=0.0)
+    began = np.array([starts.get(name.rsplit(": ", 1)[-1], first) - first for name in one.runs])
+    seconds = began[one.run] + one.time_s
+    span = max(
+        (starts[run.run.id] - first + float(run.time_s[-1]) for run in material.runs if len(run.time_s)), default=0
+    )
+    speed = np.concatenate([seen.ground_speed_mps for seen in found.plot_data])
+    rim = speed / np.maximum(np.asarray(speed_ratio(one.slip), np.float64), 1e-3)
+    return _Samples(
+        slip=one.slip,
+        load_n=one.vertical_load_n,
+        speed_mps=speed,
+        day_min=seconds / 60.0,
+        clock=seconds / span - 0.5 if span > 0 else 0.0 * seconds,
+        acceleration_mps2=_rate(speed, one),
+        rim_acceleration_mps2=_rate(rim, one),
+    )
+
+
+def _rate(values: FloatArray, one: Recommendation) -> FloatArray:
+    """Return the change in time within each stretch of a run; NaN at its ends."""
+    step = one.time_s[2:] - one.time_s[:-2]
+    within = (one.run[2:] == one.run[:-2]) & (step > 0) & (step <= 2 * _LONGEST_STEP_S)
+    inner = np.where(within, (values[2:] - values[:-2]) / np.where(step > 0, step, 1.0), np.nan)
+    return np.concatenate([[np.nan], inner, [np.nan]]) if len(values) > 1 else np.full(len(values), np.nan)
+
+
+def _edges(across: FloatArray) -> FloatArray:
+    return np.linspace(*_span(across), _BINS + 1)
+
+
+def _driven_slips(slip: FloatArray) -> tuple[float, float]:
+    return 0.0, max(0.05 * float(np.ceil(np.nanmax(slip) / 0.05)), 0.2)
+
+
+def _span(across: FloatArray) -> tuple[float, float]:
+    known = across[np.isfinite(across)]
+    if not len(known):
+        return 0.0, 1.0
+    low, high = np.percentile(known, [0.5, 99.5]).tolist()
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+def _height(*all_bins: Bins) -> tuple[float, float]:
+    return reach(*(edge for one in all_bins for edge in (one.lower, one.upper, one.median)))
+
+
+def _known(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    rows = np.isfinite(x) & np.isfinite(y)
+    return x[rows], y[rows]

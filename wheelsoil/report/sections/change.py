@@ -1,0 +1,151 @@
+"""What the causes cost, and what has changed since the last report."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from daq import DataError
+from model.diagnosis import Cause
+from wheelsoil.report.content import Block, Contents, Table, Text, section
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import recommended_causes
+from wheelsoil.report.sections.glance import glance
+from wheelsoil.report.sections.overview import causes as causes_section
+from wheelsoil.report.sections.overview import fit as fit_section
+from wheelsoil.report.sections.overview import runs as runs_section
+from wheelsoil.report.words import listed, number, signed
+from wheelsoil.to_json import plain
+from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name
+from wheelsoil.wording.verdict import upper
+from wheelsoil.workflows.cause_cost import Cost, costs_of
+from wheelsoil.workflows.fit import wheel_of
+from wheelsoil.workflows.last_report import Change, changes_since
+
+_QUANTITIES = {
+    "drawbar_pull": ("drawbar pull", 1.0, "N"),
+    "driving_torque": ("driving torque", 1.0, "N m"),
+    "tractive_efficiency": ("tractive efficiency", 100.0, "%"),
+}
+_PHYSICAL = "The same soil, load and slip, with and without: what the wheel loses or gains through the cause."
+_MEASURED = (
+    "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
+    "soil, load and slip."
+)
+_NAMES = {"pull_at_slip_0.2": "pull at slip 0.2", "usable_share": "usable share of the samples in motion"}
+
+
+@section("cost", "What the cause costs")
+def cost(material: ReportInputs) -> Contents:
+    """Build the section; `DataError` where no cause is named."""
+    found = material.diagnosis
+    causes = recommended_causes(found)
+    if found.verdict != "named" or not found.soils:
+        raise DataError("no cause is named")
+    load, speed = _usual(material)
+    soil = material.fit.soil
+    costs = costs_of(
+        causes,
+        wheel_of(material.vehicle, "vehicle.toml"),
+        soil,
+        found.soils[0],
+        load_n=load,
+        speed_mps=speed,
+        reading=material.fit.options.reading,
+    )
+    head = ["quantity", "slip", "without", "with", "difference", "95 % interval", "unit"]
+    note = (
+        f"Steady driving at {load / 1e3:.1f} kN and {speed:.1f} m/s, by the recommended model. "
+        "Interval: of the causes' sizes, soil held."
+    )
+    table = Table(f"With and without {listed([plain_name(one.name) for one in causes])}", head, _rows(costs), note)
+    return [Text(_meaning(causes)), table], {"costs": costs, "load_n": load, "ground_speed_mps": speed}
+
+
+def _meaning(causes: tuple[Cause, ...]) -> str:
+    kinds = {one.kind for one in causes}
+    return _MEASURED if kinds == {"measurement"} else _PHYSICAL
+
+
+def _usual(material: ReportInputs) -> tuple[float, float]:
+    """Return median load and ground speed of the used samples."""
+    load, speed = (
+        np.concatenate([getattr(run, name)[run.used] for run in material.fitted])
+        for name in ("vertical_load_n", "ground_speed_mps")
+    )
+    return float(np.nanmedian(load)), float(np.nanmedian(speed))
+
+
+def _rows(costs: list[Cost]) -> list[list[str]]:
+    rows = []
+    for one in costs:
+        name, factor, unit = _QUANTITIES[one.quantity]
+        low, high = (factor * end for end in one.difference95)
+        interval = f"{_signed(low)} … {_signed(high)}" if isfinite(low) else "–"
+        values = [number(factor * one.without), number(factor * one.with_causes), _signed(factor * one.difference)]
+        rows.append([name, f"{one.slip:.2f}", *values, interval, unit])
+    return rows
+
+
+def _signed(value: float) -> str:
+    text = number(value, 2)
+    return f"+{text}" if value > 0 and text != "0" else text
+
+
+@section("against", "Since last time")
+def against(material: ReportInputs) -> Contents:
+    """Build the section; `DataError` where no earlier report was given."""
+    if material.last is None:
+        raise DataError("no earlier report was given (--against)")
+    changes = changes_since(material.last, _sections(material))
+    beyond = [one for one in changes if one.beyond]
+    when = f"the report of {material.last.made_at[:10]} ({material.last.name})"
+    said = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
+    if beyond:
+        said += f" {upper(listed([_sentence(one) for one in beyond[:3]]))}."
+    head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
+    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
+    blocks: list[Block] = [Text(said, "warning" if beyond else "good")]
+    blocks.append(Table("Last time and now", head, [_row(one) for one in changes], note))
+    return blocks, {"changes": changes, "last": material.last.made_at}
+
+
+def _sections(material: ReportInputs) -> dict[str, Any]:
+    """Return the sections that are compared, as report.json has them; those that cannot be built are left out."""
+    found: dict[str, Any] = {}
+    for builder in (glance, fit_section, causes_section, runs_section):
+        try:
+            found[builder.key] = plain(builder.build(material).numbers)
+        except DataError:
+            continue
+    return found
+
+
+def _sentence(one: Change) -> str:
+    if not isfinite(one.last):
+        return f"{_name(one)} is new"
+    if not isfinite(one.now):
+        return f"{_name(one)} is gone"
+    return f"{_name(one)} went from {number(one.last)} to {number(one.now)} {one.unit}".rstrip()
+
+
+def _name(one: Change) -> str:
+    if one.name in _NAMES:
+        return _NAMES[one.name]
+    first, _, last = one.name.partition(".")
+    if one.kind == "soil":
+        campaign, _, name = one.name.rpartition(".")
+        return f"{SOIL_LETTERS.get(name, name)} of the soil" + (f" in {campaign}" if campaign != "soil" else "")
+    if one.kind == "cause":
+        return f"{plain_name(first)}, {letter(last)}"
+    channel = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}[last.split(".")[0]]
+    return f"error of {channel} on held-out runs, calibrated soil"
+
+
+def _row(one: Change) -> list[str]:
+    halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (one.last_half95, one.now_half95)]
+    difference = signed(one.difference, "+.3g") if isfinite(one.difference) else "–"
+    verdict = "yes" if one.beyond else "no" if any(halves) else "no interval"
+    return [_name(one), number(one.last) + halves[0], number(one.now) + halves[1], difference, verdict, one.unit]

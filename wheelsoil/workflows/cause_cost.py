@@ -1,0 +1,118 @@
+"""What the causes of a verdict cost: pull, torque and tractive efficiency with and without them, all else equal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan
+
+import numpy as np
+
+from daq import DataError, FloatArray
+from model import extended_model
+from model.diagnosis import Cause, SoilEstimate
+from model.wheel_soil import Conditions, Reading, Soil, Wheel
+
+USUAL_SLIP = 0.2
+_SLIPS = np.round(np.linspace(0.02, 0.95, 94), 2)
+_QUANTITIES = (("drawbar_pull", "N"), ("driving_torque", "N m"), ("tractive_efficiency", "1"))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A quantity at one slip with and without the causes.
+
+    Attributes
+    ----------
+    difference95 : (float, float)
+        With less without, at the ends of the causes' 95 % intervals, the soil held; NaN where these are not known.
+    """
+
+    quantity: str
+    unit: str
+    slip: float
+    without: float
+    with_causes: float
+    difference95: tuple[float, float]
+
+    @property
+    def difference(self) -> float:
+        """With less without."""
+        return self.with_causes - self.without
+
+
+def costs_of(
+    causes: Sequence[Cause],
+    wheel: Wheel,
+    laboratory: Soil,
+    soil: SoilEstimate,
+    *,
+    load_n: float,
+    speed_mps: float,
+    reading: Reading = "balanced",
+) -> list[Cost]:
+    """Return what causes change at slip 0.2 and at the slip of the highest tractive efficiency without them.
+
+    Parameters
+    ----------
+    soil : SoilEstimate
+        As calibrated with the causes; it is the same with and without them.
+    load_n, speed_mps : float
+        The wheel is driven steadily.
+
+    Raises
+    ------
+    DataError
+        The model has no answer for this load.
+    """
+
+    def curves(chosen: Sequence[Cause]) -> dict[str, FloatArray]:
+        model = extended_model(wheel, laboratory, soil, tuple(chosen), reading)
+        found = model.predict(_steady(wheel, model.soil, load_n, speed_mps))
+        pull, torque = (np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            efficiency = pull * wheel.radius_m * (1 - _SLIPS) / torque
+        return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
+
+    without, complete = curves(()), curves(causes)
+    ends = [curves([_at_end(one, end) for one in causes]) for end in (0, 1)] if _known(causes) else []
+    if not np.isfinite(without["tractive_efficiency"]).any():
+        raise DataError("the model has no answer for this load")
+    best = int(np.nanargmax(without["tractive_efficiency"]))
+    found = []
+    for row in dict.fromkeys((int(np.argmin(np.abs(_SLIPS - USUAL_SLIP))), best)):
+        for quantity, unit in _QUANTITIES:
+            base = float(without[quantity][row])
+            sides = sorted(float(end[quantity][row]) - base for end in ends)
+            interval = (sides[0], sides[1]) if len(sides) == 2 else (nan, nan)
+            found.append(Cost(quantity, unit, float(_SLIPS[row]), base, float(complete[quantity][row]), interval))
+    return found
+
+
+def _known(causes: Sequence[Cause]) -> bool:
+    return all(isfinite(end) for cause in causes for one in cause.parameters for end in one.interval95)
+
+
+def _at_end(cause: Cause, end: int) -> Cause:
+    return replace(cause, parameters=tuple(replace(one, value=one.interval95[end]) for one in cause.parameters))
+
+
+def _steady(wheel: Wheel, soil: Soil, load_n: float, speed_mps: float) -> Conditions:
+    def held(value: float) -> FloatArray:
+        return np.full(len(_SLIPS), value)
+
+    return Conditions(
+        slip=_SLIPS,
+        vertical_load_n=held(load_n),
+        ground_speed_mps=held(speed_mps),
+        wheel_speed_radps=speed_mps / (1 - _SLIPS) / wheel.radius_m,
+        ground_acceleration_mps2=held(0.0),
+        ground_jerk_mps3=held(0.0),
+        wheel_acceleration_radps2=held(0.0),
+        line_position=held(0.0),
+        campaign_time=held(0.5),
+        direction=held(1.0),
+        pass_number=held(1.0),
+        inflation_kpa=held(nan),
+        unit_weight_n_m3=held(soil.unit_weight_n_m3),
+    )

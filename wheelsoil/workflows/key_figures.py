@@ -1,0 +1,114 @@
+"""Quantities that several surfaces show: key, value, unit, rule of its digits, and of which model it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import nan
+from typing import Literal
+
+from daq import OUTPUTS
+from model.diagnosis import Cause, Diagnosis, Gain
+from wheelsoil.workflows.traction import Traction
+
+Digits = Literal["three", "by sigma", "percent", "probability", "three decimals"]
+CALIBRATED_SOIL = "calibrated_soil"
+MODELS = {"named": "recommended", "one_of": "most_probable"}
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """A quantity that is shown.
+
+    Attributes
+    ----------
+    key : str
+        The same on every surface.
+    value : float
+        Unrounded; a probability or a share as a fraction.
+    unit : str
+        "" for a plain number, a probability and a share.
+    digits : str
+        Rule by which it is written; see `wheelsoil.wording.figures`.
+    model : "calibrated_soil", "recommended", "most_probable" or ""
+        Which model it is of; "" for what is measured.
+    sigma : float
+        Its standard error; NaN where it has none.
+    interval95 : (float, float)
+        NaN where there is none.
+    """
+
+    key: str
+    value: float
+    unit: str
+    digits: Digits = "three"
+    model: str = ""
+    sigma: float = nan
+    interval95: tuple[float, float] = (nan, nan)
+
+
+def figures_of_diagnosis(found: Diagnosis) -> dict[str, KeyFigure]:
+    """Return what a diagnosis shows: confidence, sizes of the causes, errors on held-out data, candidates."""
+    figures = [*_confidence(found), *_candidates(found)]
+    figures += [one for cause in found.causes for one in sizes_of(cause)]
+    figures += errors_of(found.gain, found.verdict) if found.gain is not None else []
+    return {one.key: one for one in figures}
+
+
+def _confidence(found: Diagnosis) -> Iterator[KeyFigure]:
+    """Return how sure the verdict is: of the least probable named cause, that a cause acts, or that none does."""
+    none = next((one.probability for one in found.candidates if one.name == "none"), nan)
+    sure = {
+        "named": min((cause.probability for cause in found.causes), default=nan),
+        "one_of": 1.0 - none,
+        "nothing_detectable": none,
+    }
+    if found.verdict in sure:
+        yield KeyFigure("confidence", sure[found.verdict], "", "probability")
+
+
+def _candidates(found: Diagnosis) -> Iterator[KeyFigure]:
+    if found.verdict != "unexplained":
+        for one in found.candidates:
+            yield KeyFigure(f"candidate.{one.name}", one.probability, "", "probability")
+
+
+def sizes_of(cause: Cause) -> list[KeyFigure]:
+    """Return the parameters of a cause."""
+    return [
+        KeyFigure(
+            f"cause.{cause.name}.{one.name}",
+            one.value,
+            "" if one.unit == "1" else one.unit,
+            "by sigma",
+            "recommended",
+            one.sigma,
+            one.interval95,
+        )
+        for one in cause.parameters
+    ]
+
+
+def errors_of(gain: Gain, verdict: str) -> list[KeyFigure]:
+    """Return R0 on held-out data with the calibrated soil, and with the causes where the verdict has some."""
+    figures = []
+    for channel, before in gain.base.items():
+        unit = OUTPUTS[channel].unit_text
+        figures.append(KeyFigure(f"error.{channel}.{CALIBRATED_SOIL}", before.R0, unit, model=CALIBRATED_SOIL))
+        if verdict in MODELS and channel in gain.extended:
+            after = KeyFigure(f"error.{channel}.with_causes", gain.extended[channel].R0, unit, model=MODELS[verdict])
+            figures.append(after)
+    return figures
+
+
+def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
+    """Return what is measured of the ground: pull at slip 0.2 and drawbar coefficient there, best of both."""
+    figures = []
+    if found.pull is not None:
+        pull = found.pull
+        figures.append(KeyFigure("pull_at_slip_0.2", pull.pull_n, "N", interval95=pull.interval95))
+        coefficient = pull.pull_n / pull.load_n
+        figures.append(KeyFigure("drawbar_coefficient_at_slip_0.2", coefficient, "", "three decimals"))
+    figures.append(KeyFigure("drawbar_coefficient", found.drawbar_coefficient, "", "three decimals"))
+    figures.append(KeyFigure("tractive_efficiency", found.efficiency, "", "percent"))
+    return {one.key: one for one in figures if one.value == one.value}
