@@ -87,7 +87,9 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
         "channels": {
             one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
         },
-        "turned": {how: list(one) for how, one in turned.values.items()} if code == LackCode.FORM_DECIDES else {},
+        "turned": {how: list(one) for how, one in turned.values.items()}
+        if turned and code == LackCode.FORM_DECIDES
+        else {},
         "adequate_at": dict(turned.values) if turned and code == LackCode.FORM_ADEQUATE else None,
     }
 
