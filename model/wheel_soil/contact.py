@@ -197,6 +197,8 @@ def rules_of(quadrature: Quadrature) -> FloatArray:
 
 def _chained(x: Number, inner: dict[str, Dual]) -> Number:
     """Replace derivatives by entries of a patch with those by what the entries depend on."""
+    if not isinstance(x, Dual):  # it depends on none of them
+        return x
     partials: dict[str, Any] = {}
     for name, slope in x.partials.items():
         for key, d in inner[name].partials.items():
