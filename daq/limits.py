@@ -61,3 +61,9 @@ MOST_RUNS = 10_000
 
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
+
+LAST_TIME_NS = 2**62
+"""The year 2116: time stamps and their differences stay within 64 bits."""
+
+SLOWEST_RATE_HZ, FASTEST_RATE_HZ = 1e-6, 1e9
+"""Of samples that have a rate instead of time stamps: one in 12 days, and one a nanosecond."""

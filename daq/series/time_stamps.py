@@ -13,7 +13,7 @@ from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.roles import plain_name, unit_behind
 from daq.config import SeriesSection
 from daq.errors import DataError, Fault, nearest
-from daq.limits import EARLIEST_DATE_NS
+from daq.limits import EARLIEST_DATE_NS, LAST_TIME_NS
 from daq.series.blocks import SeriesReport
 from daq.units import Quantity, find_unit
 
@@ -27,7 +27,7 @@ _LOOSE = re.compile(rf"(?:t[ _].*|(?i:(?:.*[ _./])?(?:{_WORDS})(?:[ _].*)?)){_SU
 _EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """A date after 1990 is above these in each unit, and below the one before it."""
 _EPOCH_S = EARLIEST_DATE_NS / 1e9
-_LAST_NS = float(2**62)
+_LAST_NS = float(LAST_TIME_NS)
 _ZONE = re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")
 _GERMAN = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}[ T,]+\d")

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import zstandard
 from database_texts import ARXML, KCD, SYM
+from fuzz.readers import whole_file
+from nptdms import ChannelObject, TdmsWriter
 
 from daq.can.databases import load_database
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
@@ -21,6 +23,7 @@ from daq.errors import ConfigError, DatabaseError, DataError, RecordingError, Wh
 from daq.limits import LARGEST_CHUNK_BYTES, MOST_COLUMNS, MOST_IDS, MOST_RUNS
 from daq.logs import read_log
 from daq.recording.chunks import DamagedError, PackedChunk, unpacked
+from daq.series.formats import read_series
 from daq.series.tables import read_table
 
 DBC = """VERSION ""
@@ -224,6 +227,20 @@ def test_chunks_that_unpack_to_gigabytes_take_little_memory(compression: str, tm
     read, losses, peak_mb = done.stdout.split()
     assert (int(read), int(losses) >= 1) == (12, True)
     assert float(peak_mb) < 1500
+
+
+@pytest.mark.parametrize("step", ["1e-320", "1e308", "inf", "1e-12"])
+@pytest.mark.parametrize("kind", ["rpc iii", "tdms"])
+def test_a_rate_that_no_measurement_has_is_refused(kind: str, step: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{'.rsp' if kind == 'rpc iii' else '.tdms'}"
+    if kind == "rpc iii":
+        written, stated = (b"DELTA_T".ljust(32, b"\0") + text.encode().ljust(96, b"\0") for text in ("0.01", step))
+        path.write_bytes(whole_file(kind, tmp_path).replace(written, stated))
+    else:
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("rack", "Fz", np.arange(50.0), {"wf_increment": float(step)})])
+    with pytest.raises(DataError, match="a rate that no measurement has"):
+        read_series(path)
 
 
 def first_chunk(whole: bytes) -> tuple[int, PackedChunk]:

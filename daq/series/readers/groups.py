@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from daq.config import SeriesSection
 from daq.errors import DataError
+from daq.limits import FASTEST_RATE_HZ, LAST_TIME_NS, SLOWEST_RATE_HZ
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
 from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, time_columns
 
@@ -37,6 +38,16 @@ class Clock:
 
     start_ns: int
     rate_hz: float
+
+
+def _check_clock(clock: Clock, count: int, where: str) -> None:
+    """Refuse a rate, or a start, whose time stamps would leave what 64 bits of nanoseconds hold."""
+    if not SLOWEST_RATE_HZ <= clock.rate_hz <= FASTEST_RATE_HZ:
+        found, expected = f"{clock.rate_hz:g} Hz", f"{SLOWEST_RATE_HZ:g} to {FASTEST_RATE_HZ:g} Hz"
+        raise DataError.of("a rate that no measurement has", where, found, expected, "export the file again")
+    if not abs(clock.start_ns) + 1e9 * count / clock.rate_hz < LAST_TIME_NS:
+        found = f"a start at {clock.start_ns} ns and {count} samples at {clock.rate_hz:g} Hz"
+        raise DataError.of("times beyond the year 2116", where, found, next_step="export the file again")
 
 
 def array_column(name: str, values: NDArray[Any], unit: str = "", time: str = "") -> Column:
@@ -76,6 +87,9 @@ def series_of(
         _by_time(rest, by_name, layout, report, groups, required=not own)
     if layout.rate_hz is not None and "" in groups:
         clocks[""] = Clock(0, layout.rate_hz)
+    for time, members in groups.items():
+        if time in clocks:
+            _check_clock(clocks[time], members[0].length, f"{report.path}, {time or 'rate_hz'}")
     stamped = {time: by_name[time] for time in groups if time not in clocks}
     names = {time: "table" if len(groups) == 1 else _topic(time) for time in groups}
     cells = sum(one.length for own in groups.values() for one in own)
