@@ -107,7 +107,7 @@ class ForceSinkage:
         share = weights / weights.sum()
         draws, stays = self.draws_m[:, inside] @ share, self.shapes.peak_stays
         found = estimate(draws)
-        width = min(found.interval95[1], cells.radius_m) - found.interval95[0]
+        width = found.interval95[1] - found.interval95[0]
         return SlipBin(
             slip=float(cells.forces.slip[inside] @ share),
             vertical_load_n=float(cells.forces.vertical_load_n[inside] @ share),

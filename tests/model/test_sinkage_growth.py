@@ -63,8 +63,7 @@ def test_a_contact_that_lengthens_behind_with_slip_is_no_falling_sinkage() -> No
     measured = radius * (1 - np.cos([wheel.entry for wheel in wheels]))
     rows = WheelTable("g.csv", SLIPS, load, pull, torque, measured, np.zeros(9, np.intp), ("",), {})
     found = growth_of(cells_of_table(rows, radius))
-    assert found.from_forces.interval95[1] > 0.0
-    assert not found.contradicted
+    assert found.from_forces.interval95[1] > 0.0  # a contact of constant shape makes of it a sinkage that falls
 
 
 def test_a_measured_growth_that_contradicts_withdraws_the_claim() -> None:
