@@ -64,10 +64,13 @@ class VehicleSection(Section):
     standstill_brakes: Brakes = "unknown"
 
 
+_SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
+
+
 class WheelSection(Section):
     """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer."""
 
-    radius_m: Annotated[float, Field(gt=0, lt=5)]
+    radius_m: Positive
     width_m: Annotated[float, Field(gt=0, lt=5)]
     position: str = ""
     outboard_mass_kg: NonNegative = 0.0
@@ -75,6 +78,20 @@ class WheelSection(Section):
     tyre: Literal["smooth", "lugged"] | None = None
     lug_height_m: NonNegative | None = None
     lug_count: Annotated[int, Field(ge=0, le=10_000)] | None = None
+
+    @field_validator("radius_m")
+    @classmethod
+    def _in_metres(cls, value: float) -> float:
+        if value < _LARGEST_RADIUS_M:
+            return value
+        metres = {unit: value * factor for unit, factor in (("mm", 1e-3), ("inches", 0.0254))}
+        likely = [
+            f"{value:g} {unit} are {radius:.4g} m: write radius_m = {radius:.4g}"
+            for unit, radius in metres.items()
+            if _SMALLEST_RADIUS_M <= radius < _LARGEST_RADIUS_M
+        ]
+        said = "; or ".join(likely) or "give the rolling radius in metres"
+        raise ValueError(f"{value:g} m is the radius of no wheel, which is below {_LARGEST_RADIUS_M:g} m; {said}")
 
     @model_validator(mode="after")
     def _lugs_agree(self) -> Self:

@@ -44,6 +44,13 @@ def test_a_run_that_is_accepted_is_noted(campaign: Path, tmp_path: Path) -> None
     assert "set aside" not in found.err
 
 
+def test_info_goes_on_with_a_note(campaign: Path, tmp_path: Path) -> None:
+    folder = _copy(campaign, tmp_path, _TURNED, ("run-1.mcap",))
+    found = invoke("info", folder / "run-1.mcap", "--vehicle", folder / "vehicle.toml")
+    assert found.code == 0
+    assert "driving torque seems to have the wrong sign" in " ".join(found.err.split())
+
+
 def test_a_refused_run_among_others_is_set_aside(campaign: Path, tmp_path: Path) -> None:
     good = campaign / "run-1.mcap"
     folder = _copy(campaign, tmp_path, _TURNED, ("run-2.mcap",))

@@ -13,7 +13,7 @@ import typer
 
 from daq import ConfigError, Fault, moment, number
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, configuration, pairs
-from wheelsoil.console import check_output, counting, print_json, print_pairs, print_table, progress, say
+from wheelsoil.console import check_output, counting, print_json, print_pairs, print_table, progress, say, say_folded
 
 if TYPE_CHECKING:
     from daq.runs import SignalFacts
@@ -112,6 +112,7 @@ def info_command(
     """List the contents of a recording, log or series: every message and signal, rates, gaps, losses, attachments."""
     from daq.runs import open_runs
     from wheelsoil.workflows.recordings import file_facts
+    from wheelsoil.workflows.runs import doubts_of
 
     given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
     opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
@@ -126,6 +127,9 @@ def info_command(
             if i:
                 print()
             _print(one, None if all_ids else _SHOWN_IDS)
+    for run, one in zip(opened, facts, strict=True):
+        for text in [] if one.recording_now else doubts_of(run):
+            say_folded(f"{one.file}: {text}")
     for one in facts:
         if one.recording_now:
             say(f"{one.file}: still being recorded; the part written so far was read")

@@ -15,14 +15,14 @@ import numpy as np
 from daq import ConfigError, DataError, Fault, FloatArray, WheelsoilError
 from daq.runs import Collected, Run, campaign_folders, readable
 from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
-from processing import LOOK, Interval, ProcessOptions, check_within
+from processing import LOOK, Interval, ProcessOptions, check_within, is_refused
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, PlotData
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import CHOICE_FILE, Choice, ChosenRun, is_called, load_choice, runs_in_use
 from wheelsoil.workflows.diagnosis import Together, together
 from wheelsoil.workflows.fit import known_soil, wheel_of
-from wheelsoil.workflows.grading import Grade, grade_of
+from wheelsoil.workflows.grading import Grade, grade_of, plausibility_of
 from wheelsoil.workflows.runs import Files
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
@@ -70,6 +70,13 @@ class ViewedRun:
             self.state = "waiting"
         else:
             self.state = "failed" if self.faults else "ready"
+
+    @property
+    def refused(self) -> str:
+        """Why the run is impossible as it is declared; empty where it is not."""
+        if self.plot_data is None or not is_refused(self.plot_data.run):
+            return ""
+        return texts_of(plausibility_of(self.plot_data.run))[0]
 
     def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None) -> Grade:
         """Return the grade of the kept part, as in the report."""
@@ -190,9 +197,10 @@ class ViewedCampaign:
         return replace(section, sha256="", file="" if alone else section.file)
 
     def ready_members(self) -> tuple[Member, ...]:
-        """Return the runs that are used and already processed, for a helper."""
+        """Return the runs that are used, possible and already processed, for a helper."""
         keeps = self.keeps()
-        there = [(run.file, keeps[run.key]) for run in self.runs if run.state == "ready" and run.key in keeps]
+        ready = [run for run in self.runs if run.state == "ready" and run.key in keeps and not run.refused]
+        there = [(run.file, keeps[run.key]) for run in ready]
         return tuple(Member(file, keep) for file, keep in there if file is not None)
 
     def members(self) -> tuple[Member, ...]:
@@ -219,6 +227,8 @@ class ViewedCampaign:
         if lacking:
             step = "correct vehicle.toml and open the page again, or switch the run off"
             raise ConfigError(*(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking))
+        if used and all(run.refused for run in used):
+            raise ConfigError(*(Fault(run.refused, f"run {run.run.id}") for run in used))
         return self.ready_members()
 
     def base(self, load_n: float | None = None, run_key: str = "") -> Base:

@@ -185,6 +185,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "state": run.state,
         "why": fault_line(run.faults) if run.state == "failed" else None,
         "use": use,
+        "refused": run.refused or None,
         "duration_s": None,
         "usable_share": None,
         "grade": None,

@@ -19,12 +19,15 @@ from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
 from model import in_parallel
-from processing import ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
+from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.wording.plausibility_text import refusal
 from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
+from wheelsoil.workflows.grading import plausibility_of
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
+
+_LISTED_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,27 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pro
     for fault in refused:
         say(f"set aside: {fault}")
     return [pair for pair in processed if not is_refused(pair[1])]
+
+
+def doubts_of(run: Run) -> list[str]:
+    """Return what makes a run implausible as it is declared, for a command that only lists what is in it.
+
+    Nothing of a run that cannot be processed, that has no speeds or wheel, or whose files are larger than 64 MB, which
+    take longer than a list may.
+    """
+    roles = run.vehicle.signals.keys()
+    if run.vehicle.wheel is None or not roles >= set(SLIP_ROLES):
+        return []
+    try:
+        if sum(file.stat().st_size for file in run.files) > _LISTED_BYTES:
+            return []
+        options = ProcessOptions(purpose=LOOK)
+        place = place_of(run, options, None)
+        kept = place.get() if place else None
+        one = _process(run, place, options, None) if kept is None else kept
+    except (WheelsoilError, OSError):
+        return []  # `process` says what is wrong
+    return texts_of(plausibility_of(one))
 
 
 def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Path | None) -> ProcessedRun:

@@ -1,0 +1,24 @@
+"""The analyst's page strikes out a run that is impossible as it is declared, says why, and fits the others."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from view_client import viewing
+
+
+def test_a_refused_run_is_struck_out_and_not_fitted(campaign: Path, tmp_path: Path) -> None:
+    for name in ("run-1.mcap", "terrain.toml"):
+        shutil.copy(campaign / name, tmp_path)
+    text = (campaign / "vehicle.toml").read_text(encoding="utf-8")
+    (tmp_path / "vehicle.toml").write_text(text.replace('"WFT_Forces.Fx"', '"-WFT_Forces.Fx"'), encoding="utf-8")
+    with viewing(tmp_path) as view:
+        view.settled()
+        [found] = view.campaigns()
+        for run in found["runs"]:
+            assert run["state"] == "ready" and run["grade"] == "poor"
+            assert "drawbar pull seems to have the wrong sign" in run["refused"]
+            assert run["refused"] in run["notes"]
+        answer = view.tell("/api/fit", campaign=found["key"])
+        assert answer.status == 400 and "impossible as it is declared" in answer.faults[0]["what"]
