@@ -61,7 +61,11 @@ def cost(material: ReportInputs) -> Contents:
         "Interval: of the causes' sizes, soil held."
     )
     table = Table(f"With and without {listed([plain_name(one.name) for one in causes])}", head, _rows(costs), note)
-    return [Text(_meaning(causes)), table], {"costs": costs, "load_n": load, "ground_speed_mps": speed}
+    return [Text(_meaning(causes)), table], {
+        "costs": [vars(one) | {"difference": one.difference} for one in costs],
+        "load_n": load,
+        "ground_speed_mps": speed,
+    }
 
 
 def _meaning(causes: tuple[Cause, ...]) -> str:
@@ -109,7 +113,10 @@ def against(material: ReportInputs) -> Contents:
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
     blocks: list[Block] = [Text(said, "warning" if beyond else "good")]
     blocks.append(Table("Last time and now", head, [_row(one) for one in changes], note))
-    return blocks, {"changes": changes, "last": material.last.made_at}
+    return blocks, {
+        "changes": [vars(one) | {"difference": one.difference, "beyond": one.beyond} for one in changes],
+        "last": material.last.made_at,
+    }
 
 
 def _sections(material: ReportInputs) -> dict[str, Any]:
