@@ -94,3 +94,8 @@ def test_slow_samples_are_not_pauses_and_events_have_no_period() -> None:
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_rate_below_two_samples(count: int) -> None:
     assert np.isnan(sampling_of(_stamps(np.zeros(count))).rate_hz)
+
+
+def test_a_short_stream_is_not_faster_for_its_first_burst() -> None:
+    ends = np.repeat(np.arange(20, 320, 20), 20) * 0.01
+    assert sampling_of(_stamps(ends + np.tile(np.arange(20) * 1e-5, 15))).rate_hz == pytest.approx(100.0, rel=0.001)
