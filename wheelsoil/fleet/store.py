@@ -171,7 +171,8 @@ class Store:
     def _manifest_names(self, folder: str) -> list[str]:
         """Return the manifests in a folder, the newest last."""
         listed = self.files.ls(f"{self.root}/{folder}", detail=True) if self._holds(folder) else []
-        names = [one["name"].rpartition("/")[2] for one in sorted(listed, key=_changed)]
+        files = [one for one in listed if one["type"] == "file"]  # a bucket says no time of its folders
+        names = [one["name"].rpartition("/")[2] for one in sorted(files, key=_changed)]
         return [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
 
     def manifests(self) -> dict[str, Manifest]:

@@ -11,6 +11,8 @@ from cli_support import invoke, ok
 from doctor_support import free_port
 from fleet_support import WHEELSOIL, contents, rows_of, running
 
+from wheelsoil.fleet import open_store
+
 _SECRETS = {"AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1"}
 
 
@@ -38,6 +40,12 @@ def test_a_bucket_holds_what_a_folder_does(fleet: Path, store: Path, bucket: str
     assert contents(bucket) == contents(store)
     for name in ("runs", "samples", "evidence"):
         assert rows_of(bucket)[name].equals(rows_of(store)[name]), name
+    assert ok("fleet", "compact", bucket).out == "8 campaigns put together; 1 pack in the store\n"
+    assert "8 in the store already" in invoke("fleet", "run", fleet, "--store", bucket).err
+    for name, table in rows_of(store).items():
+        assert rows_of(bucket)[name].equals(table), name
+    assert not open_store(bucket).older_than("done", -1.0) and not open_store(bucket).older_than("runs", -1.0)
+    ok("fleet", "check", bucket)
     sql = "select campaign, verdict, sentence from diagnoses order by campaign"
     assert ok("fleet", "sql", bucket, sql, "--json").json == ok("fleet", "sql", store, sql, "--json").json
 
