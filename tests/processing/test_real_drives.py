@@ -14,6 +14,7 @@ from daq.channels import Channel
 from daq.config import SensorSection, VehicleConfig, parse_toml
 from daq.runs.open import open_runs
 from daq.runs.run import Run
+from processing.notes import RunCode
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun, Reason, Segment
 from wheelsoil.wording.run_summary import summary_table
@@ -133,6 +134,11 @@ def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def car(drive: Run) -> ProcessedRun:
     """Return the same drive, streamed from its log."""
     return process_stream(drive.channel_batches(), drive.vehicle, drive.info)
+
+
+def test_a_real_drive_is_neither_refused_nor_noted(car: ProcessedRun, rav4_wheel: Channel) -> None:
+    rav4 = process({"wheel_speed": rav4_wheel, "ground_speed": _receiver(2)}, _rav4_vehicle())
+    assert not [note for run in (car, rav4) for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
 
 
 def test_a_drive_with_a_slow_receiver_gives_slip(car: ProcessedRun) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from referee_study import base_world, is_right, ruling_of
-from referee_world import WAYS, Way, firm, mistaken, sound_world
+from referee_world import WAYS, Way, World, firm, mistaken, sound_world
 
-from daq import Severity
+from daq import Severity, VehicleConfig
 from model.wheel_soil import SOILS
 from processing import RunCode, is_refused
 from processing.referee import BY_KEY, LISTED, MENDS, REFUSED_BELOW, Evidence, Kind, Ruling, evidence_of, judge
@@ -104,3 +104,21 @@ def test_the_note_says_what_was_declared(sound) -> None:  # type: ignore[no-unty
     assert note.values["mends"] == ("sign:driving_torque",)
     assert note.values["radius_m"] == run.wheel_radius_m
     assert BY_KEY[note.values["mends"][0]].kind is Kind.SIGN
+
+
+def test_a_speed_in_a_wrong_unit_spoils_no_force() -> None:
+    """The inertia of the outboard parts is put back before a wheel speed in deg/s is judged."""
+    sound = base_world("firm", quiet=True, seed=UNLISTED_SEED)
+    wheel = {"radius_m": 0.47, "width_m": 0.318, "outboard_mass_kg": 75.0, "outboard_inertia_kgm2": 8.0}
+    given = sound.vehicle.model_dump(exclude_unset=True) | {"wheel": wheel}
+    heavy = World(sound.channels, VehicleConfig.model_validate(given))
+    wrong = mistaken(heavy, "unit:wheel_speed=deg/s")
+    raw = evidence_of(wrong.processed(), wrong.vehicle).channels["driving_torque"]
+    light = mistaken(sound, "unit:wheel_speed=deg/s")
+    np.testing.assert_allclose(raw, evidence_of(light.processed(), light.vehicle).channels["driving_torque"], atol=1e-6)
+
+
+def test_a_pound_and_a_turn_per_minute_are_what_they_are() -> None:
+    assert BY_KEY["unit:wheel_speed=rpm"].factors["wheel_speed"] == pytest.approx(2 * np.pi / 60)
+    assert BY_KEY["unit:driving_torque=lbf ft"].factors["driving_torque"] == pytest.approx(1.3558179)
+    assert BY_KEY["declared:ground_speed=kt"].factors["ground_speed"] == pytest.approx(1 / 0.514444, rel=1e-5)
