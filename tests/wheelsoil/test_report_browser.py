@@ -170,8 +170,8 @@ def test_a_figure_is_saved(browser: Browser, written: Written, tmp_path: Path) -
             drawing = ElementTree.parse(tmp_path / f"{key}.svg").getroot()
             assert drawing.get("width") == "174mm" and drawing.get("viewBox")
         rows = (tmp_path / "hero.csv").read_text().splitlines()
-        curve = next(one for one in written.numbers["drawings"]["hero"]["curves"] if one["name"] == "Recommended")
-        of_model = [row.split(",") for row in rows if row.startswith("Recommended")]
+        curve = next(one for one in written.numbers["drawings"]["hero"]["curves"] if one["look"] == "model")
+        of_model = [row.split(",") for row in rows if row.startswith(curve["name"])]
         assert [float(row[2]) for row in of_model] == pytest.approx(curve["y"])
 
 

@@ -276,10 +276,10 @@ def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
     sections = SECTIONS_OF_TABLES if material.tables else SECTIONS
     found = material.diagnosed
-    without = [] if diagnosed else list(OF_THE_DIAGNOSIS)
+    without = [] if diagnosed else [builder.key for builder in OF_THE_DIAGNOSIS]
     without += [] if found is not None and found.verdict == "named" else ["cost"]
     without += [] if material.last is not None else ["against"]
-    return [builder for builder in sections if builder not in without and builder.key not in without]
+    return [builder for builder in sections if builder.key not in without]
 
 
 def _head(material: ReportInputs) -> Head:
