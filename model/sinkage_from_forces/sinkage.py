@@ -61,9 +61,9 @@ class ShapeRanges:
 
     Notes
     -----
-    With a peak up to .48, the exponent and a constant exit alone 20 of 23 rows of four wheels' tests are in the band, and
-    all that are not are below it. `bow_wave` is after Ishigami et al. (2007); up to .4 puts those rows into the band. The
-    peak up to .65 and an exit that grows with slip do so with the 16 driven rows of a granular simulation
+    With a peak up to .48, the exponent and a constant exit alone 20 of 23 rows of four wheels' tests are in the band,
+    and all that are not are below it. `bow_wave` is after Ishigami et al. (2007); up to .4 puts those rows into the
+    band. A peak up to .65 and an exit that grows with slip do so with the 16 driven rows of a granular simulation
     (studies/granular). `wheel_sigma` is the scatter of the wheels' mean ln(measured / median), .125, widened for the
     four that it comes from (docs/sinkage.md).
 

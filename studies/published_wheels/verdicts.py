@@ -29,6 +29,7 @@ READ_OFF = {"dp": 0.5, "t": 0.1, "z": 0.5e-3}
 PULL, ALL = ("dp",), ("dp", "t", "z")
 C2_SIGMAS, FORMS = (0.1, 0.3), (0.01, 0.025)
 SHOWN = 0.05
+_TURNED = ("half", "twice")
 WHEELS = {
     "ding smooth": ("source=ding2011,grouser_height_m=0.0", "ding-smooth.toml", "ding-soil.toml"),
     "ding lugged": ("source=ding2011,grouser_height_m=0.01", "ding-lugged.toml", "ding-soil.toml"),
@@ -102,7 +103,10 @@ def table(found: dict[str, dict[str, Any]]) -> list[str]:
         for assumed, one in cases.items():
             likely = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f}" for n, p in one["candidates"].items())
             causes = f" {', '.join(c.replace('_', ' ') for c in one['causes'])}" if one["causes"] else ""
-            turned = "".join(f"; {how}: {verdict[0].replace('_', ' ')}" for how, verdict in one["turned"].items())
+            turned = "".join(f"; {how}: {v[0].replace('_', ' ')}" for how, v in one["turned"].items() if how in _TURNED)
+            if "share" in one["turned"]:
+                names = ", ".join(f.replace("_", " ") for f in one["turned"]["families"])
+                turned = f"; adequate at {100 * one['turned']['share']:.2g} %: {names}"
             fit = f"{one['lack_of_fit']:.1f} ({one['threshold']:.1f})"
             lines.append(
                 f"| {name} | {assumed} | {one['verdict'].replace('_', ' ')}{causes}{turned} | {likely} | {fit} |"

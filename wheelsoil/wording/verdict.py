@@ -275,6 +275,8 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
                 f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "
                 "cannot separate them."
             )
+        elif in_all:
+            said = f"In every adequate explanation: {names}; that is not sure enough for names."
         return [f"{said}{named}", *onward]
     if found.verdict == "unexplained":
         left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
