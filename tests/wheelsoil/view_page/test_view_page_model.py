@@ -167,7 +167,7 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     figures = [page.locator(f"#error-table [data-key='{key}']") for key in keys]
     assert [float(one.get_attribute("data-value") or "nan") for one in figures] == errors
     assert [one.inner_text() for one in figures] == [told["figures"][key]["text"] for key in keys]
-    for shown in page.locator("[data-key]").all():
+    for shown in page.locator("[data-key][data-value]").all():
         key = shown.get_attribute("data-key")
         assert key is not None and float(shown.get_attribute("data-value") or "nan") == told["figures"][key]["value"]
     expect(page.locator("#legend")).not_to_contain_text("recommended")

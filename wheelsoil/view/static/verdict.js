@@ -63,8 +63,8 @@ function showLine(told, diagnosis) {
   get("recommended").hidden = !model;
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
-  const parts = [part("b", "", first)];
-  if (best?.parameters.length) parts.push(keyed(part("span", "", `${best.form ? `${spaced(best.form)} ` : ""}${diagnosis.sizes[0]}`), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
+  const parts = [part("b", "", diagnosis.sizes.length === 1 ? first.split(`: ${diagnosis.sizes[0]}`)[0] : first)]; // a single size stands behind it by itself
+  if (best?.parameters.length && diagnosis.sizes.length === 1) parts.push(keyed(part("span", "", diagnosis.sizes[0]), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
   const [was, now] = ["calibrated_soil", "with_causes"].map((which) => `error.${diagnosis.main_channel}.${which}`);
   if (gain?.held_out && diagnosis.figures[now]) {
     const better = part("span", "", `Held-out error, ${CHANNEL_NAMES[diagnosis.main_channel]} `), change = diagnosis.change_percent;
