@@ -35,7 +35,7 @@ _SUFFIX, _DRAFT = ".kept", ".draft"
 _ABANDONED_S = 3600.0
 """Age from which a draft belongs to a command that was killed."""
 _log = logging.getLogger(__name__)
-_told: set[Path] = set()
+_named: set[Path] = set()
 """Folders that are open to all, and were named."""
 
 
@@ -56,8 +56,8 @@ def folder() -> Path | None:
     place = _chosen()
     if place is None or not _open_to_all(place):
         return place
-    if place not in _told and multiprocessing.parent_process() is None:
-        _told.add(place)
+    if place not in _named and multiprocessing.parent_process() is None:
+        _named.add(place)
         step = f"`chmod o-w {place}`, or {VARIABLE} names another folder"
         _log.warning("note: the cache folder %s is not used, since anyone may write into it: %s", place, step)
     return None

@@ -60,7 +60,7 @@ def compact(store: Store) -> Compacted:
     Raises
     ------
     ConfigError
-        Another compaction is at work (in a bucket this is not noticed), or the store cannot be written.
+        Another compaction is running (in a bucket this is not noticed), or the store cannot be written.
     """
     with _alone(store):
         holdings = holdings_of(store)
@@ -97,7 +97,7 @@ def _alone(store: Store) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise ConfigError.of("another compaction is at work", store.url, next_step="wait for its end") from None
+            raise ConfigError.of("another compaction is running", store.url, next_step="wait for its end") from None
         yield
 
 

@@ -1,4 +1,4 @@
-"""What is damaged in a fleet's store, as a reader is told it."""
+"""What is damaged in a fleet's store, in sentences."""
 
 from __future__ import annotations
 

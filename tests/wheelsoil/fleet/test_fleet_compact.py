@@ -211,4 +211,4 @@ def test_two_compactions_do_not_meet(own: Path) -> None:
     with (own / ".compact.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         said = invoke("fleet", "compact", own)
-    assert said.code == 2 and "another compaction is at work" in said.err and list(own.glob("done/*"))
+    assert said.code == 2 and "another compaction is running" in said.err and list(own.glob("done/*"))
