@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -99,10 +100,11 @@ def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:
         middle = 0.5 * (low + high)
         at_middle = first(float(np.exp(middle)))
         low, high, found = (middle, high, found) if at_middle is None else (low, middle, at_middle)
-    facts = {"factor": float(np.exp(high)), "families": tuple(sorted(tried[found].families))}
+    factor = float(np.exp(high))
+    facts: dict[str, Any] = {"factor": factor, "families": tuple(sorted(tried[found].families))}
     shares = {noise.form_share for noise in weighing.problem.noises if noise.form_share is not None}
     if len(shares) == 1:
-        facts["share"] = facts["factor"] * shares.pop()
+        facts["share"] = factor * shares.pop()
     return Note(LackCode.FORM_ADEQUATE, values=facts)
 
 
