@@ -231,8 +231,8 @@ def growth_sentence(growth: Growth) -> str:
     if growth.contradicted:
         least, most = (_signed(end) for end in growth.measured.interval95)
         return (
-            f"the measured sinkage grows by {_signed(growth.measured.value)} mm ({least} to {most}) from no slip to full "
-            "slip, which contradicts the forces: what they say of its growth is withdrawn"
+            f"the measured sinkage grows by {_signed(growth.measured.value)} mm ({least} to {most}) from no slip to "
+            "full slip, which contradicts the forces: what they say of its growth is withdrawn"
         )
     low, high = growth.from_forces.interval95
     if low <= 0 <= high:
