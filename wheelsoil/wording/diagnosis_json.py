@@ -82,15 +82,20 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
     table has an adequate explanation.
     """
     turned = found.grounds.form_matters
-    code = turned.code if turned else None
+    code, values = (turned.code, turned.values) if turned else (None, {})
     return {
         "channels": {
             one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
         },
+<<<<<<< HEAD
         "turned": {how: list(one) for how, one in turned.values.items()}
         if turned and code == LackCode.FORM_DECIDES
         else {},
         "adequate_at": dict(turned.values) if turned and code == LackCode.FORM_ADEQUATE else None,
+=======
+        "turned": {how: list(one) for how, one in values.items()} if code == LackCode.FORM_DECIDES else {},
+        "adequate_at": dict(values) if code == LackCode.FORM_ADEQUATE else None,
+>>>>>>> bench
     }
 
 
