@@ -87,15 +87,8 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
         "channels": {
             one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
         },
-<<<<<<< HEAD
-        "turned": {how: list(one) for how, one in turned.values.items()}
-        if turned and code == LackCode.FORM_DECIDES
-        else {},
-        "adequate_at": dict(turned.values) if turned and code == LackCode.FORM_ADEQUATE else None,
-=======
         "turned": {how: list(one) for how, one in values.items()} if code == LackCode.FORM_DECIDES else {},
         "adequate_at": dict(values) if code == LackCode.FORM_ADEQUATE else None,
->>>>>>> bench
     }
 
 

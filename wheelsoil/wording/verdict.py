@@ -264,21 +264,12 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
         named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
         in_all = [c for c in found.causes if c.probability > _IN_ALL]
-<<<<<<< HEAD
-        undecided = [c for c in found.causes if c not in in_all]
-        said = f"One of {names}: {channels} of these rows cannot separate them."
-        if in_all and undecided:
-            sure, open_ones = (
-                ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part)
-                for part in (in_all, undecided)
-=======
         open_causes = [c for c in found.causes if c not in in_all]
         said = f"One of {names}: {channels} of these rows cannot separate them."
         if in_all and open_causes:
             sure, open_ones = (
                 ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part)
                 for part in (in_all, open_causes)
->>>>>>> bench
             )
             said = (
                 f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "

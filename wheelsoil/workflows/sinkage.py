@@ -229,11 +229,7 @@ def growth_sentence(growth: Growth) -> str:
     if growth.reason:
         return f"growth of sinkage with slip: {note_text(growth.reason)}"
     if growth.contradicted:
-<<<<<<< HEAD
-        least, most = (f"{1e3 * end:+.3g}" for end in growth.measured.interval95)
-=======
         least, most = (_signed(end) for end in growth.measured.interval95)
->>>>>>> bench
         return (
             f"the measured sinkage grows by {_signed(growth.measured.value)} mm ({least} to {most}) from no slip to "
             "full slip, which contradicts the forces: what they say of its growth is withdrawn"
