@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 from math import exp, isfinite, log
 from typing import TYPE_CHECKING
 
-from daq import number, without_powers
+from daq import without_powers
 from wheelsoil.wording import run_notes
+from wheelsoil.wording.numbers import number
 
 if TYPE_CHECKING:
     from daq import Note
