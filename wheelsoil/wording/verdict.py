@@ -130,7 +130,7 @@ def prior_words(found: Diagnosis) -> list[str]:
     other = f"{_listed([plain_name(f) for f in first.families])} named" if named else VERDICT_WORDS[first.verdict]
     more = f" ({len(shifts)} such changes change it)" if len(shifts) > 1 else ""
     return [
-        f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
+        f"The prior decides here: with a prior probability of {plain_name(first.family)} that is {times}, "
         f"the verdict is {other}{more}."
     ]
 
