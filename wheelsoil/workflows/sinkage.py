@@ -261,7 +261,7 @@ def unknown_sentence(facts: SinkageFacts) -> str:
     slips = ", ".join(f"{slip:.2f}" for slip in without)
     known = f"{1e3 * low:.3g} to {1e3 * high:.3g} mm"
     return (
-        f"cannot tell in {len(without)} of {len(facts.bins)} rows (slips {slips}): the band is as wide as what is "
+        f"not identifiable in {len(without)} of {len(facts.bins)} rows (slips {slips}): the band is as wide as what is "
         f"known of wheels without their forces ({known}). Next: measure the depth of the rut at these slips"
     )
 
