@@ -354,7 +354,7 @@ CASES = (
     Case("no standstill", lambda b: ["process", b.driven()], 0, ("standstill",), False),
     Case("no slip above the threshold", _low_slip, 0, ("no slip at or above the threshold 0.2",), False),
     Case("no driven sample", lambda b: ["fit", b.driven(rim=1.4, ground=1.5)], 1, ("too few driven samples",)),
-    Case("negative load", lambda b: ["fit", b.driven(load=-500.0)], 1, ("too few driven samples",)),
+    Case("negative load", lambda b: ["fit", b.driven(load=-500.0)], 2, ("impossible", 'vertical_load = "-')),
     Case("no force at all", lambda b: ["fit", b.driven(load=np.nan)], 1, ("drawbar_pull",), False),
     Case("NaN in terrain.toml", _nan_soil, 2, ("cohesion_kpa",), False),
     Case("soil out of range", _soil_out_of_range, 2, ("2 faults", "friction_angle_deg", "sinkage_exponent"), False),

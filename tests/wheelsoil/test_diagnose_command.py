@@ -102,9 +102,11 @@ def test_the_model_it_leaves_is_taken_elsewhere(found, campaign, tmp_path):
     saved = tomllib.loads(model.read_text(encoding="utf-8"))
     assert saved["provenance"]["verdict"] == diagnosed["verdict"]
     assert saved["provenance"]["sentence"] == diagnosed["sentence"]
-    assert [e["name"] for e in saved["effect"]] == [
-        c["name"] for c in diagnosed["causes"] if diagnosed["verdict"] == "named"
-    ]
+    if diagnosed["verdict"] == "one_of":
+        assert [[e["name"] for e in one["effect"]] for one in saved["set"]][0] == diagnosed["sets"][0]["causes"]
+    else:
+        named = [c["name"] for c in diagnosed["causes"] if diagnosed["verdict"] == "named"]
+        assert [e["name"] for e in saved["effect"]] == named
     assert f"wrote {model}" in printed
     assert "extended" in ok("fit", campaign, "--model", model, "--json").json["models"]
     ok("simulate", "--model", model, "-o", tmp_path / "again", "--runs", 1, "--duration", 15)

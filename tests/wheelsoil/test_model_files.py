@@ -238,10 +238,10 @@ def test_what_is_not_decided_is_kept_as_sets_and_claims_what_their_average_gains
     facts = tomllib.loads(path.read_text(encoding="utf-8"))["provenance"]
     assert facts["held_out_R0_reduction_percent"] == 21.0, "of the average, not of the first set"
     head = path.read_text(encoding="utf-8").split("schema")[0].replace("\n# ", " ")
-    assert "60 %: slip sinkage (vasilev): H_m = 0.5 (0.3 to 0.5) m" in head
-    assert "10 %: no cause" in head
+    assert "60.0 %: slip sinkage (vasilev): H_m = 0.5 (0.3 to 0.5) m" in head
+    assert "10.0 %: no cause" in head
     assert "the error of drawbar pull falls by 21" in head
-    assert "30 % of the probability is of sets that are not here" in head
+    assert "30.0 % of the probability is of sets that are not here" in head
 
 
 def test_a_campaign_that_was_left_out_keeps_the_laboratorys_soil():

@@ -84,7 +84,8 @@ def test_every_section_is_there_and_every_figure_is_plotly(report):
     import plotly.graph_objects as go
 
     page = Page(report.read_text(encoding="utf-8"))
-    assert {section.key for section in SECTIONS} <= set(page.ids)
+    asked_for = {"against", "cost"}  # of an earlier report, and of a named cause
+    assert {section.key for section in SECTIONS} - asked_for <= set(page.ids)
     assert len(page.figures) >= 14
     for key, figure in page.figures.items():
         go.Figure(data=figure["data"], layout=figure["layout"])  # raises on anything that plotly does not know

@@ -80,8 +80,8 @@ def test_a_model_of_ones_own_is_called_so(material, campaign):
 def test_sets_and_what_is_never_named_are_in_the_candidates(material):
     found = replace(diagnosis("one_of"), sets=(CauseSet(("load_gain", "grouser"), 0.43), CauseSet((), 0.1)))
     said = text(candidates.build(replace(material, diagnosed=found)))
-    assert "load gain + grouser 0.430" in said
-    assert "no cause 0.100" in said
+    assert "load gain + grouser 43.0 %" in said
+    assert "no cause 10.0 %" in said
     assert "Detectable, not identifiable" in said and "Not detectable" in said
     alone = text(candidates.build(replace(material, diagnosed=replace(found, causes=found.causes[:1]))))
     assert "Most probable, not named" in alone

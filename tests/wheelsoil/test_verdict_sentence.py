@@ -22,8 +22,8 @@ from model.diagnosis.core.result import (
     LackOfFit,
     NextRun,
     ParameterEstimate,
+    RefutedSoil,
     Scores,
-    SoilEstimate,
     undecided,
 )
 from model.diagnosis.core.shapes import Kind, Shape
@@ -77,7 +77,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
     said = " ".join(named_words(alike, CHANCES))
     assert said.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
-    assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
+    assert "p = m1 + m2 = 0.615 (0.580 to 0.640)" in said
     assert "Next:" not in " ".join(named_words(replace(alike, grounds=Grounds()), CHANCES))
 
 
@@ -103,12 +103,12 @@ def causes(*families: str) -> tuple[Cause, ...]:
 def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     named = " ".join(named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES))
     assert named.startswith("Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %): ")
-    assert "H_m = 0.031 (0.027 to 0.035) m" in named
+    assert "H = 0.0310 (0.0270 to 0.0350) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
     assert "A further cause acts: one of slope (40.0 %), bulldozing (50.0 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
     alone = " ".join(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
-    assert "H_m = 0.031 m" in alone
+    assert "H = 0.031" in alone
     assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in alone
 
 
@@ -132,11 +132,13 @@ def test_how_well_two_are_separated_is_said_by_one_probability() -> None:
 
 
 def test_the_verdict_comes_before_the_soil() -> None:
-    off = SoilEstimate("clay", {"tan_phi": 0.3}, {"tan_phi": 0.01}, {"tan_phi": (0.2, 0.01)})
-    for verdict in ("named", "one_of", "unexplained", "nothing_detectable"):
-        bare, moved = diagnosis(verdict), replace(diagnosis(verdict), soils=(off,))  # type: ignore[arg-type]
-        assert sentences_of(moved)[0] == sentences_of(bare)[0]
+    off = Grounds(refuted_soil=(RefutedSoil("clay", "tan_phi", 0.99, 10.0),))
+    for verdict in ("named", "one_of", "nothing_detectable"):
+        bare, moved = diagnosis(verdict), replace(diagnosis(verdict), grounds=off)  # type: ignore[arg-type]
+        assert sentences_of(moved)[0] == sentences_of(replace(bare, grounds=Grounds()))[0]
         assert sentences_of(moved)[1].startswith("The laboratory's soil does not hold here: tan φ is 10.0 sigma above")
+    refused = sentences_of(replace(diagnosis("unexplained"), grounds=off))
+    assert not any("laboratory" in one for one in refused), "nothing explains the data, so nothing refutes a soil"
 
 
 @pytest.mark.parametrize("families", [("slope",), ("slope", "bulldozing")])
@@ -186,19 +188,19 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     )
     nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
     assert "no cause: 93.0 %" in nothing
-    assert "slip sinkage from H_m = 0.0034 m on would be detected in half of such campaigns" in nothing
+    assert "slip sinkage from H = 0.0034 m on would be detected in half of such campaigns" in nothing
 
 
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
     want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
     assert want == [
-        "Not identifiable from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
-        "(one run only: a drift over the campaign does not show)."
+        "Slope and track drift are not identifiable from these runs: all runs go one way: drive some back.",
+        "Zero drift is not identifiable from these runs: one run only: a drift over the campaign does not show.",
     ]
     assert want_words({}) == []
     usual = {"multi_pass": Note(LackCode.SAME_PASS), "tyre_flattening": Note(LackCode.PRESSURE_UNKNOWN)}
     assert want_words(usual) == [], "what is wanting nearly always stands in the table alone"
-    assert "zero drift" in " ".join(want_words({**usual, "zero_drift": DRIFT}))
+    assert "Zero drift" in " ".join(want_words({**usual, "zero_drift": DRIFT}))
 
 
 @pytest.mark.parametrize("verdict", ["named", "unexplained"])

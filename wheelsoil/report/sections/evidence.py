@@ -249,9 +249,7 @@ def _gain_figure(gain: Gain) -> Figure:
         bars(names, [100.0] * len(names), "calibrated soil", "#bdbdbd", "/"),
         bars(names, [round(share, 2) for share in shares], "with the causes", "#0072B2", ""),
     ]
-    layout = axes(
-        "R₀ on held-out runs (% of that with calibrated soil)", "", height=130 + 60 * len(names), barmode="group"
-    )
+    layout = axes("held-out R₀ (% of calibrated soil's)", "", height=130 + 60 * len(names), barmode="group")
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     layout["xaxis"] |= {"rangemode": "tozero"}
     return Figure("gain", "What is left of the error", data, layout)
