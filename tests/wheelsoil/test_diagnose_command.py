@@ -103,7 +103,7 @@ def test_the_model_it_leaves_is_taken_elsewhere(found, campaign, tmp_path):
     assert saved["provenance"]["verdict"] == diagnosed["verdict"]
     assert saved["provenance"]["sentence"] == diagnosed["sentence"]
     if diagnosed["verdict"] == "one_of":
-        assert [[e["name"] for e in one["effect"]] for one in saved["set"]][0] == diagnosed["sets"][0]["causes"]
+        assert next([e["name"] for e in one["effect"]] for one in saved["set"]) == diagnosed["sets"][0]["causes"]
     else:
         named = [c["name"] for c in diagnosed["causes"] if diagnosed["verdict"] == "named"]
         assert [e["name"] for e in saved["effect"]] == named
