@@ -87,7 +87,7 @@ def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[s
     found = {}
     for role, values in channels.items():
         sizes = np.abs(values[: len(chord_m) * step].reshape(len(chord_m), step)).mean(axis=1)
-        ratios = (sizes * step / run.rate_hz / chord_m)[far]
+        ratios = sizes[far] * step / run.rate_hz / chord_m[far]
         if np.isfinite(ratios).any():
             found[role] = float(np.nanmedian(ratios))
     return found
