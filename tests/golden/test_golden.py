@@ -16,7 +16,7 @@ from golden.inputs import Inputs
 from golden.kept import ASIDE, kept
 from golden.store import NUMBERS, compared
 
-MOST_BYTES = 2_000_000
+MOST_BYTES = 2_200_000
 
 
 @pytest.fixture(scope="module")

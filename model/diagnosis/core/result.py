@@ -358,10 +358,16 @@ class Diagnosis:
 
     @property
     def main_channel(self) -> str:
-        """Channel that the causes change most, in sigmas of a sample: "dp", "t" or "z"; without causes the gain's."""
+        """Channel in which the causes are shown: "dp", "t" or "z".
+
+        That which they change most, in sigmas of a sample. Of causes in soil and wheel alone the drawbar pull, where it
+        was measured: what they do to it is what is asked of them. Without causes that of the gain.
+        """
         usual = self.gain.channel if self.gain is not None else "dp"
         if not self.causes or self.verdict not in ("named", "one_of"):
             return usual
+        if all(cause.kind == "physical" for cause in self.causes):
+            return "dp" if self.gain is None or "dp" in self.gain.base else usual
         sizes = {channel: self._change_sigmas(channel) for channel in OUTPUTS}
         largest = max(sizes, key=lambda channel: sizes[channel])
         return largest if sizes[largest] > 0 else usual
