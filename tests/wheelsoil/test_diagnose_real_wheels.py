@@ -139,7 +139,7 @@ def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(
     assert others[0] == "interface_friction"
     assert "stress peak lies ahead of the wheel's bottom" in found["sentence"]
     assert found["gain"]["log_likelihood_gain"] > 0
-    assert found["gain"]["held_out"]["extended"]["R0_N"] < 0.6 * found["gain"]["held_out"]["base"]["R0_N"]
+    assert found["gain"]["held_out"]["extended"]["R0_N"] < 0.65 * found["gain"]["held_out"]["base"]["R0_N"]
 
 
 @pytest.mark.slow
