@@ -32,7 +32,7 @@ def plausibility_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
 def _values(run: ProcessedRun, vehicle: VehicleConfig, evidence: Evidence, ruling: Ruling) -> dict[str, Any]:
     shares = dict(ruling.mends)
     load = np.abs(run.vertical_load_n)
-    usual = float(np.nanmedian(load)) if np.isfinite(load).any() else nan
+    usual = (float(np.nanmedian(load)) if np.isfinite(load).any() else nan) or nan
     weight = nan if evidence.mass_kg is None else evidence.mass_kg * STANDARD_GRAVITY_MPS2
     declared = {role: vehicle.signals[role] for role in JUDGED_ROLES if role in vehicle.signals}
     return {

@@ -27,6 +27,8 @@ _LEAST_ROWS = 10
 _LEAST_LOAD = 0.2
 _CELLS = 4
 _USUAL_TRACTION = 0.5
+_ABSURD = 1e6
+"""Force over load beyond which no more is told by more."""
 _MOST_FORCE = 1.5
 _V, _OMEGA, _W, _D, _T = range(len(JUDGED_ROLES))
 
@@ -252,7 +254,7 @@ def _wheel_ratios(values: FloatArray, radius: FloatArray) -> _Ratios:
         size = np.maximum(np.abs(rim_force), np.abs(pull)) / _USUAL_TRACTION
         size = np.broadcast_to(np.quantile(size, _FAST_QUANTILE, axis=1)[:, np.newaxis], size.shape)
     carried = np.maximum(np.maximum(size, _LEAST_LOAD * np.median(size, axis=1)[:, np.newaxis]), 1e-9)
-    traction, pull = forward * rim_force / carried, forward * pull / carried
+    traction, pull = (np.clip(forward * x / carried, -_ABSURD, _ABSURD) for x in (rim_force, pull))
     gain = np.minimum(np.maximum(np.abs(traction), np.abs(pull)), _MOST_FORCE)
     return _Ratios(
         weight=_single(weight / np.maximum(weight.sum(axis=1), 1)[:, np.newaxis]),
