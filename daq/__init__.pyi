@@ -66,6 +66,7 @@ from .sampling import Sampling as Sampling
 from .sampling import SamplingEstimator as SamplingEstimator
 from .sampling import mean_interval_ns as mean_interval_ns
 from .sampling import sampling_of as sampling_of
+from .units import EARTH_RADIUS_M as EARTH_RADIUS_M
 from .units import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .units import Quantity as Quantity
 from .units import Unit as Unit

@@ -16,6 +16,8 @@ from functools import cache
 from daq.errors import nearest
 
 STANDARD_GRAVITY_MPS2 = 9.80665
+EARTH_RADIUS_M = 6_371_008.8
+"""Mean radius."""
 
 
 class Quantity(Enum):

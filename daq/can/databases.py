@@ -285,8 +285,8 @@ def _too_long(text: str, kind: str = "dbc") -> list[BadLine]:
     found = []
     for start, end, why in too_long(text, kind):
         first, last = (text.count("\n", 0, at) + 1 for at in (start, end))
-        if kind == "dbc":
-            first, last = first, max(last, _block_end(lines, last) if text.startswith("BO_", start) else last)
+        if kind == "dbc" and text.startswith("BO_", start):
+            last = max(last, _block_end(lines, last))
         found.append(BadLine(first, lines[first - 1], why, last))
     return found
 

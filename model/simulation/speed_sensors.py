@@ -7,11 +7,10 @@ from math import inf
 
 import numpy as np
 
-from daq import FloatArray
+from daq import EARTH_RADIUS_M, FloatArray
 from model.simulation.motion import Motion
 from model.simulation.transducer import ColouredNoise, Readings, SampleTimes
 
-_EARTH_RADIUS_M = 6_371_008.8
 _SECONDS_PER_DAY = 86_400.0
 _GNSS_UNITS = {
     "ground_speed": "m/s",
@@ -233,8 +232,8 @@ class GnssReceiver:
         bearing = np.radians(track.bearing_deg)
         along = track.position_m(driven, self._direction)
         north, east = north + along * np.cos(bearing), east + along * np.sin(bearing)
-        latitude = track.latitude_deg + np.degrees(north / _EARTH_RADIUS_M)
-        longitude = track.longitude_deg + np.degrees(east / _EARTH_RADIUS_M) / np.cos(np.radians(track.latitude_deg))
+        latitude = track.latitude_deg + np.degrees(north / EARTH_RADIUS_M)
+        longitude = track.longitude_deg + np.degrees(east / EARTH_RADIUS_M) / np.cos(np.radians(track.latitude_deg))
         heading = track.bearing_deg + (0.0 if self._direction == "out" else 180.0)
         sideways = setup.speed_noise_mps * self._sideways.standard_normal(count)
         return Readings(

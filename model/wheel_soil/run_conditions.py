@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq import FloatArray, Note
+from daq import EARTH_RADIUS_M, FloatArray, Note
 from model.notes import DiagnosisCode
 from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Conditions
 from processing import ProcessedRun
 
-_EARTH_RADIUS_M = 6_371_008.8
 _LEAST_FIXES = 20
 _LEAST_LENGTH_M = 5.0
 
@@ -109,10 +108,10 @@ def _plane(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], list[FloatAr
     first = int(np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))[0])
     lat0, lon0 = latitude[first], longitude[first]
     east = [
-        np.radians((run.longitude_deg - lon0 + 180.0) % 360.0 - 180.0) * _EARTH_RADIUS_M * np.cos(np.radians(lat0))
+        np.radians((run.longitude_deg - lon0 + 180.0) % 360.0 - 180.0) * EARTH_RADIUS_M * np.cos(np.radians(lat0))
         for run in runs
     ]
-    return east, [np.radians(run.latitude_deg - lat0) * _EARTH_RADIUS_M for run in runs]
+    return east, [np.radians(run.latitude_deg - lat0) * EARTH_RADIUS_M for run in runs]
 
 
 def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list[Conditions]:

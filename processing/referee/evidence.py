@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import ROLES, STANDARD_GRAVITY_MPS2, FloatArray, Note, Severity, VehicleConfig
+from daq import EARTH_RADIUS_M, ROLES, STANDARD_GRAVITY_MPS2, FloatArray, Note, Severity, VehicleConfig
 from processing.notes import RunCode
 from processing.processed_run import ProcessedRun
 from processing.referee.judgement import Evidence, Ruling, judge
@@ -16,7 +16,6 @@ from processing.referee.mends import JUDGED_ROLES
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
-_EARTH_RADIUS_M = 6_371_008.8
 
 
 def plausibility_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
@@ -79,7 +78,7 @@ def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[s
     if len(latitude) < 2 or not np.isfinite(latitude).any():
         return {}
     north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
-    chord_m = _EARTH_RADIUS_M * np.hypot(north, east)
+    chord_m = EARTH_RADIUS_M * np.hypot(north, east)
     far = chord_m > _LEAST_CHORD_M
     if far.sum() < _LEAST_WINDOWS:
         return {}

@@ -5,22 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import combinations
-from math import pi
 
-from daq import STANDARD_GRAVITY_MPS2
+from daq import Quantity, find_unit
 
 JUDGED_ROLES = ("ground_speed", "wheel_speed", "vertical_load", "drawbar_pull", "driving_torque")
 """The channels that are judged, in the order of their rows."""
 RADIUS = "radius_m"
 
-_POUND_N = 4.4482216152605
-_FOOT_M = 0.3048
-_INCH_M = 0.0254
-_SPEEDS = {"km/h": 1 / 3.6, "mph": 0.44704, "kt": 1852 / 3600}
-_WHEEL_SPEEDS = {"rpm": pi / 30, "deg/s": pi / 180}
-_FORCES = {"kN": 1e3, "kgf": STANDARD_GRAVITY_MPS2, "lbf": _POUND_N}
-_MOMENTS = {"kNm": 1e3, "lbf ft": _POUND_N * _FOOT_M}
-_LENGTHS = {"in": _INCH_M, "mm": 1e-3}
+
+def _factors(quantity: Quantity, *names: str) -> dict[str, float]:
+    """Return what the values in each unit are multiplied by to be in SI."""
+    found = {name: find_unit(name, (quantity,)) for name in names}
+    return {name: unit.factor for name, unit in found.items() if unit is not None}
+
+
+_SPEEDS = _factors(Quantity.SPEED, "km/h", "mph", "kt")
+_WHEEL_SPEEDS = _factors(Quantity.ANGULAR_SPEED, "rpm", "deg/s")
+_FORCES = _factors(Quantity.FORCE, "kN", "kgf", "lbf")
+_MOMENTS = _factors(Quantity.MOMENT, "kNm", "lbf ft")
+_LENGTHS = _factors(Quantity.LENGTH, "in", "mm")
 _FORCE_ROLES = ("vertical_load", "drawbar_pull")
 _OF_FORCE = {"kN": "kNm", "lbf": "lbf ft"}
 
