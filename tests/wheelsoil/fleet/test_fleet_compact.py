@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def test_a_compacted_store_has_the_same_rows_in_few_files(own: Path, store: Path
         here, there = (ok("fleet", command[0], at, *command[1:], "--json").json for at in (own, store))
         assert {**here, "store": ""} == {**there, "store": ""} if isinstance(here, dict) else here == there
     again = invoke("fleet", "run", fleet, "--store", own)
-    assert "8 in the store already" in again.err and "1/" not in again.err
+    assert "8 in the store already" in again.err and not re.search(r"\b1/\d", again.err)
     ok("fleet", "export", own, "-o", tmp_path / "tables", "--tables", "runs")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -81,7 +82,7 @@ def test_nothing_is_done_twice_and_what_changed_is_done_again(pair: Path, tmp_pa
     first = contents(url)
     (pair / "day-2" / "report.html").write_text("made of it")
     again = ok("fleet", "run", pair, "--store", url)
-    assert "2 in the store already" in again.err and "1/" not in again.err
+    assert "2 in the store already" in again.err and not re.search(r"\b1/\d", again.err)
     os.utime(pair / "day-4" / "terrain.toml")  # the same in it
     touched = ok("fleet", "run", pair, "--store", url)
     assert "day-4: done, was there already" in touched.err and contents(url) == first
