@@ -120,6 +120,8 @@ class StepCode(StrEnum):
     SECOND_PASS = "second_pass"
     STANDSTILLS = "standstills"
     """count, duration_s"""
+    RUT = "rut"
+    """count: of readings"""
     SINKAGE = "sinkage"
     TORQUE = "torque"
     LIFTED_ZERO = "lifted_zero"

@@ -86,9 +86,15 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
         runs = [
-            [step_text(run), odds_text(run.expected_log_bayes_factor), number(run.cost_runs)] for run in found.next_run
+            [
+                step_text(run),
+                "-" if run.naming_chance is None else chance(run.naming_chance),
+                odds_text(run.expected_log_bayes_factor),
+                number(run.cost_runs),
+            ]
+            for run in found.next_run
         ]
-        shown.append(html_table(["next run, best first", "expected odds", "cost, runs"], runs))
+        shown.append(html_table(["next run, best first", "right name", "expected odds", "cost, runs"], runs))
     return "".join(shown)
 
 

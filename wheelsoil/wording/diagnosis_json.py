@@ -59,6 +59,7 @@ def next_run_json(run: NextRun) -> dict[str, Any]:
         "separates": list(run.separates),
         "expected_log_bayes_factor": run.expected_log_bayes_factor,
         "cost_runs": run.cost_runs,
+        "naming_chance": run.naming_chance,
     }
 
 

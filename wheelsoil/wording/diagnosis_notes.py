@@ -221,6 +221,20 @@ def _tests(v: Values) -> str:
     return f"{load}, with {names} measured" if names else load
 
 
+STEP_KEYS: dict[str, str] = {
+    StepCode.MORE_LOAD: "added_load_kg in runs.toml",
+    StepCode.LESS_LOAD: "added_load_kg in runs.toml",
+    StepCode.HALF_PRESSURE: "inflation_kpa in runs.toml",
+    StepCode.OTHER_DIRECTION: "direction in runs.toml",
+    StepCode.SECOND_PASS: "pass_number in runs.toml",
+    StepCode.STANDSTILLS: 'standstill_brakes = "released" in vehicle.toml',
+    StepCode.RUT: "[[run.rut]] in runs.toml",
+    StepCode.SINKAGE: "the role sinkage in vehicle.toml",
+    StepCode.TORQUE: "the role driving_torque in vehicle.toml",
+    StepCode.LIFTED_ZERO: "`wheelsoil zero RECORDING`, and zero_file in vehicle.toml",
+}
+"""Where what a step gives is written."""
+
 SENTENCES: dict[str, Sentence] = {
     StepCode.LIKE_OTHERS: "one more run like the others",
     StepCode.MORE_LOAD: lambda v: f"a run with more load: {_load(v)}",
@@ -232,7 +246,8 @@ SENTENCES: dict[str, Sentence] = {
     StepCode.HALF_SPEED: "a run at half the speed",
     StepCode.SECOND_PASS: "a second pass in the same rut",
     StepCode.STANDSTILLS: "a run with {count} standstills of {duration_s:.0f} s, brakes released",
-    StepCode.SINKAGE: "a run with a sinkage sensor, or the depth of the rut",
+    StepCode.RUT: "a run, and the depth of its rut by a ruler at {count} places",
+    StepCode.SINKAGE: "a run with a sinkage sensor",
     StepCode.TORQUE: "a run with the torque channel",
     StepCode.LIFTED_ZERO: "the zero with the wheel lifted, at standstill",
     StepCode.KNOWN_PULL: lambda v: (

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
-from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, NextRun
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
@@ -20,7 +20,7 @@ from wheelsoil.wording.names import (
     plain_name,
     shares_percent,
 )
-from wheelsoil.wording.notes import note_text, step_text, texts_of, worth_text
+from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, sentence_of
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
@@ -370,18 +370,15 @@ def _in_columns(cells: list[str], width: int) -> list[str]:
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
-    lines = [
-        line
-        for i, run in enumerate(diagnosis.next_run, 1)
-        for line in wrapped(
-            f"{i}. {step_text(run)}: {worth_text(run)}"
-            + (f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
-            width,
-            "  ",
-            "     ",
-        )
-    ]
+    steps = enumerate(diagnosis.next_run, 1)
+    lines = [line for i, run in steps for line in wrapped(f"{i}. {_step(run)}", width, "  ", "     ")]
     return ["Next run, best first", *lines] if lines else []
+
+
+def _step(run: NextRun) -> str:
+    parted = f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""
+    written = f"; write {key}" if (key := key_text(run)) else ""
+    return f"{step_text(run)}: {worth_text(run)}{parted}{written}"
 
 
 def _notes(notes: Iterable[str], width: int) -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from daq import without_powers
 from wheelsoil.wording import run_notes
+from wheelsoil.wording.names import chance
 from wheelsoil.wording.numbers import number
 
 if TYPE_CHECKING:
@@ -50,10 +51,18 @@ def odds_text(nats: float) -> str:
     return "above 1000 : 1" if nats > log(_DECIDING_ODDS) else f"{number(exp(max(nats, 0.0)), 2)} : 1"
 
 
+def key_text(run: NextRun) -> str:
+    """Return where what a step gives is written; "" where no file has to know."""
+    from wheelsoil.wording.diagnosis_notes import STEP_KEYS
+
+    return STEP_KEYS.get(run.step.code, "")
+
+
 def worth_text(run: NextRun) -> str:
-    """Return the odds that it is expected to give, and what it takes in time."""
+    """Return how probable the right name is after it, the odds that it is expected to give, and what it takes."""
     cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
-    return f"expected odds {odds_text(run.expected_log_bayes_factor)}, {cost}"
+    name = [] if run.naming_chance is None else [f"right name {chance(run.naming_chance)}"]
+    return ", ".join([*name, f"expected odds {odds_text(run.expected_log_bayes_factor)}", cost])
 
 
 def texts_of(notes: Iterable[Note]) -> list[str]:

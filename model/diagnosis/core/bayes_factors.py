@@ -131,13 +131,18 @@ def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
 
 
 def best_first(runs: Iterable[NextRun]) -> list[NextRun]:
-    """Return runs or tests by what they are expected to tell; of those that tell as much the cheapest first."""
+    """Return runs or tests by what they are expected to tell; of those that tell as much the cheapest first.
+
+    What they tell is the right name where one of them may well end in it, else what they part.
+    """
+    found: list[NextRun] = []
+    left = list(runs)
+    by_name = any(run.decides for run in left)
 
     def told(run: NextRun) -> float:
-        return min(run.expected_log_bayes_factor, ENOUGH)
+        return (run.naming_chance or 0.0) if by_name else min(run.expected_log_bayes_factor, ENOUGH)
 
-    left = sorted(runs, key=lambda run: -told(run))
-    found: list[NextRun] = []
+    left.sort(key=lambda run: -told(run))
     while left:
         alike = [left[0], *(run for run in left[1:] if told(run) >= _ALIKE * told(left[0]))]
         found += sorted(alike, key=lambda run: (run.cost_runs, -run.expected_log_bayes_factor))

@@ -229,7 +229,7 @@ def asked_again(
     """
     if verdict.verdict != "named":
         return verdict
-    lost = [f for f in verdict.families if _physical(f) and f not in rivals and not chances.get(f, 0.0) > name_at]
+    lost = [f for f in verdict.families if is_physical(f) and f not in rivals and not chances.get(f, 0.0) > name_at]
     if not lost:
         return verdict
     why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})
@@ -243,7 +243,8 @@ def asked_again(
     return Judgement("one_of", families, barred=why, kept_back=barred)
 
 
-def _physical(family: str) -> bool:
+def is_physical(family: str) -> bool:
+    """Return whether a family is a cause in wheel or soil, not an error of measurement."""
     return any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
 
 

@@ -181,6 +181,10 @@ class Detectable:
     unit: str
 
 
+DECIDES = 0.2
+"""Probability of the right name after a step, from which on it is said to decide."""
+
+
 @dataclass(frozen=True)
 class NextRun:
     """A run, a calibration or a test that would separate the candidates.
@@ -195,6 +199,8 @@ class NextRun:
         What it takes in time, in runs like the others.
     campaign : str
         To which it belongs, where there are several.
+    naming_chance : float or None
+        Probability that the right name is given after it; None where a name is not what is missing.
     """
 
     step: Note
@@ -202,6 +208,12 @@ class NextRun:
     expected_log_bayes_factor: float
     cost_runs: float = 1.0
     campaign: str = ""
+    naming_chance: float | None = None
+
+    @property
+    def decides(self) -> bool:
+        """Whether it may well end in the right name."""
+        return (self.naming_chance or 0.0) >= DECIDES
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ seen every run.
 **Probabilities**: the mean of posteriors over resampled runs.
 A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
 with replacement as there are, and averaging the posteriors, makes it as uncertain as another campaign would; this needs
-no noise model. It costs no more than weights on the runs' Gram matrices. Whether any cause acts at all is not a choice
+no noise model. It costs no more than weights on the runs' Gram matrices. Runs that measure the same channels stand for
+each other: the only run with a reading of the sinkage is in every campaign that is drawn, or no reading could decide,
+since a single run of seven is left out of a third of them. Whether any cause acts at all is not a choice
 between confounded causes: there resampled runs, in which chance counts twice, would raise false alarms, so that the
 probability of "none" is that of the runs as they are.
 
@@ -28,7 +30,7 @@ from itertools import combinations
 
 import numpy as np
 
-from daq import OUTPUTS, FloatArray, Note
+from daq import OUTPUTS, FloatArray, IndexArray, Note
 from model.cores import in_parallel
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
@@ -82,8 +84,8 @@ def bagged(
     runs = len(grams.run_names)
     if runs < FEWEST_RUNS:
         return posterior(grams, excluded, most)
-    weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=replicates).astype(float)
-    weights = np.concatenate([np.ones((1, runs)), weights])
+    kinds = np.zeros(runs, np.intp) if grams.measured is None else grams.measured
+    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds, replicates, rng)])
     totals = np.tensordot(weights, grams.matrices, 1)
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
@@ -91,6 +93,21 @@ def bagged(
     mean[1:] *= (1.0 - each[0, 0]) / max(mean[1:].sum(), 1e-300)
     mean[0] = each[0, 0]
     return Posterior(listed, found[0], mean, calibrated=True)
+
+
+def drawn_anew(kinds: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
+    """Return how often each run is among those drawn with replacement, shape (replicates, runs).
+
+    Parameters
+    ----------
+    kinds : int array, shape (runs,)
+        Only runs of one kind stand for each other.
+    """
+    found = np.zeros((replicates, len(kinds)))
+    for kind in np.unique(kinds):
+        own = np.flatnonzero(kinds == kind)
+        found[:, own] = rng.multinomial(own.size, np.full(own.size, 1.0 / own.size), size=replicates)
+    return found
 
 
 Keys = tuple[str, ...]

@@ -38,7 +38,7 @@ def usual_effects(grams: Grams) -> tuple[str, ...]:
 def with_usual_soil(grams: Grams) -> Grams:
     """Return the Gram matrices with the parameters of `usual_effects` as columns of the soil."""
     usual = usual_effects(grams)
-    start, soils, width = grams.cause_columns.start, len(grams.soil), len(grams.total)
+    start, soils, width = grams.cause_columns.start, len(grams.soil), grams.matrices.shape[-1]
     moved = [(start + i, c) for i, c in enumerate(grams.causes) if c.key in usual]
     others = [start + i for i, c in enumerate(grams.causes) if c.key not in usual]
     order = [*range(1 + soils), *(at for at, _ in moved), *others, *range(grams.cause_columns.stop, width)]

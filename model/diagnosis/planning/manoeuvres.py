@@ -22,6 +22,8 @@ _STANDSTILLS, _STANDSTILL_S = 4, 10.0
 _SAME_LOAD = 1e-9
 """Relative: loads that differ by rounding are the same."""
 _SINKAGE_SIGMA_M = 0.003
+_RUT_READINGS, _RUT_SIGMA_M = 5, 0.005
+"""By a ruler, over the slips of the run."""
 _TORQUE_SIGMA_NM = 15.0
 
 
@@ -116,6 +118,7 @@ def _variants(run: Samples, all_runs: Samples, added_kg: Sequence[float]) -> Ite
     standing = {"count": _STANDSTILLS, "duration_s": _STANDSTILL_S}
     yield Note(StepCode.STANDSTILLS, values=standing), with_standstills(run)
     if "z" not in run.measured:
+        yield Note(StepCode.RUT, values={"count": _RUT_READINGS}), with_rut(run)
         yield Note(StepCode.SINKAGE), with_channel(run, "z", _SINKAGE_SIGMA_M)
     if "t" not in run.measured:
         yield Note(StepCode.TORQUE), with_channel(run, "t", _TORQUE_SIGMA_NM)
@@ -266,6 +269,15 @@ def with_channel(run: Samples, channel: str, sigma: float) -> Samples:
         sigma=run.sigma | {channel: sigma},
         rests=rests,
     )
+
+
+def with_rut(run: Samples) -> Samples:
+    """Return the run with the depth of its rut read at some places, from the least slip to the largest."""
+    read = with_channel(run, "z", _RUT_SIGMA_M)
+    order = np.argsort(np.asarray(run.conditions.slip), kind="stable")
+    depth = np.full(len(run), np.nan)
+    depth[order[np.linspace(0, len(run) - 1, _RUT_READINGS).round().astype(np.intp)]] = 0.0
+    return replace(read, measured=read.measured | {"z": depth})
 
 
 def _outward(run: Samples) -> bool:

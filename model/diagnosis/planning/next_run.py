@@ -37,6 +37,7 @@ from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import Manoeuvre, manoeuvres, typical_run
+from model.diagnosis.planning.naming_chance import Outlook
 from model.diagnosis.planning.static_tests import Products, static_tests
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.linearise import Point, Simulation, linearise
@@ -58,6 +59,7 @@ _OTHERS = ("stiffness_in_run", "friction_in_run")
 
 MOST = 5
 COST_RUNS = {
+    StepCode.RUT: 1.5,
     StepCode.SLOWER_RAMPS: 2.0,
     StepCode.LIFTED_ZERO: 0.5,
     StepCode.KNOWN_PULL: 2.0,
@@ -65,7 +67,8 @@ COST_RUNS = {
     StepCode.HARD_GROUND: 2.0,
 }
 """Time that a step takes, in runs like the others, where it is not one; an estimate of ours: a wheel is lifted while a
-run is prepared, a winch or a lever is rigged in the time of two runs, hard ground is some way off."""
+run is prepared, a winch or a lever is rigged in the time of two runs, hard ground is some way off, and reading a rut
+takes half a run beside the run that makes it."""
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
@@ -169,7 +172,9 @@ def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, floa
     return tuple(Member(key, np.asarray(size, float), probabilities.get(key, 1.0)) for key, size in sizes.items())
 
 
-def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
+def next_runs(
+    linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST, ahead: Outlook | None = None
+) -> tuple[NextRun, ...]:
     """Rank manoeuvres by what one more run of them does to a set of causes.
 
     Parameters
@@ -178,6 +183,8 @@ def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most:
         The causes that were not separable, at their estimated sizes.
     most : int
         Manoeuvres to return.
+    ahead : Outlook, optional
+        What may be true, where a name is what is missing.
 
     Returns
     -------
@@ -189,16 +196,19 @@ def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most:
     own = tuple(member for member in members if member.key in known)
     if len(own) < 2:
         return ()
-    keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys)))
+    likely = [cause.key for cause in ahead.grams.causes] if ahead else []
+    keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys, *likely)))
     candidates = list(_candidates(linearised, keys))
     several = len(linearised.campaigns) > 1
     ranked = []
     for one, matrix in zip(candidates, in_parallel(lambda one: one.products(), candidates), strict=True):
-        result = split(linearised.grams, embedded(linearised, one.campaign, one.simulation, matrix), own)
+        added = embedded(linearised, one.campaign, one.simulation, matrix)
+        result = split(linearised.grams, added, own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))
         name = linearised.campaigns[one.campaign].campaign.name if several else ""
-        cost = COST_RUNS.get(StepCode(one.step.code), 1.0)
-        ranked.append(NextRun(one.step, families, result.expected_log_bayes_factor, cost, name))
+        code = StepCode(one.step.code)
+        cost, chance = COST_RUNS.get(code, 1.0), ahead.chance(code, added) if ahead else None
+        ranked.append(NextRun(one.step, families, result.expected_log_bayes_factor, cost, name, chance))
     plain = [run.expected_log_bayes_factor for run in ranked if run.step.code == StepCode.LIKE_OTHERS]
     least = max(_BETTER * max(plain, default=0.0), WORTH_SAYING)
     return tuple(

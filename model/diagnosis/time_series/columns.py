@@ -122,6 +122,8 @@ class Grams:
         Shapes of single runs.
     form : array, shape (b,), or float
         One-sigma of the coefficient of each of the b columns where they are the error of form.
+    measured : int array, shape (runs,), optional
+        Which channels each run has: runs with the same number have the same.
     """
 
     matrices: FloatArray
@@ -134,6 +136,7 @@ class Grams:
     order: IndexArray | None = None
     own: tuple[OwnGram, ...] = ()
     form: FloatArray | float = 0.0
+    measured: IndexArray | None = None
 
     @property
     def soil_columns(self) -> slice:
@@ -196,6 +199,7 @@ class Grams:
             samples=self.samples[runs],
             run_names=tuple(compress(self.run_names, runs)),
             own=tuple(compress(self.own, runs)),
+            measured=None if self.measured is None else self.measured[runs],
         )
 
     def without(self, run: int) -> Grams:
@@ -207,6 +211,7 @@ class Grams:
             samples=self.samples.sum(keepdims=True) - self.samples[run],
             run_names=(f"all but {self.run_names[run]}",),
             own=self.own[:run] + self.own[run + 1 :],
+            measured=None,
         )
 
     def scaled(self, factor: float) -> Grams:

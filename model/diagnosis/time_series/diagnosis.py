@@ -58,6 +58,7 @@ from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
+from model.diagnosis.planning.naming_chance import Outlook, outlook
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise
@@ -153,7 +154,17 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         in_place = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
-        onward = _onward(linearised, verdict, found, explained, confounded, on_request=options.next_run)
+        ahead = None
+        if verdict.verdict == "one_of":
+            ahead = outlook(
+                linearised.grams,
+                found,
+                rng,
+                excess=factor,
+                not_identifiable=linearised.not_identifiable,
+                name_at=options.name_at,
+            )
+        onward = _onward(linearised, verdict, found, explained, confounded, ahead, on_request=options.next_run)
     with clock.stage("proposal"):
         offered = propose_for(fits[linearised.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
@@ -262,6 +273,7 @@ def _onward(
     found: Posterior,
     explained: Explained,
     confounded: tuple[Confounded, ...],
+    ahead: Outlook | None,
     *,
     on_request: bool,
 ) -> tuple[NextRun, ...]:
@@ -277,7 +289,8 @@ def _onward(
         sizes = {key: explained.sizes[key] for key in own if key in explained.sizes}
     else:
         return ()
-    return next_runs(linearised, members_of(sizes, {key: chances[EFFECTS[key].name] for key in sizes}))
+    these = members_of(sizes, {key: chances[EFFECTS[key].name] for key in sizes})
+    return next_runs(linearised, these, ahead=ahead)
 
 
 def _disputes(linearised: LinearisedCampaign, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[Note, ...]:

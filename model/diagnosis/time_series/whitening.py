@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, IndexArray
+from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model import compiled
 from model.core_library import library
 from model.diagnosis.core.shapes import Shape
@@ -286,6 +286,8 @@ class RunGrams:
         Means of the constants, in units of their deviations, by each column.
     own : tuple of OwnGram
         Cross products of each run's own shapes.
+    measured : int array, shape (runs,)
+        Which channels each run has, a bit for each.
     """
 
     matrices: FloatArray
@@ -293,6 +295,7 @@ class RunGrams:
     samples: IndexArray
     constants: FloatArray
     own: tuple[OwnGram, ...]
+    measured: IndexArray
 
 
 _SAME_S = 1e-6
@@ -350,7 +353,16 @@ def run_grams(
         counts.astype(np.intp),
         np.concatenate(means),
         tuple(own),
+        _measured(samples, linear, columns),
     )
+
+
+def _measured(samples: Samples, linear: Linear, columns: Columns) -> IndexArray:
+    """Return which channels each run has, a bit for each, shape (runs,)."""
+    found = np.zeros(samples.runs, np.intp)
+    for channel, present in zip(linear.channels, columns.present, strict=True):
+        found[np.unique(samples.run[present])] |= 1 << tuple(OUTPUTS).index(channel)
+    return found
 
 
 @dataclass(frozen=True)
@@ -454,6 +466,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         soil=tuple(soil),
         causes=tuple(causes.values()),
         basis=tuple(basis),
+        measured=np.concatenate([g.measured for *_, g in parts]),
         order=np.concatenate(order),
         own=tuple(own),
         form=np.concatenate(form),

@@ -11,14 +11,18 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
-from wheelsoil.wording.names import effect_name, family_of, plain_name
-from wheelsoil.wording.notes import odds_text, step_text
+from wheelsoil.wording.names import chance, effect_name, family_of, plain_name
+from wheelsoil.wording.notes import key_text, odds_text, step_text
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
     "the dotted line a plausible effect is detectable; far to the right these runs say nothing about it."
 )
 
+_NAME_NOTE = (
+    "Right name: the share of truths, drawn from what is still possible, of which the right cause is named after the "
+    "step; below 20 % for all, no single step decides, and they stand in the order of their odds. "
+)
 _ODDS_NOTE = (
     "Expected odds: by how much one such run is expected to favour the true candidate over the one with the most "
     "similar signature. 3 : 1 is hardly anything, 150 : 1 is strong. They count noise only: above 1000 : 1 the limit "
@@ -103,13 +107,15 @@ def next_run(material: ReportInputs) -> Contents:
     odds = [exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0)) for run in runs]
     rows = [
         [
-            step_text(run),
+            step_text(run) + (f" (write {key})" if (key := key_text(run)) else ""),
             listed([plain_name(name) for name in run.separates]),
+            "-" if run.naming_chance is None else chance(run.naming_chance),
             odds_text(run.expected_log_bayes_factor),
             number(run.cost_runs, 2),
         ]
         for run in runs
     ]
-    head = ["what to do", "separates", "expected odds", "cost, runs"]
+    head = ["what to do", "separates", "right name", "expected odds", "cost, runs"]
     numbers = {"next_run": [next_run_json(run) for run in runs], "odds_to_1": odds}
-    return [Table("Best first: of steps that tell enough, the cheapest", head, rows, _ODDS_NOTE, left=2)], numbers
+    title = "Best first: of steps that tell enough, the cheapest"
+    return [Table(title, head, rows, _NAME_NOTE + _ODDS_NOTE, left=2)], numbers
