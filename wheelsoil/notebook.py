@@ -13,7 +13,7 @@ from processing import ProcessedRun
 from wheelsoil.wording.figures import figure_html, figure_interval
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
 from wheelsoil.wording.names import chance, place_text, plain_name
-from wheelsoil.wording.notes import odds_text, step_text, texts_of
+from wheelsoil.wording.notes import naming_text, odds_text, step_text, texts_of
 from wheelsoil.wording.run_summary import summary_table
 from wheelsoil.wording.verdict import refusal_words, sentence_of
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, errors_of, figures_of_diagnosis, sizes_of
@@ -88,7 +88,7 @@ def diagnosis_html(found: Diagnosis) -> str:
         runs = [
             [
                 step_text(run),
-                "-" if run.naming_chance is None else chance(run.naming_chance),
+                naming_text(run) or "-",
                 odds_text(run.expected_log_bayes_factor),
                 number(run.cost_runs),
             ]

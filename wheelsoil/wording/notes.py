@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from daq import without_powers
 from wheelsoil.wording import run_notes
-from wheelsoil.wording.names import chance
 from wheelsoil.wording.numbers import number
 
 if TYPE_CHECKING:
@@ -58,10 +57,18 @@ def key_text(run: NextRun) -> str:
     return STEP_KEYS.get(run.step.code, "")
 
 
+def naming_text(run: NextRun) -> str:
+    """Return how probable the right name is after a step, in steps of 5 %: it is of few draws; "" where not asked."""
+    if run.naming_chance is None:
+        return ""
+    percent = 5 * round(20 * run.naming_chance)
+    return "below 5 %" if percent < 5 else "above 95 %" if percent > 95 else f"about {percent} %"
+
+
 def worth_text(run: NextRun) -> str:
     """Return how probable the right name is after it, the odds that it is expected to give, and what it takes."""
     cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
-    name = [] if run.naming_chance is None else [f"right name {chance(run.naming_chance)}"]
+    name = [f"right name {told}"] if (told := naming_text(run)) else []
     return ", ".join([*name, f"expected odds {odds_text(run.expected_log_bayes_factor)}", cost])
 
 

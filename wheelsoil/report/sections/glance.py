@@ -21,7 +21,7 @@ from wheelsoil.report.words import listed, number, signed
 from wheelsoil.wording.diagnosis_text import COVERED
 from wheelsoil.wording.mending import MENDED, mending_of, missing_step
 from wheelsoil.wording.names import CALIBRATED, chance, family_of, page_unit, plain_name
-from wheelsoil.wording.notes import key_text, note_text, odds_text, step_text
+from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
@@ -328,8 +328,8 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     for run in found.next_run[:_STEPS]:
         parted = listed([plain_name(name) for name in run.separates])
         tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
-        if run.naming_chance is not None:
-            tells = f"gives the right name with probability {chance(run.naming_chance)}; {tells}"
+        if named := naming_text(run):
+            tells = f"right name: {named}; {tells}"
         cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
         reason = f"Separates {parted}; {tells}{cost}."
         written = f" Write {key_text(run)}." if key_text(run) else ""

@@ -11,8 +11,8 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
-from wheelsoil.wording.names import chance, effect_name, family_of, plain_name
-from wheelsoil.wording.notes import key_text, odds_text, step_text
+from wheelsoil.wording.names import effect_name, family_of, plain_name
+from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
@@ -109,7 +109,7 @@ def next_run(material: ReportInputs) -> Contents:
         [
             step_text(run) + (f" (write {key})" if (key := key_text(run)) else ""),
             listed([plain_name(name) for name in run.separates]),
-            "-" if run.naming_chance is None else chance(run.naming_chance),
+            naming_text(run) or "-",
             odds_text(run.expected_log_bayes_factor),
             number(run.cost_runs, 2),
         ]

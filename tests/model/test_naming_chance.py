@@ -1,0 +1,90 @@
+"""With what probability a step ends in the right name, against made-up campaigns that are really driven on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_grams import columns_of_runs, grams_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daq import FloatArray, Note
+from model.diagnosis.core.naming import NOTHING_AT
+from model.diagnosis.findings.held_out import bagged, drawn_anew
+from model.diagnosis.planning.naming_chance import outlook
+from model.notes import LackCode, StepCode
+
+RUNS = 5
+
+
+def look_alikes(seed: int, apart: float = 0.05):
+    """Return columns of runs in which slope and torque_zero look almost the same, their residual, and a better run."""
+    rng = np.random.default_rng(seed)
+    columns, more = columns_of_runs(rng, runs=RUNS), columns_of_runs(rng, runs=1)
+    columns[:, :, 6] = columns[:, :, 5] + apart * columns[:, :, 6]
+    residual = rng.normal(size=columns.shape[:2]) + columns[:, :, 5]
+    return rng, columns, residual, more
+
+
+def chance_of(columns: FloatArray, residual: FloatArray, more: FloatArray, code: StepCode, **options) -> float:
+    grams = grams_of(columns, residual)
+    rng = np.random.default_rng(7)
+    ahead = outlook(grams, bagged(grams, rng), rng, **options)
+    return ahead.chance(code, grams_of(more, more[:, :, 0] * 0.0).matrices[0])
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15, 0.5])
+def test_it_is_how_often_the_name_comes_when_truths_are_really_driven(share: float) -> None:
+    rng, columns, residual, more = look_alikes(3)
+    more = columns[:1] + share * (more - columns[:1])
+    grams = grams_of(columns, residual)
+    ahead = outlook(grams, bagged(grams, rng), rng)
+    added = grams_of(more, more[:, :, 0] * 0.0).matrices[0]
+    said = ahead.chance(StepCode.LIKE_OTHERS, added)
+    named = []
+    for truth, acts in zip(ahead.coefficients, ahead.acts, strict=True):
+        answer = rng.normal(size=more.shape[:2]) + more[:, :, : truth.size] @ truth
+        both = grams_of(np.concatenate([columns, more]), np.concatenate([residual, answer]))
+        found = bagged(both, rng)
+        sure = {family for family, p in found.families().items() if p > 0.9}
+        true = {family for family, act in zip(ahead.listed.families, acts, strict=True) if act}
+        named.append(found.none < NOTHING_AT and bool(sure) and sure <= true)
+    assert said == pytest.approx(np.mean(named), abs=0.15)
+
+
+def test_a_run_that_parts_look_alikes_gives_the_name_and_one_like_the_others_does_not() -> None:
+    _, columns, residual, more = look_alikes(0)
+    assert chance_of(columns, residual, columns[:1], StepCode.LIKE_OTHERS) < 0.2
+    assert chance_of(columns, residual, more, StepCode.SINKAGE) > 0.8
+
+
+def test_a_run_among_others_is_left_out_of_a_third_of_the_campaigns_that_are_drawn_and_a_static_test_is_not() -> None:
+    """A name asks for .9: where the runs so far say even chances, .66 of certainty and .34 of .5 are not enough."""
+    _, columns, residual, more = look_alikes(0, apart=0.0)
+    told = {code: chance_of(columns, residual, more, code) for code in (StepCode.MORE_LOAD, StepCode.LIFTED_ZERO)}
+    assert told[StepCode.MORE_LOAD] < 0.5 < told[StepCode.LIFTED_ZERO]
+
+
+def test_what_the_data_do_not_identify_is_not_named_until_a_step_shows_it() -> None:
+    _, columns, residual, more = look_alikes(0, apart=0.2)
+    one_way = dict.fromkeys(("slip_sinkage", "slope", "torque_zero"), Note(LackCode.ONE_DIRECTION))
+    told = {
+        code: chance_of(columns, residual, more, code, not_identifiable=one_way)
+        for code in (StepCode.SINKAGE, StepCode.OTHER_DIRECTION)
+    }
+    assert told[StepCode.SINKAGE] == 0.0 < told[StepCode.OTHER_DIRECTION]
+
+
+def test_two_runs_and_a_static_test_give_no_name() -> None:
+    _, columns, residual, more = look_alikes(0)
+    assert chance_of(columns[:2], residual[:2], more, StepCode.LIFTED_ZERO) == 0.0
+    assert chance_of(columns[:2], residual[:2], more, StepCode.SINKAGE) > 0.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 2), min_size=1, max_size=9), st.integers(0, 2**31))
+def test_runs_are_drawn_among_their_own_kind(kinds: list[int], seed: int) -> None:
+    own = np.array(kinds, np.intp)
+    drawn = drawn_anew(own, 8, np.random.default_rng(seed))
+    for kind in set(kinds):
+        assert (drawn[:, own == kind].sum(axis=1) == kinds.count(kind)).all()
