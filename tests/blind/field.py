@@ -136,12 +136,17 @@ def driven(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> list[dict[str,
 
 def true_reading(day: FieldDay, index: int, physics: Physics, rng: np.random.Generator) -> Reading:
     """Return what perfect sensors would say of a run over soil that varies along it, at `RATE_HZ`."""
+    return true_run(day, index, physics, rng)[0]
+
+
+def true_run(day: FieldDay, index: int, physics: Physics, rng: np.random.Generator) -> tuple[Reading, FloatArray]:
+    """Return what perfect sensors would say of a run, and the wheel's sinkage, m."""
     moments, plan = day.moments[index], day.plans[index]
     standing = np.random.default_rng((*day.seed, index, 2))
     physics = on_tilted_ground(physics, day.stance, plan, day.world.vehicle, day.rut_n[plan.load_n], standing)
     patchy = day.patchiness.along(moments.distance_m, rng)
     soil = day.ground.changed(day.scatter[index]).changed(patchy)
-    return readings(physics, soil, moments, Care(every=_SOLVE_EVERY))[0]
+    return readings(physics, soil, moments, Care(every=_SOLVE_EVERY))
 
 
 __all__ = ["RATE_HZ", "FieldDay", "driven", "field_day", "physics_of"]

@@ -89,6 +89,7 @@ class Outlook:
     excess: float
     not_identifiable: Mapping[str, Note]
     name_at: float
+    adequate: float
 
     def chance(self, code: StepCode, added: FloatArray) -> float:
         """Return the probability that a step ends in the right name.
@@ -119,11 +120,11 @@ class Outlook:
 
     def _allowed(self, code: StepCode) -> FloatArray:
         """Return the probability above which each family may be named after a step, shape (families,)."""
-        least = np.full(len(self.listed.families), self.name_at)
+        least = np.full(len(self.listed.families), self.name_at / self.adequate)
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
             if why is not None and code not in _SETTLES.get(why.code, ()):
-                least[i] = SHOWN_AT if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
+                least[i] = SHOWN_AT / self.adequate if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
         return least
 
     def _named(self, totals: FloatArray, above: FloatArray) -> BoolArray:
@@ -159,6 +160,7 @@ def outlook(
     excess: float = 1.0,
     not_identifiable: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
+    adequate: float = 1.0,
 ) -> Outlook:
     """Draw what may be true, and the runs anew.
 
@@ -169,6 +171,8 @@ def outlook(
     excess : float
         Factor on the noise's variance.
     not_identifiable : mapping family -> why
+    adequate : float
+        Probability that nothing unlisted acts.
     """
     listed, chances = _likely(found)
     keys = {listed.effects[i] for i in listed.members[listed.members >= 0]}
@@ -195,6 +199,7 @@ def outlook(
         excess=excess,
         not_identifiable=not_identifiable or {},
         name_at=name_at,
+        adequate=adequate,
     )
 
 

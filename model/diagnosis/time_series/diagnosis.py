@@ -163,6 +163,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
                 excess=factor,
                 not_identifiable=linearised.not_identifiable,
                 name_at=options.name_at,
+                adequate=judged.listed,
             )
         onward = _onward(linearised, verdict, found, explained, confounded, ahead, on_request=options.next_run)
     with clock.stage("proposal"):
