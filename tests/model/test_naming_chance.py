@@ -26,7 +26,7 @@ def look_alikes(seed: int, apart: float = 0.05):
     return rng, columns, residual, more
 
 
-def chance_of(columns: FloatArray, residual: FloatArray, more: FloatArray, code: StepCode, **options) -> float:
+def chance_of(columns: FloatArray, residual: FloatArray, more: FloatArray, code: StepCode, **options):
     grams = grams_of(columns, residual)
     rng = np.random.default_rng(7)
     ahead = outlook(grams, bagged(grams, rng), rng, **options)

@@ -223,6 +223,9 @@ def test_a_sinkage_sensor_is_offered_where_there_is_none() -> None:
     codes = [m.step.code for m in manoeuvres(samples_of(driven()))]
     assert StepCode.SINKAGE in codes
     assert StepCode.TORQUE not in codes
+    read = next(m for m in manoeuvres(samples_of(driven())) if m.step.code == StepCode.RUT).samples
+    slips = np.asarray(read.conditions.slip)[np.isfinite(read.measured["z"])]
+    assert len(slips) == 5 and np.ptp(slips) == np.ptp(np.asarray(read.conditions.slip))
     without = samples_of(driven(), ("dp",))
     assert StepCode.TORQUE in [m.step.code for m in manoeuvres(without)]
 

@@ -128,6 +128,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _adequacy(diagnosis, width),
         _linearisation(diagnosis, width),
         _proposal(diagnosis, width),
+        _corrected(diagnosis, width),
         *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
@@ -367,6 +368,15 @@ def _in_columns(cells: list[str], width: int) -> list[str]:
     columns = max(1, (width + 3) // wide)
     height = -(-len(cells) // columns)
     return ["".join(cell.ljust(wide) for cell in cells[row::height]).rstrip() for row in range(height)]
+
+
+def _corrected(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = []
+    for one in diagnosis.corrected:
+        low, high = (number(x, 3) for x in one.interval95)
+        text = f"{plain_name(one.name)} {number(one.value, 3)} {one.unit} ({low} to {high}), {', '.join(one.sources)}"
+        lines += wrapped(text, width, "  ", "    ")
+    return ["Taken off before, by the lifted wheel (95 %)", *lines] if lines else []
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:

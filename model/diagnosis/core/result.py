@@ -313,6 +313,28 @@ class Grounds:
 
 
 @dataclass(frozen=True)
+class Corrected:
+    """An error of measurement that was known, and taken off the runs before the diagnosis.
+
+    Attributes
+    ----------
+    name : str
+        Family of the effect that it would be.
+    value : float
+        Mean over the runs; `unit`.
+    interval95 : (float, float)
+    sources : tuple of str
+        Recordings that it was determined from.
+    """
+
+    name: str
+    value: float
+    unit: str
+    interval95: tuple[float, float]
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer.
 
@@ -336,6 +358,8 @@ class Diagnosis:
         Of driven runs.
     average : Average or None
         Of driven runs under "one_of", where it was asked for.
+    corrected : tuple of Corrected
+        What is decided already: zeros of the lifted wheel.
     """
 
     verdict: Verdict
@@ -359,6 +383,7 @@ class Diagnosis:
     information: Information | None = None
     linearisation: Linearisation | None = None
     average: Average | None = None
+    corrected: tuple[Corrected, ...] = ()
 
     @property
     def stated(self) -> tuple[tuple[Cause, Note | None], ...]:

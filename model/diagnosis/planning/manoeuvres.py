@@ -296,6 +296,8 @@ def _some_rests(rests: Standstills, rows: BoolArray) -> Standstills:
         spread={c: x[rows] for c, x in rests.spread.items()},
         duration_s=rests.duration_s[rows],
         wheel_angle_rad=rests.wheel_angle_rad[rows],
+        lifted_sigma={c: x[rows] for c, x in rests.lifted_sigma.items()},
+        bracketed=rests.bracketed[rows] if rests.bracketed.size else rests.bracketed,
     )
 
 

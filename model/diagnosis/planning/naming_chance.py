@@ -44,8 +44,11 @@ STATIC = frozenset({StepCode.LIFTED_ZERO, StepCode.KNOWN_PULL, StepCode.KNOWN_TO
 """Steps that are no run."""
 _ALONE = STATIC | {StepCode.RUT, StepCode.SINKAGE, StepCode.TORQUE}
 """Steps for which no run that was driven stands."""
+_NO_DATA = STATIC - {StepCode.LIFTED_ZERO}
+"""Steps of which no file takes the readings yet: they correct a gain or a radius, and the runs are read again."""
+_LIFTED_SHOWS = ("drawbar_pull_zero", "torque_zero")
 _SETTLES: Mapping[str, frozenset[StepCode]] = {
-    LackCode.NOT_AT_STANDSTILL: STATIC | {StepCode.STANDSTILLS},
+    LackCode.NOT_AT_STANDSTILL: frozenset({StepCode.STANDSTILLS}),
     LackCode.ONE_DIRECTION: frozenset({StepCode.OTHER_DIRECTION}),
     LackCode.SAME_PASS: frozenset({StepCode.SECOND_PASS}),
     LackCode.PRESSURE_UNKNOWN: frozenset({StepCode.HALF_PRESSURE}),
@@ -91,14 +94,16 @@ class Outlook:
     name_at: float
     adequate: float
 
-    def chance(self, code: StepCode, added: FloatArray) -> float:
-        """Return the probability that a step ends in the right name.
+    def chance(self, code: StepCode, added: FloatArray) -> float | None:
+        """Return the probability that a step ends in the right name; None of one whose readings no file takes.
 
         Parameters
         ----------
         added : array, shape (all columns, same)
             Cross products of what the step adds.
         """
+        if code in _NO_DATA:
+            return None
         if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
             return 0.0
         drawn = int(code not in _ALONE)
@@ -123,7 +128,8 @@ class Outlook:
         least = np.full(len(self.listed.families), self.name_at / self.adequate)
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
-            if why is not None and code not in _SETTLES.get(why.code, ()):
+            lifted = code is StepCode.LIFTED_ZERO and family in _LIFTED_SHOWS
+            if why is not None and not lifted and code not in _SETTLES.get(why.code, ()):
                 least[i] = SHOWN_AT / self.adequate if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
         return least
 

@@ -14,7 +14,7 @@ from model.diagnosis.planning.manoeuvres import with_standstills
 from model.diagnosis.time_series.linearise import Simulation, at_rest
 from model.diagnosis.time_series.noise import rest_variance
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N
 from model.diagnosis.time_series.start import CampaignData
 from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions, Reaction
@@ -26,7 +26,6 @@ _ROLLING_RADIUS_SHARE = 0.005
 """By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 _STANDARD_SHARE = 0.005
 """One-sigma of a known pull or torque over its size: a load cell of class 0.5 (ISO 376), a lever of as much."""
-_NO_LOAD_N = 1e-9
 _KNOWN = {"dp": (StepCode.KNOWN_PULL, "pull_n"), "t": (StepCode.KNOWN_TORQUE, "torque_nm")}
 
 
@@ -121,7 +120,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
 
 def _lifted(run: Samples) -> Samples:
     standing = with_standstills(run)
-    conditions = replace(standing.rests.conditions, vertical_load_n=np.full(len(standing.rests), _NO_LOAD_N))
+    conditions = replace(standing.rests.conditions, vertical_load_n=np.full(len(standing.rests), NO_LOAD_N))
     return replace(standing, rests=replace(standing.rests, conditions=conditions))
 
 

@@ -252,7 +252,7 @@ def basis(
         rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
         column = place(Shape(Kind.ZERO_WITH_LOAD, channel))
         columns[channels.index(channel), :, column] = amplitude * rolling
-        rests[AT_REST.index(channel), :, column] = amplitude * resting
+        rests[AT_REST.index(channel), :, column] = np.where(samples.rests.lifted, 0.0, amplitude * resting)
     for error in inputs:
         column = place(error.shape)
         columns[..., column] = error.columns
@@ -283,7 +283,7 @@ def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:
     if not several_loads(linear.conditions):
         return []
     known = [c for c in AT_REST if c in linear.channels and c in samples.rests.measured]
-    return [c for c in known if np.isfinite(samples.rests.measured[c]).any()]
+    return [c for c in known if np.isfinite(samples.rests.measured[c][~samples.rests.lifted]).any()]
 
 
 def amplitude_of(samples: Samples, channel: str) -> float:

@@ -429,10 +429,10 @@ def _at_rest(
         for i, (_, name) in enumerate(by_run):
             if channel == "dp" and name in ("cos dp", "sin dp"):
                 turn = np.cos if name.startswith("cos") else np.sin
-                out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
+                out[row, :, width - len(by_run) + i] = np.where(rests.lifted, 0.0, turn(rests.wheel_angle_rad))
             elif name == f"zero {channel}":
-                out[row, :, width - len(by_run) + i] = 1.0
+                out[row, :, width - len(by_run) + i] = rests.of_run
             elif name == f"rest {channel}":
                 weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
-                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else 1.0
+                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else ~rests.lifted
     return np.where(present[..., None], out, 0.0), present

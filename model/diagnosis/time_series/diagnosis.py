@@ -63,6 +63,7 @@ from model.diagnosis.planning.next_run import members_of, next_runs, plausible_g
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
+from model.diagnosis.time_series.standstills import corrected_zeros
 from model.diagnosis.time_series.start import unfit
 from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
@@ -215,6 +216,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         information=linearised.information(factor),
         linearisation=linearised.linearisation,
         average=average,
+        corrected=corrected_zeros([run for data in linearised.campaigns for run in data.campaign.runs]),
     )
 
 

@@ -161,7 +161,7 @@ def _block(
     for i, c in enumerate(channels):
         white.append((named(c, "white"), np.concatenate([channel == i, np.zeros(len(row), bool)])))
         if c != "z":
-            mine = row == AT_REST.index(c)
+            mine = (row == AT_REST.index(c)) & ~samples.rests.lifted[standing]
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
         columns=both[:, : columns.shared],

@@ -211,7 +211,7 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
 
     The channel's coloured noise averaged over the standstill (a wheel at rest may have less than one that rolls), and
-    what differs from one standstill to the next.
+    what differs from one standstill to the next; of a lifted wheel what its zero leaves uncertain.
     """
     found = np.ones((2, len(samples.rests)))
     for row, c in enumerate(AT_REST):
@@ -222,6 +222,9 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
             length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{OUTPUTS[c].role}_{what}_time_s"]
             scatter = np.fmin(samples.rests.spread[c], values[named(c, what)]) ** 2
             found[row] += scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
+        if c in samples.rests.lifted_sigma:
+            sigma = samples.rests.lifted_sigma[c]
+            found[row] = np.where(np.isfinite(sigma), sigma**2, found[row])
     return found
 
 

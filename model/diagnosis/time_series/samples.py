@@ -214,7 +214,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         several_passes=len({run.pass_number for run in runs}) > 1,
         several_runs=len(runs) > 1,
         pressures=any(run.inflation_kpa for run in runs),
-        standstill=len(samples.rests) > 0,
+        standstill=not samples.rests.lifted.all(),
         driven=int(np.count_nonzero(slip > 0)) >= _SOME,
         braked=int(np.count_nonzero(slip < 0)) >= _SOME,
         largest_slip=float(np.max(slip, initial=0.0)),

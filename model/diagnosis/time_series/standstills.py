@@ -1,13 +1,20 @@
-"""What the channels read at standstill: zeros, cross-talk, drift and slope show there without any soil."""
+"""What the channels read at standstill: zeros, cross-talk, drift and slope show there without any soil.
+
+A zero of the lifted wheel that was taken off the runs is a standstill, too: without load, with a reading of 0 that is
+as well known as the zero was determined. Runs that share a determination know it once. Before and after the runs, and
+interpolated between, it is the zero of all of them; determined once, it may have drifted until they were driven.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from daq import REACTIONS, FloatArray, IndexArray
+from daq import REACTIONS, ROLES, BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.result import Corrected
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from processing import ProcessedRun, Standstill
 
@@ -17,6 +24,10 @@ _CUT_S = 0.8
 """Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first
 tooth of its ring, and forces are there before."""
 _AT_AN_END_S = 0.3
+_ZEROS = {"drawbar_pull": "drawbar_pull_zero", "driving_torque": "torque_zero", "vertical_load": "load_zero"}
+_Z95 = 1.96
+NO_LOAD_N = 1e-9
+"""On a lifted wheel."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +49,10 @@ class Standstills:
         Of what the mean is over.
     wheel_angle_rad : array
         Rolled since the start of the run.
+    lifted_sigma : mapping "dp", "t" -> array
+        One-sigma of the reading of the lifted wheel; NaN where the wheel stood on the ground, none where it always did.
+    bracketed : bool array
+        Whether a reading of the lifted wheel is of before and after the runs; none where the wheel never was lifted.
     """
 
     run: IndexArray
@@ -46,9 +61,22 @@ class Standstills:
     spread: dict[str, FloatArray]
     duration_s: FloatArray
     wheel_angle_rad: FloatArray
+    lifted_sigma: dict[str, FloatArray] = field(default_factory=dict)
+    bracketed: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __len__(self) -> int:
         return len(self.run)
+
+    @property
+    def lifted(self) -> BoolArray:
+        """Whether the wheel was lifted, shape (n,)."""
+        known = [np.isfinite(sigma) for sigma in self.lifted_sigma.values()]
+        return np.logical_or.reduce(known) if known else np.zeros(len(self), bool)
+
+    @property
+    def of_run(self) -> FloatArray:
+        """Weight of the zero of the run beside which it was read, shape (n,)."""
+        return np.ones(len(self)) if not self.bracketed.size else 1.0 - self.bracketed
 
 
 def standstills_of(
@@ -62,7 +90,7 @@ def standstills_of(
     clocks, positions : list of array
         See `model.wheel_soil.run_conditions`.
     """
-    rows = []
+    rows = list(_lifted(campaign, channels, clocks, positions))
     for index, (run, clock, x) in enumerate(zip(campaign.runs, clocks, positions, strict=True)):
         angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
         for rest in (r for r in run.quality.standstills if r.released):
@@ -81,12 +109,14 @@ def standstills_of(
                 "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
                 "duration": (inside.stop - inside.start) / run.rate_hz,
                 "angle": float(angle[i]),
+                "bracketed": 0.0,
             }
             for c in channels:
                 values = getattr(run, REACTIONS[c].field)[inside]
                 row |= {
                     c: _mean(values),
                     f"{c} spread": float(np.nanstd(values)) if np.isfinite(values).any() else np.nan,
+                    f"{c} sigma": np.nan,
                 }
             rows.append(row)
     table = {key: np.array([row[key] for row in rows], float) for key in (rows[0] if rows else _empty(channels))}
@@ -118,7 +148,58 @@ def standstills_of(
         spread={c: table[f"{c} spread"] for c in channels},
         duration_s=table["duration"],
         wheel_angle_rad=table["angle"],
+        lifted_sigma={c: table[f"{c} sigma"] for c in channels},
+        bracketed=table["bracketed"] > 0.0,
     )
+
+
+def _lifted(
+    campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
+) -> Iterator[dict[str, float]]:
+    """Yield each determination of the lifted wheel's zeros, beside the run that is nearest to it in time."""
+    nearest: dict[tuple[str, ...], tuple[float, int]] = {}
+    for index, run in enumerate(campaign.runs):
+        for zero in run.quality.zeros.values():
+            age = min(map(abs, zero.ages_s), default=np.inf)
+            nearest[zero.recordings] = min(nearest.get(zero.recordings, (np.inf, index)), (age, index))
+    for recordings, (_, index) in nearest.items():
+        run = campaign.runs[index]
+        zeros = {c: run.quality.zeros.get(REACTIONS[c].role) for c in channels}
+        known = {c: zero.systematic_sigma for c, zero in zeros.items() if zero and zero.recordings == recordings}
+        if not any(sigma > 0.0 for sigma in known.values()) or not len(run):
+            continue
+        row = {
+            "run": float(index),
+            "load": NO_LOAD_N,
+            "clock": float(clocks[index][0]),
+            "x": float(positions[index][0]),
+            "direction": -1.0 if run.run.direction == "back" else 1.0,
+            "pass": float(run.run.pass_number),
+            "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
+            "duration": 0.0,
+            "angle": 0.0,
+            "bracketed": float(len(recordings) > 1),
+        }
+        for c in channels:
+            sigma = known.get(c, np.nan)
+            reading = 0.0 if sigma > 0.0 else np.nan
+            row |= {c: reading, f"{c} spread": np.nan, f"{c} sigma": sigma if sigma > 0.0 else np.nan}
+        yield row
+
+
+def corrected_zeros(runs: Sequence[ProcessedRun]) -> tuple[Corrected, ...]:
+    """Return the zeros of the lifted wheel that were taken off, by the family that each would be."""
+    found = []
+    for role, family in _ZEROS.items():
+        zeros = [zero for run in runs if (zero := run.quality.zeros.get(role)) and zero.systematic_sigma > 0.0]
+        if not zeros:
+            continue
+        value = float(np.mean([zero.offset for zero in zeros]))
+        reach = _Z95 * max(zero.systematic_sigma for zero in zeros)
+        sources = tuple(dict.fromkeys(name for zero in zeros for name in zero.recordings))
+        unit = ROLES[role].unit_text
+        found.append(Corrected(family, value, unit, (value - reach, value + reach), sources))
+    return tuple(found)
 
 
 def _inside(run: ProcessedRun, rest: Standstill) -> slice:
@@ -136,5 +217,5 @@ def _mean(values: FloatArray) -> float:
 
 
 def _empty(channels: tuple[str, ...]) -> list[str]:
-    own = ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", *channels]
-    return own + [f"{c} spread" for c in channels]
+    own = ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", "bracketed", *channels]
+    return own + [f"{c} {what}" for c in channels for what in ("spread", "sigma")]
