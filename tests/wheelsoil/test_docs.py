@@ -55,9 +55,7 @@ def test_links_between_pages_lead_somewhere(page: str) -> None:
 PAGES = sorted(
     page.relative_to(ROOT).as_posix()
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"))
-    if page.name != "mutants.md"
 )
-"""The table of mutants is written by a tool and keeps names of its time."""
 
 
 @pytest.mark.parametrize("page", PAGES)
