@@ -29,6 +29,8 @@ READ_OFF = {"dp": 0.5, "t": 0.1, "z": 0.5e-3}
 PULL, ALL = ("dp",), ("dp", "t", "z")
 C2_SIGMAS, FORMS = (0.1, 0.3), (0.01, 0.025)
 SHOWN = 0.05
+LEADING = 3
+"""How many candidates the page shows; verdicts.json has all above `SHOWN`."""
 _TURNED = ("half", "twice")
 WHEELS = {
     "ding smooth": ("source=ding2011,grouser_height_m=0.0", "ding-smooth.toml", "ding-soil.toml"),
@@ -101,7 +103,8 @@ def table(found: dict[str, dict[str, Any]]) -> list[str]:
     ]
     for name, cases in found.items():
         for assumed, one in cases.items():
-            likely = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f}" for n, p in one["candidates"].items())
+            leading = list(one["candidates"].items())[:LEADING]
+            likely = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f}" for n, p in leading)
             causes = f" {', '.join(c.replace('_', ' ') for c in one['causes'])}" if one["causes"] else ""
             turned = "".join(f"; {how}: {v[0].replace('_', ' ')}" for how, v in one["turned"].items() if how in _TURNED)
             if "share" in one["turned"]:
