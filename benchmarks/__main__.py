@@ -1,6 +1,7 @@
 """Measure side by side: ``python -m benchmarks [name ...]``, each benchmark in a process of its own.
 
-Without a name all of them run, and the table goes to out/bench/results.md, its rows with a mark to marks.md. A missed mark is no failure.
+Without a name all of them run, and the table goes to out/bench/results.md, its rows with a mark to marks.md beside it.
+A missed mark is no failure.
 """
 
 from __future__ import annotations

@@ -166,7 +166,12 @@ def _outside(lines: Sequence[Line]) -> list[Figure]:
     plain = _unlike(loud, 5.0)
     singly = [x for x in loud if x["members"][0]["d_sep"] > 5]
     return [
-        share("outside the library, not confounded with any three, L >= 2: unexplained", Aim(least=0.95), plain, _unexplained),
+        share(
+            "outside the library, not confounded with any three, L >= 2: unexplained",
+            Aim(least=0.95),
+            plain,
+            _unexplained,
+        ),
         share("the same, clearly not (three leave 8 sigma)", None, _unlike(loud, 8.0), _unexplained),
         share("the same, separable from any one family (d_sep > 5), not always from three", None, singly, _unexplained),
         share("the same, confounded ones too", None, loud, _unexplained),

@@ -13,8 +13,8 @@ COUNTS = ROOT / "docs" / "mutants.md"
 TABLE = ROOT / "out" / "mutants.md"
 HEAD = """# Mutants
 A mutant is one deliberate error in the source. It is killed when a test fails; one that survives is an error that no
-test would notice. Made by `make mutants` (how: [CONTRIBUTING.md](../CONTRIBUTING.md)), which writes each mutant with the
-test that kills it into `out/mutants.md`; not written by hand.
+test would notice. Made by `make mutants` (how: [CONTRIBUTING.md](../CONTRIBUTING.md)), which lists each mutant with the
+test that kills it in `out/mutants.md`; not written by hand.
 
 | list | killed | run | not run yet |
 |---|---|---|---|
