@@ -13,7 +13,7 @@ REPLACED = re.compile(
     r"|cannot tell|beforehand)\b",
     re.IGNORECASE,
 )
-MOST = 20
+MOST = 5
 FOLDERS = ("benchmarks", "dbc", "docs", "recordings", "studies", "tests")
 GENERATED = {
     "benchmarks/results.md",
