@@ -65,7 +65,7 @@ fuzz: $(STAMP)
 notebooks: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m notebook_outputs
 
-# Measures the strength of the tests and writes docs/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
+# Measures the strength of the tests, into out/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
 mutants: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m mutants.run $(MUTANTS)
 
@@ -73,9 +73,9 @@ mutants: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 
-# The same, and the table that is under version control is renewed.
+# The same, and the marks that are under version control are renewed.
 bench-keep: bench
-	cp out/bench/results.md benchmarks/results.md
+	cp out/bench/marks.md benchmarks/results.md
 
 # A wheel for each platform, with the core compiled by zig (ziglang of PyPI, in an environment of its own), into dist/.
 WHEELS := x86_64-linux-gnu.2.17=manylinux_2_17_x86_64 aarch64-linux-gnu.2.17=manylinux_2_17_aarch64 \

@@ -1,6 +1,7 @@
 """Measure side by side: ``python -m benchmarks [name ...]``, each benchmark in a process of its own.
 
-Without a name all of them run, and the table goes to out/bench/results.md. A missed mark is no failure.
+Without a name all of them run, and the table goes to out/bench/results.md, its rows with a mark to marks.md beside it.
+A missed mark is no failure.
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ def run(names: Sequence[str], results: Path | None, measure: Callable[[str], lis
     if results:
         results.parent.mkdir(parents=True, exist_ok=True)
         results.write_text(page(rows, load), encoding="utf-8")
+        marked = [row for row in rows if row.reached is not None]
+        results.with_name("marks.md").write_text(page(marked, load), encoding="utf-8")
         print(results)
     return int(failed)
 

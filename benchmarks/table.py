@@ -21,8 +21,9 @@ How to read this:
 - A row of `diagnose` gives its verdict; a wrong one misses the mark.
 - **Ratio** = our speed over the peer's: above 1x wheelsoil is faster. For sizes: our size over the peer's, below 1x is
   smaller.
-- `stated`: no mark is set. **no**: the mark is missed, and nothing else follows from it: these are measurements.
-- `make bench` writes this table to `out/bench/results.md`; `make bench-keep` also renews `benchmarks/results.md`.
+- **no**: the mark is missed, and nothing else follows from it: these are measurements. `stated`: no mark is set.
+- `make bench` writes every row to `out/bench/results.md`, those with a mark to `out/bench/marks.md`; `make bench-keep`
+  also renews `benchmarks/results.md` by the latter.
 """
 COLUMNS = "| what | ours | peer | ratio | mark | reached |\n|---|---|---|---|---|---|\n"
 
@@ -116,7 +117,7 @@ def rate_of(count: int, what: str = "frames") -> Callable[[float], str]:
 
 
 def page(rows: Sequence[Row], load: float) -> str:
-    """Return results.md; `load` is that of the machine before the measurement."""
+    """Return a page of rows; `load` is that of the machine before the measurement."""
     machine = f"{os.cpu_count()} cores, Python {platform.python_version()}, {platform.machine()}"
     missed = sum(row.reached is False for row in rows)
     marks = sum(row.reached is not None for row in rows)

@@ -1,4 +1,4 @@
-"""A session: sources -> queue -> files, until its time is up or it is ended."""
+"""A session: sources -> queue -> files, until its time is up or it is ended (docs/decisions/logger.md)."""
 
 from __future__ import annotations
 

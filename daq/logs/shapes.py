@@ -29,7 +29,7 @@ _WORD = 8
 _LOW_NIBBLES = np.uint64(0x0F0F_0F0F_0F0F_0F0F)
 _SHOWN = 80
 _LOOKED_AT = 256
-"""Bytes of a line that is no frame by which its kind is told."""
+"""How many bytes of a line that is no frame name its kind."""
 
 _WORDS = re.compile(rb"\S+")
 

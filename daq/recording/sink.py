@@ -2,7 +2,7 @@
 
 The records themselves are the ``mcap`` package's; what its ``Writer`` lacks is here: chunks built from arrays,
 chunks copied as they are, fsync, and a file that stays well-formed when the disk is full: it grows by whole records,
-and a failed or interrupted write leaves no partial record.
+and a failed or interrupted write leaves no partial record (docs/decisions/mcap-package.md).
 """
 
 from __future__ import annotations

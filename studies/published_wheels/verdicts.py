@@ -29,6 +29,8 @@ READ_OFF = {"dp": 0.5, "t": 0.1, "z": 0.5e-3}
 PULL, ALL = ("dp",), ("dp", "t", "z")
 C2_SIGMAS, FORMS = (0.1, 0.3), (0.01, 0.025)
 SHOWN = 0.05
+LEADING = 3
+"""How many candidates the page shows; verdicts.json has all above `SHOWN`."""
 _TURNED = ("half", "twice")
 WHEELS = {
     "ding smooth": ("source=ding2011,grouser_height_m=0.0", "ding-smooth.toml", "ding-soil.toml"),
@@ -94,24 +96,31 @@ def study() -> dict[str, dict[str, Any]]:
 
 
 def table(found: dict[str, dict[str, Any]]) -> list[str]:
-    """Return the rows of the page's table."""
+    """Return the rows of the page's table: one a verdict, with the figures of the last assumption that gives it."""
     lines = [
         "| rows and channels | assumed | verdict | probabilities, % | lack of fit (threshold) |",
         "|---|---|---|---|---|",
     ]
     for name, cases in found.items():
+        alike: dict[str, list[str]] = {}
         for assumed, one in cases.items():
-            likely = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f}" for n, p in one["candidates"].items())
-            causes = f" {', '.join(c.replace('_', ' ') for c in one['causes'])}" if one["causes"] else ""
-            turned = "".join(f"; {how}: {v[0].replace('_', ' ')}" for how, v in one["turned"].items() if how in _TURNED)
-            if "share" in one["turned"]:
-                names = ", ".join(f.replace("_", " ") for f in one["turned"]["families"])
-                turned = f"; adequate at {100 * one['turned']['share']:.2g} %: {names}"
+            alike.setdefault(_verdict(one), []).append(assumed)
+        for verdict, assumptions in alike.items():
+            one = cases[assumptions[-1]]
+            leading = list(one["candidates"].items())[:LEADING]
+            likely = ", ".join(f"{n.replace('_', ' ')} {100 * p:.0f}" for n, p in leading)
             fit = f"{one['lack_of_fit']:.1f} ({one['threshold']:.1f})"
-            lines.append(
-                f"| {name} | {assumed} | {one['verdict'].replace('_', ' ')}{causes}{turned} | {likely} | {fit} |"
-            )
+            lines.append(f"| {name} | {' or '.join(assumptions)} | {verdict} | {likely} | {fit} |")
     return lines
+
+
+def _verdict(one: dict[str, Any]) -> str:
+    causes = f" {', '.join(c.replace('_', ' ') for c in one['causes'])}" if one["causes"] else ""
+    turned = "".join(f"; {how}: {v[0].replace('_', ' ')}" for how, v in one["turned"].items() if how in _TURNED)
+    if "share" in one["turned"]:
+        names = ", ".join(f.replace("_", " ") for f in one["turned"]["families"])
+        turned = f"; adequate at {100 * one['turned']['share']:.2g} %: {names}"
+    return f"{one['verdict'].replace('_', ' ')}{causes}{turned}"
 
 
 if __name__ == "__main__":

@@ -27,8 +27,10 @@ def test_the_table_goes_to_out_and_the_tracked_one_stays(tmp_path: Path) -> None
     tracked = TRACKED.read_bytes()
     results = tmp_path / "bench" / "results.md"
     missed = judged("twice two", "5", 5, at_most(4, "s"))
-    assert run(["sums"], results, lambda _: [missed]) == 0
-    assert "| twice two | 5 | - | - | <= 4 s | **no** |" in results.read_text(encoding="utf-8")
+    assert run(["sums"], results, lambda _: [missed, Row("sums", "4")]) == 0
+    whole, marks = (results.with_name(name).read_text(encoding="utf-8") for name in ("results.md", "marks.md"))
+    assert all("| twice two | 5 | - | - | <= 4 s | **no** |" in text for text in (whole, marks))
+    assert "| sums |" in whole and "| sums |" not in marks
     assert TRACKED.read_bytes() == tracked
     assert RESULTS == ROOT / "out" / "bench" / "results.md"
     assert "/out/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
@@ -41,7 +43,7 @@ def test_only_bench_keep_renews_the_tracked_table() -> None:
 
     assert "-m benchmarks" in recipe("bench")
     assert str(TRACKED.relative_to(ROOT)) not in recipe("bench")
-    assert recipe("bench-keep").splitlines()[-1] == "cp out/bench/results.md benchmarks/results.md"
+    assert recipe("bench-keep").splitlines()[-1] == "cp out/bench/marks.md benchmarks/results.md"
 
 
 def test_a_benchmark_that_fails_is_in_the_table_and_the_others_go_on(tmp_path: Path) -> None:

@@ -166,10 +166,15 @@ def _outside(lines: Sequence[Line]) -> list[Figure]:
     plain = _unlike(loud, 5.0)
     singly = [x for x in loud if x["members"][0]["d_sep"] > 5]
     return [
-        share("outside the library, no look-alike, L >= 2: unexplained", Aim(least=0.95), plain, _unexplained),
-        share("the same, plainly no look-alike (three leave 8 sigma)", None, _unlike(loud, 8.0), _unexplained),
-        share("the same, unlike any one family (d_sep > 5), three may still imitate it", None, singly, _unexplained),
-        share("the same, look-alikes too", None, loud, _unexplained),
+        share(
+            "outside the library, not confounded with any three, L >= 2: unexplained",
+            Aim(least=0.95),
+            plain,
+            _unexplained,
+        ),
+        share("the same, clearly not (three leave 8 sigma)", None, _unlike(loud, 8.0), _unexplained),
+        share("the same, separable from any one family (d_sep > 5), not always from three", None, singly, _unexplained),
+        share("the same, confounded ones too", None, loud, _unexplained),
         share("outside: confidently wrong (named)", None, loud, _named),
     ]
 
@@ -188,8 +193,8 @@ def _left_out(lines: Sequence[Line]) -> list[Figure]:
     what = "one family left out, d_sep > 5: confidently wrong"
     return [
         share(what, Aim(most=0.05), apart, _named),
-        share("the same, where no three of the rest imitate it", None, _unlike(apart, 5.0), _named),
-        share("the same, where three plainly do not (they leave 8 sigma)", None, _unlike(apart, 8.0), _named),
+        share("the same, not confounded with any three of the rest", None, _unlike(apart, 5.0), _named),
+        share("the same, clearly not (three leave 8 sigma)", None, _unlike(apart, 8.0), _named),
     ]
 
 

@@ -17,6 +17,8 @@ from golden.kept import kept
 
 NUMBERS = Path(__file__).parent / "numbers"
 CHANGES = Path(__file__).parent / "CHANGES.md"
+NAMED = 3
+"""How many cases a line of the changes names; the commit has all of them."""
 
 _LIST_OF_NUMBERS = re.compile(r'\[\s+([^][{}"]*?)\s+\]')
 
@@ -40,7 +42,8 @@ def keep(name: str, outputs: Any) -> None:
 def note(why: str, names: Sequence[str]) -> None:
     """Append to the list of changes why the numbers of some cases are renewed, and on which commit."""
     with CHANGES.open("a", encoding="utf-8") as file:
-        file.write(f"- {datetime.now(UTC):%Y-%m-%d}, on {_commit()}: {why} ({' '.join(names)})\n")
+        cases = " ".join(names) if len(names) <= NAMED else f"{len(names)} cases"
+        file.write(f"- {datetime.now(UTC):%Y-%m-%d}, on {_commit()}: {why} ({cases})\n")
 
 
 def _commit() -> str:

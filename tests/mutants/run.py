@@ -1,7 +1,7 @@
 """Measure the strength of the tests: put one error at a time into a copy of the checkout, and see which test fails.
 
-make mutants                                              every list, and docs/mutants.md
-PYTHONPATH=tests python -m mutants.run --only 'model/*'   one list, or ids; docs/mutants.md keeps the others
+make mutants                                              every list, into out/mutants.md
+PYTHONPATH=tests python -m mutants.run --only 'model/*'   one list, or ids; results.json keeps the others
 PYTHONPATH=tests python -m mutants.run --check            only whether the lists still fit the source
 
 The checkout is not touched. Public data (WHEELSOIL_DATA) is not used: a mutant has to be killed by what the repository
@@ -21,10 +21,8 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 from mutants.checkout import Checkout, Outcome
-from mutants.mutant import ROOT, Mutant, all_mutants, problems
-from mutants.table import write_table
-
-TABLE = ROOT / "docs" / "mutants.md"
+from mutants.mutant import Mutant, all_mutants, problems
+from mutants.table import write_results
 
 
 def main() -> None:
@@ -52,7 +50,7 @@ def main() -> None:
         finally:
             for copy in copies:
                 copy.stop()
-            write_table(TABLE, mutants, {o.mutant.id: o.test or f"**{o.state}**" for o in outcomes})
+            write_results(mutants, {o.mutant.id: o.test or f"**{o.state}**" for o in outcomes})
     killed = sum(outcome.state == "killed" for outcome in outcomes)
     numeric = [outcome.state == "killed" for outcome in outcomes if outcome.mutant.numeric]
     print(f"{killed} of {len(outcomes)} killed; {sum(numeric)} of the {len(numeric)} that change a number in silence")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mutants.mutant import Mutant, all_mutants, problems
+from mutants.table import write_results
 
 ONE = Mutant("room", "one", "a.py", "x = 1", "x = 2", "why", True, ("test_a.py",))
 
@@ -40,3 +42,14 @@ def test_what_is_wrong_with_a_list_is_reported(tmp_path: Path) -> None:
     for said, mutants in bad.items():
         (found,) = problems(mutants, tmp_path)
         assert said in found
+
+
+def test_a_partial_run_keeps_the_results_of_the_others(tmp_path: Path) -> None:
+    results, counts, table = (tmp_path / name for name in ("results.json", "counts.md", "out/table.md"))
+    results.write_text(json.dumps({"one": "test_a.py::test_x", "gone": "test_a.py::test_x"}))
+    mutants = [ONE, replace(ONE, id="two"), replace(ONE, id="three")]
+    write_results(mutants, {"two": "**survived**"}, results, counts, table)
+    assert json.loads(results.read_text()) == {"one": "test_a.py::test_x", "two": "**survived**"}
+    assert "| room | 1 | 2 | 1 |\n" in counts.read_text()
+    assert "`two`, a.py: why: **survived**" in counts.read_text()
+    assert "| `three` | why<br>a.py: ``x = 1`` &rarr; ``x = 2`` | not run yet |" in table.read_text()

@@ -1,4 +1,4 @@
-"""What a kept result depends on: the content of its inputs, and the version of the code that makes it."""
+"""What a kept result depends on: its inputs' content, and the code that makes it (docs/decisions/cache.md)."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ def _set_aside(store: str, damaged: Sequence[Damage]) -> None:
 
 
 def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
-    """Yield the steps, each told of on stderr: in a bar with the time left on a terminal, else in a line each."""
+    """Yield the steps and print each on stderr: in a bar with the time left on a terminal, else in a line each."""
     if not sys.stderr.isatty():
         for step in steps:
             left = f", {_duration(step.left_s)} left" if step.finished < step.total else ""

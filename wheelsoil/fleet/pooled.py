@@ -1,4 +1,4 @@
-"""What the campaigns of a store say together: passports of transducers, soils that differ from their laboratory."""
+"""What the campaigns of a store say together: passports of transducers, soils (docs/decisions/pooling.md)."""
 
 from __future__ import annotations
 

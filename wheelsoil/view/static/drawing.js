@@ -1,4 +1,5 @@
-// Pieces of a figure: SVG elements, scales, ticks, lines. Colours and widths are classes of page.css, by the tokens.
+// Pieces of a figure: SVG elements, scales, ticks, lines (docs/decisions/plotting.md). Colours and widths are classes
+// of page.css, by the tokens.
 
 const NS = "http://www.w3.org/2000/svg";
 
