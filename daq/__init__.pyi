@@ -29,6 +29,7 @@ from .config import SensorSection as SensorSection
 from .config import SeriesSection as SeriesSection
 from .config import SignalName as SignalName
 from .config import SoilSection as SoilSection
+from .config import StaticTest as StaticTest
 from .config import TerrainConfig as TerrainConfig
 from .config import TransducerSection as TransducerSection
 from .config import UncertaintySection as UncertaintySection

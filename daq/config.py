@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
+from itertools import combinations
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -331,10 +333,86 @@ class RunInfo(Section):
         return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
+class StaticTest(Section):
+    """``[[static]]``: what the transducer read with the wheel lifted, alone or under a known pull or torque.
+
+    Readings are raw, in the sense of the roles. A known torque is given as it is, or as a force on a lever.
+    """
+
+    test: Literal["lifted", "known_pull", "known_torque"]
+    applied_n: Finite | None = None
+    lever_m: Positive | None = None
+    applied_nm: Finite | None = None
+    applied_share: NonNegative = 0.005
+    drawbar_pull_n: Finite | None = None
+    drawbar_pull_sigma_n: Positive | None = None
+    driving_torque_nm: Finite | None = None
+    driving_torque_sigma_nm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for name, (reading, sigma) in self._pairs().items():
+            if (reading is None) != (sigma is None):
+                raise ValueError(f"a reading of the {name} goes together with its one-sigma")
+        if not self.readings:
+            raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
+        by_lever = self.applied_n is not None and self.lever_m is not None
+        if self.test == "lifted" and not self.applied_n is self.lever_m is self.applied_nm is None:
+            raise ValueError('nothing is applied to a wheel that is only lifted: test = "known_pull" or "known_torque"')
+        if self.test == "known_pull" and (self.applied_n is None or self.drawbar_pull_n is None):
+            raise ValueError("a known pull needs applied_n and the reading drawbar_pull_n")
+        if self.test == "known_torque" and (
+            self.driving_torque_nm is None or by_lever == (self.applied_nm is not None)
+        ):
+            raise ValueError("a known torque needs driving_torque_nm, and applied_nm or applied_n with lever_m")
+        for channel, (reading, sigma) in self.readings.items():
+            if reading * self.applied[channel] < 0.0 and abs(reading) > _SURE * sigma:
+                raise ValueError("the reading has the other sign than what was applied: positive as the role has it")
+        return self
+
+    @property
+    def applied(self) -> dict[str, float]:
+        """Known pull and torque, N and N m."""
+        pull = self.applied_n or 0.0 if self.test == "known_pull" else 0.0
+        torque = (self.applied_nm or 0.0) + (self.applied_n or 0.0) * (self.lever_m or 0.0)
+        return {"dp": pull, "t": torque if self.test == "known_torque" else 0.0}
+
+    @property
+    def readings(self) -> dict[str, tuple[float, float]]:
+        """Reading and one-sigma, of the force that is known too, by channel."""
+        return {
+            channel: (reading, hypot(sigma, self.applied_share * self.applied[channel]))
+            for channel, (reading, sigma) in zip(("dp", "t"), self._pairs().values(), strict=True)
+            if reading is not None and sigma is not None
+        }
+
+    def _pairs(self) -> dict[str, tuple[float | None, float | None]]:
+        return {
+            "drawbar pull": (self.drawbar_pull_n, self.drawbar_pull_sigma_n),
+            "driving torque": (self.driving_torque_nm, self.driving_torque_sigma_nm),
+        }
+
+
+_SURE = 5.0
+"""One-sigmas beyond which two readings contradict each other."""
+_MOST_STATIC = 100
+
+
 class RunsConfig(Section):
     """runs.toml."""
 
     run: Annotated[tuple[RunInfo, ...], Field(max_length=MOST_RUNS)] = ()
+    static: Annotated[tuple[StaticTest, ...], Field(max_length=_MOST_STATIC)] = ()
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        for (i, one), (j, other) in combinations(enumerate(self.static, 1), 2):
+            for channel in one.readings.keys() & other.readings.keys():
+                (a, by), (b, of_other) = one.readings[channel], other.readings[channel]
+                same = one.applied == other.applied
+                if same and abs(a - b) > _SURE * hypot(by, of_other):
+                    raise ValueError(f"[[static]] {i} and {j} contradict each other: {a:g} and {b:g} under one force")
+        return self
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:

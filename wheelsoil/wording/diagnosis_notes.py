@@ -231,6 +231,8 @@ STEP_KEYS: dict[str, str] = {
     StepCode.RUT: "[[run.rut]] in runs.toml",
     StepCode.SINKAGE: "the role sinkage in vehicle.toml",
     StepCode.TORQUE: "the role driving_torque in vehicle.toml",
+    StepCode.KNOWN_PULL: "[[static]] in runs.toml",
+    StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
     StepCode.LIFTED_ZERO: "`wheelsoil zero RECORDING`, and zero_file in vehicle.toml",
 }
 """Where what a step gives is written."""

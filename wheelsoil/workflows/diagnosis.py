@@ -192,6 +192,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
+        static=load_toml(listed, RunsConfig).static if (listed := _in(Path(folder), RUNS_FILE)) and folder else (),
     )
 
 

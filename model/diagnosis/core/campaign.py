@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import pi
 
-from daq import OUTPUTS, Note
+from daq import OUTPUTS, Note, StaticTest
 from model.effects.base import Effect, Needs
 from model.effects.catalogue import EFFECTS
 from model.fit.observations import Observations
@@ -38,6 +38,8 @@ class Campaign:
         As vehicle.toml declares it. Its inertia is in the drawbar pull of the runs, by the slope of the measured speed.
     outboard_inertia_kgm2 : float
         The same, in the torque, by the slope of the wheel speed.
+    static : tuple of StaticTest
+        Readings of the lifted wheel, alone or under known forces.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Campaign:
     tyre: str = ""
     outboard_mass_kg: float = 0.0
     outboard_inertia_kgm2: float = 0.0
+    static: tuple[StaticTest, ...] = ()
 
 
 _WEDGE = 3.0**0.5

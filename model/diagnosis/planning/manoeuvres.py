@@ -298,6 +298,7 @@ def _some_rests(rests: Standstills, rows: BoolArray) -> Standstills:
         wheel_angle_rad=rests.wheel_angle_rad[rows],
         lifted_sigma={c: x[rows] for c, x in rests.lifted_sigma.items()},
         bracketed=rests.bracketed[rows] if rests.bracketed.size else rests.bracketed,
+        applied={c: x[rows] for c, x in rests.applied.items()},
     )
 
 

@@ -44,8 +44,8 @@ STATIC = frozenset({StepCode.LIFTED_ZERO, StepCode.KNOWN_PULL, StepCode.KNOWN_TO
 """Steps that are no run."""
 _ALONE = STATIC | {StepCode.RUT, StepCode.SINKAGE, StepCode.TORQUE}
 """Steps for which no run that was driven stands."""
-_NO_DATA = STATIC - {StepCode.LIFTED_ZERO}
-"""Steps of which no file takes the readings yet: they correct a gain or a radius, and the runs are read again."""
+_NO_DATA = frozenset({StepCode.HARD_GROUND})
+"""Steps whose readings no file takes yet: a radius is mended in vehicle.toml."""
 _LIFTED_SHOWS = ("drawbar_pull_zero", "torque_zero")
 _SETTLES: Mapping[str, frozenset[StepCode]] = {
     LackCode.NOT_AT_STANDSTILL: frozenset({StepCode.STANDSTILLS}),

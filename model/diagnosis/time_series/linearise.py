@@ -18,6 +18,7 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray
 from model.cores import in_parallel
 from model.diagnosis.time_series.samples import STENCIL, Samples
+from model.diagnosis.time_series.standstills import AT_REST, Standstills
 from model.effects.base import Effect
 from model.effects.speed_errors import SpeedLatency
 from model.wheel_soil.conditions import Conditions, Reaction, Wheel
@@ -450,12 +451,24 @@ def at_rest(
     values : mapping
         Parameters that are not at neutral.
     applied : Reaction, optional
-        Known pull and torque on the wheel, arrays of shape (m,).
+        Known pull and torque on the wheel, arrays of shape (m,), instead of those of its static tests.
     """
-    count = len(samples.rests)
+    rests = samples.rests
+    value, by_cause = _shown(simulation, rests, values, applied)
+    if applied is None and (tested := rests.tested).any():
+        known = Reaction(*(rests.applied[c] for c in AT_REST))
+        under_force = _shown(simulation, rests, values, known)
+        value[:, tested], by_cause[:, tested] = (x[:, tested] for x in under_force)
+    return value, by_cause
+
+
+def _shown(
+    simulation: Simulation, rests: Standstills, values: Mapping[str, float], applied: Reaction | None
+) -> tuple[FloatArray, FloatArray]:
+    count = len(rests)
     names = [key for _, _, key in simulation.parameters]
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
-    reactions = model.at_rest(samples.rests.conditions, dict(values), names, applied)
+    reactions = model.at_rest(rests.conditions, dict(values), names, applied)
 
     def by(x: Number, key: str) -> FloatArray:
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))

@@ -2,12 +2,13 @@
 
 A zero of the lifted wheel that was taken off the runs is a standstill, too: without load, with a reading of 0 that is
 as well known as the zero was determined. Runs that share a determination know it once. Before and after the runs, and
-interpolated between, it is the zero of all of them; determined once, it may have drifted until they were driven.
+interpolated between, it is the zero of all of them; determined once, it may have drifted until they were driven. So
+may that of a static test, in which a known pull or torque acts on the lifted wheel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,6 +54,8 @@ class Standstills:
         One-sigma of the reading of the lifted wheel; NaN where the wheel stood on the ground, none where it always did.
     bracketed : bool array
         Whether a reading of the lifted wheel is of before and after the runs; none where the wheel never was lifted.
+    applied : mapping "dp", "t" -> array
+        Known pull and torque on the lifted wheel; none where the wheel never was lifted.
     """
 
     run: IndexArray
@@ -63,6 +66,7 @@ class Standstills:
     wheel_angle_rad: FloatArray
     lifted_sigma: dict[str, FloatArray] = field(default_factory=dict)
     bracketed: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    applied: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.run)
@@ -70,13 +74,18 @@ class Standstills:
     @property
     def lifted(self) -> BoolArray:
         """Whether the wheel was lifted, shape (n,)."""
-        known = [np.isfinite(sigma) for sigma in self.lifted_sigma.values()]
-        return np.logical_or.reduce(known) if known else np.zeros(len(self), bool)
+        known = (np.isfinite(sigma) for sigma in self.lifted_sigma.values())
+        return np.asarray(np.logical_or.reduce([np.zeros(len(self), bool), *known]))
+
+    @property
+    def tested(self) -> BoolArray:
+        """Whether a known force acted, shape (n,)."""
+        return np.asarray(np.logical_or.reduce([np.zeros(len(self), bool), *(x != 0.0 for x in self.applied.values())]))
 
     @property
     def of_run(self) -> FloatArray:
         """Weight of the zero of the run beside which it was read, shape (n,)."""
-        return np.ones(len(self)) if not self.bracketed.size else 1.0 - self.bracketed
+        return np.asarray(1.0 - self.bracketed if self.bracketed.size else np.ones(len(self)), float)
 
 
 def standstills_of(
@@ -90,7 +99,7 @@ def standstills_of(
     clocks, positions : list of array
         See `model.wheel_soil.run_conditions`.
     """
-    rows = list(_lifted(campaign, channels, clocks, positions))
+    rows = [*_lifted(campaign, channels, clocks, positions), *_static(campaign, channels, clocks, positions)]
     for index, (run, clock, x) in enumerate(zip(campaign.runs, clocks, positions, strict=True)):
         angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
         for rest in (r for r in run.quality.standstills if r.released):
@@ -110,6 +119,7 @@ def standstills_of(
                 "duration": (inside.stop - inside.start) / run.rate_hz,
                 "angle": float(angle[i]),
                 "bracketed": 0.0,
+                **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
             }
             for c in channels:
                 values = getattr(run, REACTIONS[c].field)[inside]
@@ -150,6 +160,7 @@ def standstills_of(
         wheel_angle_rad=table["angle"],
         lifted_sigma={c: table[f"{c} sigma"] for c in channels},
         bracketed=table["bracketed"] > 0.0,
+        applied={c: table[_of_applied(c)] for c in AT_REST},
     )
 
 
@@ -168,23 +179,59 @@ def _lifted(
         known = {c: zero.systematic_sigma for c, zero in zeros.items() if zero and zero.recordings == recordings}
         if not any(sigma > 0.0 for sigma in known.values()) or not len(run):
             continue
-        row = {
-            "run": float(index),
-            "load": NO_LOAD_N,
-            "clock": float(clocks[index][0]),
-            "x": float(positions[index][0]),
-            "direction": -1.0 if run.run.direction == "back" else 1.0,
-            "pass": float(run.run.pass_number),
-            "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
-            "duration": 0.0,
-            "angle": 0.0,
-            "bracketed": float(len(recordings) > 1),
+        readings = {c: (0.0, sigma) for c, sigma in known.items() if sigma > 0.0}
+        yield _without_load(run, index, clocks, positions, readings, channels) | {"bracketed": len(recordings) > 1}
+
+
+def _static(
+    campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
+) -> Iterator[dict[str, float]]:
+    """Yield each static test, less the zero that was taken off the runs; of the same zero it says nothing more."""
+    driven = next((i for i, run in enumerate(campaign.runs) if len(run)), None)
+    if driven is None:
+        return
+    run = campaign.runs[driven]
+    zeros = {c: run.quality.zeros.get(REACTIONS[c].role) for c in channels}
+    for test in campaign.static:
+        readings = {
+            c: (reading - (zero.offset if zero else 0.0), sigma)
+            for c, (reading, sigma) in test.readings.items()
+            if c in channels and not ((zero := zeros[c]) and test.test == "lifted")
         }
-        for c in channels:
-            sigma = known.get(c, np.nan)
-            reading = 0.0 if sigma > 0.0 else np.nan
-            row |= {c: reading, f"{c} spread": np.nan, f"{c} sigma": sigma if sigma > 0.0 else np.nan}
-        yield row
+        if readings:
+            applied = {_of_applied(c): test.applied[c] for c in AT_REST}
+            yield _without_load(run, driven, clocks, positions, readings, channels) | applied
+
+
+def _of_applied(channel: str) -> str:
+    return f"{channel} applied"
+
+
+def _without_load(
+    run: ProcessedRun,
+    index: int,
+    clocks: list[FloatArray],
+    positions: list[FloatArray],
+    readings: Mapping[str, tuple[float, float]],
+    channels: tuple[str, ...],
+) -> dict[str, float]:
+    row = {
+        "run": float(index),
+        "load": NO_LOAD_N,
+        "clock": float(clocks[index][0]),
+        "x": float(positions[index][0]),
+        "direction": -1.0 if run.run.direction == "back" else 1.0,
+        "pass": float(run.run.pass_number),
+        "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
+        "duration": 0.0,
+        "angle": 0.0,
+        "bracketed": 0.0,
+        **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
+    }
+    for c in channels:
+        reading, sigma = readings.get(c, (np.nan, np.nan))
+        row |= {c: reading, f"{c} spread": np.nan, f"{c} sigma": sigma}
+    return row
 
 
 def corrected_zeros(runs: Sequence[ProcessedRun]) -> tuple[Corrected, ...]:
@@ -217,5 +264,18 @@ def _mean(values: FloatArray) -> float:
 
 
 def _empty(channels: tuple[str, ...]) -> list[str]:
-    own = ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", "bracketed", *channels]
+    own = [
+        "run",
+        "load",
+        "clock",
+        "x",
+        "direction",
+        "pass",
+        "kpa",
+        "duration",
+        "angle",
+        "bracketed",
+        *map(_of_applied, AT_REST),
+    ]
+    own += channels
     return own + [f"{c} {what}" for c in channels for what in ("spread", "sigma")]
