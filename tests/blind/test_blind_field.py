@@ -27,7 +27,7 @@ from processing.processed_run import ProcessedRun
 from wheelsoil.workflows.runs import process_runs
 
 HERE = Path(__file__).parent
-_MEETS_THE_ENGINE = ("engine", "growth", "study", "tables")
+_MEETS_THE_ENGINE = ("advice", "engine", "growth", "study", "tables")
 
 
 def test_the_generator_knows_nothing_of_the_model() -> None:
