@@ -356,17 +356,19 @@ class StaticTest(Section):
                 raise ValueError(f"a reading of the {name} goes together with its one-sigma")
         if not self.readings:
             raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
-        by_lever = self.applied_n is not None and self.lever_m is not None
-        if self.test == "lifted" and not self.applied_n is self.lever_m is self.applied_nm is None:
+        given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
+        if self.test == "lifted" and given:
             raise ValueError('nothing is applied to a wheel that is only lifted: test = "known_pull" or "known_torque"')
-        if self.test == "known_pull" and (self.applied_n is None or self.drawbar_pull_n is None):
-            raise ValueError("a known pull needs applied_n and the reading drawbar_pull_n")
-        if self.test == "known_torque" and (
-            self.driving_torque_nm is None or by_lever == (self.applied_nm is not None)
-        ):
+        if self.test == "known_pull" and (given != {"applied_n"} or self.drawbar_pull_n is None):
+            raise ValueError("a known pull needs applied_n alone, and the reading drawbar_pull_n")
+        whole = given in ({"applied_n", "lever_m"}, {"applied_nm"})
+        if self.test == "known_torque" and (self.driving_torque_nm is None or not whole):
             raise ValueError("a known torque needs driving_torque_nm, and applied_nm or applied_n with lever_m")
-        for channel, (reading, sigma) in self.readings.items():
-            if reading * self.applied[channel] < 0.0 and abs(reading) > _SURE * sigma:
+        if self.test != "lifted" and not any(self.applied.values()):
+            raise ValueError('what is applied is 0: test = "lifted"')
+        for channel, (reading, _) in self.readings.items():
+            force = self.applied[channel]
+            if force and abs(reading + force) < _TURNED * abs(force):
                 raise ValueError("the reading has the other sign than what was applied: positive as the role has it")
         return self
 
@@ -393,8 +395,10 @@ class StaticTest(Section):
         }
 
 
-_SURE = 5.0
-"""One-sigmas beyond which two readings contradict each other."""
+_SURE, _DRIFT = 5.0, 0.02
+"""One-sigmas, and a share of what is applied, beyond which two readings contradict each other; zeros may drift."""
+_TURNED = 0.3
+"""Share of a force within which a reading is minus that force."""
 _MOST_STATIC = 100
 
 
@@ -409,8 +413,8 @@ class RunsConfig(Section):
         for (i, one), (j, other) in combinations(enumerate(self.static, 1), 2):
             for channel in one.readings.keys() & other.readings.keys():
                 (a, by), (b, of_other) = one.readings[channel], other.readings[channel]
-                same = one.applied == other.applied
-                if same and abs(a - b) > _SURE * hypot(by, of_other):
+                most = max(_SURE * hypot(by, of_other), _DRIFT * abs(one.applied[channel]))
+                if one.test != "lifted" and one.applied == other.applied and abs(a - b) > most:
                     raise ValueError(f"[[static]] {i} and {j} contradict each other: {a:g} and {b:g} under one force")
         return self
 

@@ -127,6 +127,10 @@ class AppliedZero:
         Of the determination used, or of both that it was interpolated between.
     ages_s : tuple of float
         Start of the run less time of each determination.
+    lifted : bool
+        Whether the wheel was lifted, in each; else it stood, and the ground's force was taken out by what is known.
+    of_role : bool
+        Whether offset and role are one quantity: vehicle axes, or a torque. In wheel axes what stays is what turns.
     """
 
     offset: float
@@ -135,6 +139,13 @@ class AppliedZero:
     methods: tuple[str, ...]
     recordings: tuple[str, ...]
     ages_s: tuple[float, ...]
+    lifted: bool = True
+    of_role: bool = True
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it tells what is left of the role's zero: nothing but its uncertainty."""
+        return self.lifted and self.of_role and self.systematic_sigma > 0.0
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from daq.can.databases import Database, load_database, load_for_vehicle, message
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.channels import ROLES, Channel
-from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.config import RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.notes import Note, RecordingCode
@@ -49,6 +49,8 @@ class Configuration:
         names that vehicle.toml gives them.
     vehicle_source : str
         Where `vehicle` was read, for messages.
+    static : tuple of StaticTest
+        Beside `runs`.
     """
 
     vehicle: VehicleConfig | None = None
@@ -57,6 +59,7 @@ class Configuration:
     runs: tuple[RunInfo, ...] | None = None
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     vehicle_source: str = VEHICLE_FILE
+    static: tuple[StaticTest, ...] = ()
 
     def over(self, other: Configuration) -> Configuration:
         """Return this configuration, completed by `other` where it says nothing."""
@@ -64,9 +67,9 @@ class Configuration:
         carried = {name: data for name, data in vehicle.attachments.items() if name != TERRAIN_FILE}
         if TERRAIN_FILE in terrain.attachments:
             carried[TERRAIN_FILE] = terrain.attachments[TERRAIN_FILE]
-        runs = other.runs if self.runs is None else self.runs
-        source = vehicle.vehicle_source
-        return Configuration(vehicle.vehicle, vehicle.databases, terrain.terrain, runs, carried, source)
+        listing, source = (self if self.runs is not None or self.static else other), vehicle.vehicle_source
+        own = (vehicle.vehicle, vehicle.databases, terrain.terrain, listing.runs, carried, source)
+        return Configuration(*own, listing.static)
 
     @property
     def lenient(self) -> bool:
@@ -94,7 +97,8 @@ def terrain_from_file(path: Path) -> Configuration:
 
 def runs_from_file(path: Path) -> Configuration:
     """Read runs.toml."""
-    return Configuration(runs=load_toml(path, RunsConfig).run)
+    found = load_toml(path, RunsConfig)
+    return Configuration(runs=None if found.static and not found.run else found.run, static=found.static)
 
 
 def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
@@ -137,6 +141,8 @@ class Run:
         Whether a DBC was loaded leniently.
     vehicle_source : str
         Where `vehicle` was read, for messages.
+    static : tuple of StaticTest
+        Of the folder's runs.toml: of all its runs.
     """
 
     id: str
@@ -150,6 +156,7 @@ class Run:
     lenient: bool = False
     vehicle_source: str = VEHICLE_FILE
     series: Series | None = None
+    static: tuple[StaticTest, ...] = ()
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -292,6 +299,7 @@ def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunR
         lenient=known.lenient,
         vehicle_source=known.vehicle_source,
         series=recording.series if recording else None,
+        static=known.static,
     )
 
 

@@ -206,6 +206,8 @@ class ZeroRemoval:
                 methods=tuple(one.of.method for one in zero.used),
                 recordings=tuple(one.of.recording for one in zero.used),
                 ages_s=tuple((self._span_ns[0] - one.of.time_ns) * 1e-9 for one in zero.used),
+                lifted=not any(one.of.on_ground for one in zero.used),
+                of_role=self._vehicle.transducer.frame == "vehicle",
             )
         return found
 

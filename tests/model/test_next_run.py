@@ -206,7 +206,7 @@ def test_a_known_pull_shows_as_much_of_a_gain_as_it_is_large() -> None:
     run = typical_run(data.samples)
     scale = DrawbarPullGain.parameters[0].prior_scale
     small, large = (float(calibrated("dp", size, data, data.simulation, run)[0, 0]) for size in (100.0, 1e5))
-    assert large == pytest.approx((scale / 0.005) ** 2, rel=1e-3)
+    assert large == pytest.approx((scale / 0.005) ** 2, rel=2e-3)
     assert 0 < small < large
 
 

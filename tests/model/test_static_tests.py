@@ -52,7 +52,7 @@ def test_what_was_taken_off_is_told_with_its_interval_and_source() -> None:
     campaign = lifted(simulated_campaign(runs=3))
     [zero] = corrected_zeros(campaign.runs)
     assert (zero.name, zero.value, zero.unit) == ("torque_zero", 12.0, "N m")
-    assert zero.interval95 == pytest.approx((12.0 - 0.98, 12.0 + 0.98)) and zero.sources == (
+    assert zero.interval95 == pytest.approx((12.0 - 0.98, 12.0 + 0.98)) and zero.source == (
         "before.mcap",
         "after.mcap",
     )

@@ -374,7 +374,7 @@ def _corrected(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = []
     for one in diagnosis.corrected:
         low, high = (number(x, 3) for x in one.interval95)
-        text = f"{plain_name(one.name)} {number(one.value, 3)} {one.unit} ({low} to {high}), {', '.join(one.sources)}"
+        text = f"{plain_name(one.name)} {number(one.value, 3)} {one.unit} ({low} to {high}), {', '.join(one.source)}"
         lines += wrapped(text, width, "  ", "    ")
     return ["Taken off before, by the lifted wheel (95 %)", *lines] if lines else []
 

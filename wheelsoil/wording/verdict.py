@@ -331,7 +331,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     others = [family for family in found.grounds.confounded if family not in families]
     said += rival_words(others, chances)
     if found.next_run:
-        alone = found.next_run[0].naming_chance is None or any(run.decides for run in found.next_run)
+        alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)
         said.append(f"{'Next' if alone else 'No single run decides; next'}: {step_text(found.next_run[0])}")
     return _sentences(said)
 

@@ -158,7 +158,9 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     found: list[Campaign] = []
     for group, members in groups.items():
         with collected.catch():
-            found.append(_campaign(group.folder, members, soil))
+            one = _campaign(group.folder, members, soil)
+            told = any(one.static and one.static == other.static for other in found)  # of one folder: they count once
+            found.append(replace(one, static=()) if told else one)
     collected.stop_if_any()
     return _told_apart(found)
 
@@ -192,7 +194,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
-        static=load_toml(listed, RunsConfig).static if (listed := _in(Path(folder), RUNS_FILE)) and folder else (),
+        static=first.static,
     )
 
 

@@ -164,6 +164,8 @@ class Coverage:
         Measured forces ("drawbar_pull", "driving_torque") that are used; that were measured and are not used.
     tyre : "smooth", "lugged" or ""
         As declared.
+    lifted : set of str
+        Forces that were read of the lifted wheel.
     """
 
     conditions: frozenset[str]
@@ -179,6 +181,7 @@ class Coverage:
     braked: bool
     largest_slip: float
     tyre: str
+    lifted: frozenset[str] = frozenset()
 
 
 def considered(coverage: Coverage, keys: Sequence[str], reading: Reading) -> tuple[type[Effect], ...]:
@@ -227,5 +230,6 @@ def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
             yield Note(LackCode.CHANNEL_UNUSED, values={"role": channel})
         elif channel not in coverage.channels:
             yield Note(LackCode.CHANNEL_MISSING, values={"role": channel})
-    if needs.standstill and not coverage.standstill:
+    read = needs.lifted_shows and coverage.lifted.issuperset(needs.channels)
+    if needs.standstill and not coverage.standstill and not read:
         yield Note(LackCode.NOT_AT_STANDSTILL)

@@ -323,7 +323,7 @@ class Corrected:
     value : float
         Mean over the runs; `unit`.
     interval95 : (float, float)
-    sources : tuple of str
+    source : tuple of str
         Recordings that it was determined from.
     """
 
@@ -331,7 +331,7 @@ class Corrected:
     value: float
     unit: str
     interval95: tuple[float, float]
-    sources: tuple[str, ...]
+    source: tuple[str, ...]
 
 
 @dataclass(frozen=True)

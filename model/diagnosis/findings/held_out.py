@@ -84,15 +84,22 @@ def bagged(
     runs = len(grams.run_names)
     if runs < FEWEST_RUNS:
         return posterior(grams, excluded, most)
-    kinds = np.zeros(runs, np.intp) if grams.measured is None else grams.measured
-    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds, replicates, rng)])
-    totals = np.tensordot(weights, grams.matrices, 1)
+    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds_of(grams), replicates, rng)])
+    totals = np.tensordot(weights, grams.matrices, 1) + grams.static
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
     mean = each[1:].mean(axis=0)
     mean[1:] *= (1.0 - each[0, 0]) / max(mean[1:].sum(), 1e-300)
     mean[0] = each[0, 0]
     return Posterior(listed, found[0], mean, calibrated=True)
+
+
+def kinds_of(grams: Grams) -> IndexArray:
+    """Return which runs stand for each other, shape (runs,): all, where no channels are shared by enough of them."""
+    kinds = grams.measured
+    if kinds is None or np.bincount(kinds).max() < FEWEST_RUNS:
+        return np.zeros(len(grams.run_names), np.intp)
+    return kinds
 
 
 def drawn_anew(kinds: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:

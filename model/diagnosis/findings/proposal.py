@@ -196,6 +196,7 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
     return replace(
         grams,
         matrices=grams.matrices[:, np.array(order)[:, None], order],
+        static=grams.static[np.ix_(order, order)] if isinstance(grams.static, np.ndarray) else 0.0,
         soil=(*grams.soil, *labels),
         causes=own,
         basis=(),

@@ -25,7 +25,7 @@ from scipy.special import bdtr
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, probabilities
 from model.diagnosis.core.naming import NOTHING_AT, SHOWN_AT, is_physical
-from model.diagnosis.findings.held_out import FEWEST_RUNS, drawn_anew
+from model.diagnosis.findings.held_out import FEWEST_RUNS, drawn_anew, kinds_of
 from model.diagnosis.findings.usual_soil import usual_effects, with_usual_soil
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import box, hypotheses, log_evidences, set_columns, without_soil
@@ -42,11 +42,10 @@ _MOST_BESIDE = 2
 
 STATIC = frozenset({StepCode.LIFTED_ZERO, StepCode.KNOWN_PULL, StepCode.KNOWN_TORQUE, StepCode.HARD_GROUND})
 """Steps that are no run."""
-_ALONE = STATIC | {StepCode.RUT, StepCode.SINKAGE, StepCode.TORQUE}
-"""Steps for which no run that was driven stands."""
+_SENSORS = frozenset({StepCode.RUT, StepCode.SINKAGE, StepCode.TORQUE})
+"""Runs for which no run that was driven stands, where none has that channel."""
 _NO_DATA = frozenset({StepCode.HARD_GROUND})
 """Steps whose readings no file takes yet: a radius is mended in vehicle.toml."""
-_LIFTED_SHOWS = ("drawbar_pull_zero", "torque_zero")
 _SETTLES: Mapping[str, frozenset[StepCode]] = {
     LackCode.NOT_AT_STANDSTILL: frozenset({StepCode.STANDSTILLS}),
     LackCode.ONE_DIRECTION: frozenset({StepCode.OTHER_DIRECTION}),
@@ -93,6 +92,7 @@ class Outlook:
     not_identifiable: Mapping[str, Note]
     name_at: float
     adequate: float
+    measures_more: bool
 
     def chance(self, code: StepCode, added: FloatArray) -> float | None:
         """Return the probability that a step ends in the right name; None of one whose readings no file takes.
@@ -106,12 +106,13 @@ class Outlook:
             return None
         if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
             return 0.0
-        drawn = int(code not in _ALONE)
+        drawn = int(code not in STATIC and not (code in _SENSORS and self.measures_more))
         measured = self._measured(added[np.ix_(self.kept, self.kept)] / self.excess)
         totals = self.totals[drawn] + self.times[drawn][:, None, None] * measured[:, None]
         named = self._named(totals, self._allowed(code))
         rows = np.flatnonzero(named.any(axis=1))
-        named[rows] &= self._beside_usual_soil(totals[rows])
+        lost = (named[rows] & ~self._beside_usual_soil(totals[rows])).any(axis=1)
+        named[rows[lost]] = False
         return float(np.mean(named.any(axis=1) & ~(named & ~self.acts).any(axis=1)))
 
     def _measured(self, products: FloatArray) -> FloatArray:
@@ -128,7 +129,7 @@ class Outlook:
         least = np.full(len(self.listed.families), self.name_at / self.adequate)
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
-            lifted = code is StepCode.LIFTED_ZERO and family in _LIFTED_SHOWS
+            lifted = code is StepCode.LIFTED_ZERO and _lifted_shows(family)
             if why is not None and not lifted and code not in _SETTLES.get(why.code, ()):
                 least[i] = SHOWN_AT / self.adequate if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
         return least
@@ -158,6 +159,10 @@ class Outlook:
         return found
 
 
+def _lifted_shows(family: str) -> bool:
+    return any(e.name == family and e.needs.lifted_shows for e in EFFECTS.values())
+
+
 def outlook(
     grams: Grams,
     found: Posterior,
@@ -181,16 +186,16 @@ def outlook(
         Probability that nothing unlisted acts.
     """
     listed, chances = _likely(found)
-    keys = {listed.effects[i] for i in listed.members[listed.members >= 0]}
+    keys = {listed.effects[i] for i in listed.members[listed.members >= 0]} | set(usual_effects(grams))
     own = [i for i, cause in enumerate(grams.causes) if cause.key in keys]
     kept = np.r_[0, grams.soil_columns, [grams.cause_columns.start + i for i in own]].astype(np.intp)
-    few = replace(grams, causes=tuple(grams.causes[i] for i in own), basis=(), order=None, own=(), form=0.0)
+    few = replace(grams, causes=tuple(grams.causes[i] for i in own), basis=(), order=None, own=(), form=0.0, static=0.0)
     runs = len(grams.run_names)
-    kinds = np.zeros(runs, np.intp) if grams.measured is None else grams.measured
+    kinds = kinds_of(grams)
     weights = np.ones((2, 1 + _REPLICATES, runs + 1))
     weights[0, 1:, :runs] = drawn_anew(kinds, _REPLICATES, rng)
     weights[1, 1:] = _with_one_more(kinds, rng)
-    summed = np.tensordot(weights[..., :runs], grams.matrices / excess, 1)
+    summed = np.tensordot(weights[..., :runs], grams.matrices / excess, 1) + grams.static
     totals = grams.without_form(summed)[..., kept[:, None], kept]
     set_of = rng.choice(len(listed), DRAWS, p=chances)
     return Outlook(
@@ -206,6 +211,7 @@ def outlook(
         not_identifiable=not_identifiable or {},
         name_at=name_at,
         adequate=adequate,
+        measures_more=len(np.unique(kinds)) == 1,
     )
 
 

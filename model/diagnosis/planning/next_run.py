@@ -214,7 +214,7 @@ def next_runs(
     return tuple(
         run
         for run in best_first(ranked)
-        if run.expected_log_bayes_factor > least or run.step.code == StepCode.LIKE_OTHERS
+        if run.expected_log_bayes_factor > least or run.decides or run.step.code == StepCode.LIKE_OTHERS
     )[:most]
 
 

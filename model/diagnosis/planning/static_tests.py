@@ -12,7 +12,7 @@ import numpy as np
 from daq import FloatArray, Note
 from model.diagnosis.planning.manoeuvres import with_standstills
 from model.diagnosis.time_series.linearise import Simulation, at_rest
-from model.diagnosis.time_series.noise import rest_variance
+from model.diagnosis.time_series.noise import named, rest_variance
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N
 from model.diagnosis.time_series.start import CampaignData
@@ -132,7 +132,10 @@ def _read(
     known = {key: value for key, value in data.linear.point.causes.items() if key in names}
     _, by_cause = at_rest(simulation, lifted, known, applied)
     present = np.array([c in data.linear.channels for c in AT_REST])
-    return by_cause[present], rest_variance(data.linear, lifted, data.noise.values)[present]
+    drifted = np.array([[data.noise.values[named(c, "of_run")] ** 2] for c in AT_REST if c in data.linear.channels])
+    return by_cause[present], rest_variance(data.linear, lifted, data.noise.values)[present] + len(
+        lifted.rests
+    ) * drifted
 
 
 def _by_inputs(simulation: Simulation, conditions: Conditions, name: str) -> FloatArray:

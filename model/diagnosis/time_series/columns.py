@@ -124,6 +124,8 @@ class Grams:
         One-sigma of the coefficient of each of the b columns where they are the error of form.
     measured : int array, shape (runs,), optional
         Which channels each run has: runs with the same number have the same.
+    static : array, shape (m, m), optional
+        Cross products of what the lifted wheel read, which belongs to no run.
     """
 
     matrices: FloatArray
@@ -137,6 +139,7 @@ class Grams:
     own: tuple[OwnGram, ...] = ()
     form: FloatArray | float = 0.0
     measured: IndexArray | None = None
+    static: FloatArray | float = 0.0
 
     @property
     def soil_columns(self) -> slice:
@@ -162,8 +165,8 @@ class Grams:
 
     @cached_property
     def total(self) -> FloatArray:
-        """Sum over runs, shape (m, m)."""
-        return np.asarray(self.matrices.sum(axis=0))
+        """Sum over runs, and what the lifted wheel read, shape (m, m)."""
+        return np.asarray(self.matrices.sum(axis=0) + self.static)
 
     @cached_property
     def net(self) -> FloatArray:
@@ -206,7 +209,7 @@ class Grams:
         """Return the Grams of all runs but one, put together as one run."""
         return replace(
             self,
-            matrices=(self.total - self.matrices[run])[None],
+            matrices=(self.matrices.sum(axis=0) - self.matrices[run])[None],
             log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[run],
             samples=self.samples.sum(keepdims=True) - self.samples[run],
             run_names=(f"all but {self.run_names[run]}",),
@@ -429,10 +432,11 @@ def _at_rest(
         for i, (_, name) in enumerate(by_run):
             if channel == "dp" and name in ("cos dp", "sin dp"):
                 turn = np.cos if name.startswith("cos") else np.sin
-                out[row, :, width - len(by_run) + i] = np.where(rests.lifted, 0.0, turn(rests.wheel_angle_rad))
+                out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
             elif name == f"zero {channel}":
-                out[row, :, width - len(by_run) + i] = rests.of_run
+                out[row, :, width - len(by_run) + i] = 1.0
             elif name == f"rest {channel}":
                 weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
-                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else ~rests.lifted
+                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else 1.0
+    out[:, rests.lifted, width - len(by_run) :] = 0.0  # no run's constants: it belongs to none
     return np.where(present[..., None], out, 0.0), present

@@ -104,7 +104,7 @@ def blocks_of(
     second = known_variance(linear, speed_variance)
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
-        rest = np.flatnonzero(samples.rests.run == run)
+        rest = np.flatnonzero((samples.rests.run == run) & ~samples.rests.lifted)
         for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
@@ -161,7 +161,7 @@ def _block(
     for i, c in enumerate(channels):
         white.append((named(c, "white"), np.concatenate([channel == i, np.zeros(len(row), bool)])))
         if c != "z":
-            mine = (row == AT_REST.index(c)) & ~samples.rests.lifted[standing]
+            mine = row == AT_REST.index(c)
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
         columns=both[:, : columns.shared],

@@ -211,7 +211,8 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
 
     The channel's coloured noise averaged over the standstill (a wheel at rest may have less than one that rolls), and
-    what differs from one standstill to the next; of a lifted wheel what its zero leaves uncertain.
+    what differs from one standstill to the next. Of a lifted wheel what its reading leaves uncertain, and by how much
+    the zero may be another one when the runs are driven.
     """
     found = np.ones((2, len(samples.rests)))
     for row, c in enumerate(AT_REST):
@@ -223,8 +224,8 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
             scatter = np.fmin(samples.rests.spread[c], values[named(c, what)]) ** 2
             found[row] += scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
         if c in samples.rests.lifted_sigma:
-            sigma = samples.rests.lifted_sigma[c]
-            found[row] = np.where(np.isfinite(sigma), sigma**2, found[row])
+            known = samples.rests.lifted_sigma[c] ** 2 + ~samples.rests.bracketed * values[named(c, "of_run")] ** 2
+            found[row] = np.where(np.isfinite(known), known, found[row])
     return found
 
 

@@ -219,6 +219,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         braked=int(np.count_nonzero(slip < 0)) >= _SOME,
         largest_slip=float(np.max(slip, initial=0.0)),
         tyre=campaign.tyre,
+        lifted=frozenset(OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if np.isfinite(x).any()),
     )
 
 

@@ -82,11 +82,6 @@ class Standstills:
         """Whether a known force acted, shape (n,)."""
         return np.asarray(np.logical_or.reduce([np.zeros(len(self), bool), *(x != 0.0 for x in self.applied.values())]))
 
-    @property
-    def of_run(self) -> FloatArray:
-        """Weight of the zero of the run beside which it was read, shape (n,)."""
-        return np.asarray(1.0 - self.bracketed if self.bracketed.size else np.ones(len(self)), float)
-
 
 def standstills_of(
     campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
@@ -167,19 +162,24 @@ def standstills_of(
 def _lifted(
     campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
 ) -> Iterator[dict[str, float]]:
-    """Yield each determination of the lifted wheel's zeros, beside the run that is nearest to it in time."""
+    """Yield each determination of the lifted wheel's zeros, at the clock of the run that is nearest to it."""
     nearest: dict[tuple[str, ...], tuple[float, int]] = {}
     for index, run in enumerate(campaign.runs):
-        for zero in run.quality.zeros.values():
+        for zero in run.quality.zeros.values() if len(run) else ():
             age = min(map(abs, zero.ages_s), default=np.inf)
             nearest[zero.recordings] = min(nearest.get(zero.recordings, (np.inf, index)), (age, index))
     for recordings, (_, index) in nearest.items():
+        if any(set(recordings) < set(other) for other in nearest):
+            continue
         run = campaign.runs[index]
         zeros = {c: run.quality.zeros.get(REACTIONS[c].role) for c in channels}
-        known = {c: zero.systematic_sigma for c, zero in zeros.items() if zero and zero.recordings == recordings}
-        if not any(sigma > 0.0 for sigma in known.values()) or not len(run):
+        readings = {
+            c: (0.0, one.systematic_sigma)
+            for c, one in zeros.items()
+            if one and one.is_known and one.recordings == recordings
+        }
+        if not readings:
             continue
-        readings = {c: (0.0, sigma) for c, sigma in known.items() if sigma > 0.0}
         yield _without_load(run, index, clocks, positions, readings, channels) | {"bracketed": len(recordings) > 1}
 
 
@@ -191,12 +191,12 @@ def _static(
     if driven is None:
         return
     run = campaign.runs[driven]
-    zeros = {c: run.quality.zeros.get(REACTIONS[c].role) for c in channels}
+    zeros = {c: zero for c in channels if (zero := run.quality.zeros.get(REACTIONS[c].role))}
     for test in campaign.static:
         readings = {
-            c: (reading - (zero.offset if zero else 0.0), sigma)
+            c: (reading - (zeros[c].offset if c in zeros else 0.0), sigma)
             for c, (reading, sigma) in test.readings.items()
-            if c in channels and not ((zero := zeros[c]) and test.test == "lifted")
+            if c in channels and not (test.test == "lifted" and c in zeros and zeros[c].is_known)
         }
         if readings:
             applied = {_of_applied(c): test.applied[c] for c in AT_REST}
@@ -238,7 +238,7 @@ def corrected_zeros(runs: Sequence[ProcessedRun]) -> tuple[Corrected, ...]:
     """Return the zeros of the lifted wheel that were taken off, by the family that each would be."""
     found = []
     for role, family in _ZEROS.items():
-        zeros = [zero for run in runs if (zero := run.quality.zeros.get(role)) and zero.systematic_sigma > 0.0]
+        zeros = [zero for run in runs if (zero := run.quality.zeros.get(role)) and zero.is_known]
         if not zeros:
             continue
         value = float(np.mean([zero.offset for zero in zeros]))

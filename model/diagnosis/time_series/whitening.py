@@ -288,6 +288,8 @@ class RunGrams:
         Cross products of each run's own shapes.
     measured : int array, shape (runs,)
         Which channels each run has, a bit for each.
+    static : array, shape (m, m), or 0
+        Of what the lifted wheel read.
     """
 
     matrices: FloatArray
@@ -296,6 +298,7 @@ class RunGrams:
     constants: FloatArray
     own: tuple[OwnGram, ...]
     measured: IndexArray
+    static: FloatArray | float
 
 
 _SAME_S = 1e-6
@@ -309,21 +312,27 @@ def whitened_rows(
     """Yield whitened rows of some runs after the other, shape (runs, rows, columns), and ln det, shape (runs,).
 
     Rows are padded with zeros, standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
+    Where the wheel was lifted, that comes last of all, as if it were a run.
     """
     at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
     variance = np.where(columns.rests_present, rest_variance(linear, samples, values), 1.0)
-    resting, rest_at = columns.rests / np.sqrt(variance)[..., None], places_of(samples.rests.run, samples.runs)
+    lifted = samples.rests.lifted
+    resting, of_run = columns.rests / np.sqrt(variance)[..., None], samples.rests.run[~lifted]
+    rest_at = places_of(of_run, samples.runs)
     log_determinants = np.zeros(samples.runs)
-    np.add.at(log_determinants, samples.rests.run, np.log(variance).sum(axis=0))
+    np.add.at(log_determinants, of_run, np.log(variance[:, ~lifted]).sum(axis=0))
     sigmas = np.array([values[name] for name in columns.constants])
     for first in range(0, samples.runs, RUNS_AT_ONCE):
         last = min(first + RUNS_AT_ONCE, samples.runs)
         found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
-        rests = rest_at.padded_runs(resting, first, last)
+        rests = rest_at.padded_runs(resting[:, ~lifted], first, last)
         rows = np.concatenate([found.columns, rests.reshape(last - first, -1, rests.shape[-1])], axis=1)
         rows[..., columns.varying :] *= sigmas
         yield rows, found.log_determinants + log_determinants[first:last]
+    if lifted.any():
+        rows = resting[:, lifted].reshape(1, -1, resting.shape[-1])
+        yield rows, np.log(variance[:, lifted]).sum(keepdims=True)[0]
 
 
 def run_grams(
@@ -345,8 +354,15 @@ def run_grams(
         matrices.append(varying[:, :shared, :shared].copy())
         log_determinants.append(log_dets + np.linalg.slogdet(inner)[1])
         means.append(solved)
+    static: FloatArray | float = 0.0
+    lifted = samples.rests.lifted
+    if lifted.any():
+        static = matrices.pop()[0]
+        log_determinants.pop()
+        means.pop()
     counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
-    counts += np.bincount(samples.rests.run, columns.rests_present.sum(axis=0), minlength=samples.runs)
+    standing = columns.rests_present[:, ~lifted].sum(axis=0)
+    counts += np.bincount(samples.rests.run[~lifted], standing, minlength=samples.runs)
     return RunGrams(
         np.concatenate(matrices),
         np.concatenate(log_determinants),
@@ -354,6 +370,7 @@ def run_grams(
         np.concatenate(means),
         tuple(own),
         _measured(samples, linear, columns),
+        static,
     )
 
 
@@ -440,6 +457,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
     matrices, order, own, form = [], [], [], []
+    static: FloatArray | float = 0.0
     soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
     for name, _, columns, grams in parts:
         turn = np.zeros((columns.shared, width))
@@ -452,6 +470,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
         soil_at, basis_at = soil_at + q, basis_at + b
         matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
+        static = static + (turn.T @ grams.static @ turn if np.ndim(grams.static) else 0.0)
         order.append(columns.catch_all.order + rank)
         form.append(columns.catch_all.form)
         for one in grams.own:
@@ -467,6 +486,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         causes=tuple(causes.values()),
         basis=tuple(basis),
         measured=np.concatenate([g.measured for *_, g in parts]),
+        static=static,
         order=np.concatenate(order),
         own=tuple(own),
         form=np.concatenate(form),
