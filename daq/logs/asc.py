@@ -200,7 +200,7 @@ def _after_header(piece: bytes, before: _Asc, number_of_line: int, report: LogRe
         return before
     start_ns = _utc_ns(date)
     if not start_ns:
-        report.note_bad(f"line {number_of_line}", f"a date that is none: {date[0].strip()[:60]}")
+        report.faults.append(f"line {number_of_line}: a date that is none: {date[0].strip()[:60]}")
     return replace(before, start_ns=start_ns)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
 from daq.config import SeriesSection
 from daq.errors import ConfigError, Fault, nearest
-from daq.logs.report import LogReport
+from daq.logs.report import EMPTY, HEADERS, LogReport
 from daq.logs.shapes import text_blocks
 from daq.series.blocks import SeriesReport
 from daq.series.time_stamps import TimeStamps
@@ -185,10 +185,14 @@ def read_frame_table(file: BinaryIO, report: LogReport, columns: FrameColumns | 
     for block in text_blocks(file):
         if rows is None:
             rows = _rows(block, report, columns)
+            report.balance.come("lines", 1)
+            report.balance.put_aside(HEADERS, 1)
             block = block.partition(b"\n")[2]
             line = 2
+        count = block.count(b"\n") + (not block.endswith(b"\n"))
+        report.balance.come("lines", count)
         yield from rows.read(block, line)
-        line += block.count(b"\n")
+        line += count
 
 
 def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Rows:
@@ -261,14 +265,17 @@ class _Rows:
     def read(self, block: bytes, first_line: int) -> Iterator[FrameBatch]:
         """Yield the frames of whole lines, as one batch."""
         found: list[_Frame] = []
+        empty = -block.endswith(b"\n")  # what is behind the last line feed is no line
         for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
             if not line or line.isspace():
+                empty += 1
                 continue
             try:
                 found.append(self._frame(line, number))
             except (ValueError, IndexError, KeyError) as error:
                 text = line.rstrip("\r")
                 self._report.note_bad(f"line {number}", f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN])
+        self._report.balance.put_aside(EMPTY, empty)
         if found:
             yield from self._batch(found)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
-from daq.logs.report import LogReport
+from daq.logs.report import EMPTY, HEADERS, LogReport
 
 BLOCK_BYTES = 4 << 20
 LONGEST_LINE = 1024
@@ -107,12 +107,14 @@ def read_lines(file: BinaryIO, grammar: Grammar, report: LogReport) -> Iterator[
 def frames_of(block: bytes, first_line: int, grammar: Grammar, report: LogReport) -> Generator[FrameBatch, None, int]:
     """Yield the frames of whole lines; return the number of the line after them."""
     lines = Lines(block)
+    report.balance.come("lines", len(lines.start))
     parts: list[_Part] = []
     unread: list[Rows] = []
     for rows in _by_length(lines.length):
         found, left = _read_equally_long(lines, rows, grammar)
         parts.extend(found)
         unread.append(left)
+    report.balance.put_aside(EMPTY, int(np.count_nonzero(lines.length == 0)))
     _note_unread(lines, unread, first_line, grammar, report)
     if any(len(part.rows) for part in parts):
         yield _join(parts, lines, first_line, report)
@@ -282,5 +284,5 @@ def _note_unread(lines: Lines, unread: list[Rows], first_line: int, grammar: Gra
         kind = grammar.kind_of(line) if line else ""
         if kind is None:
             report.note_bad(f"line {first_line + row}", line[:_SHOWN].decode("ascii", "backslashreplace"))
-        elif kind:
-            report.note_skipped(kind)
+        else:
+            report.note_skipped(kind or (HEADERS if line else EMPTY))

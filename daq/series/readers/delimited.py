@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 from daq.arrays import FloatArray
 from daq.can.roles import unit_behind
 from daq.config import SeriesSection
-from daq.errors import DataError, RecordingError
+from daq.errors import ConfigError, DataError, RecordingError
 from daq.formatting import numbered
+from daq.gunzip import Gunzip, unpacked
 from daq.logs.report import share_of_file
-from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport
+from daq.series.blocks import EMPTY, Blocks, Series, SeriesBlock, SeriesReport
+from daq.series.numerals import COMMA, MOST_UNSEPARATED, POINT, Evidence, numbers_of, parts_thousands
 from daq.series.tables import MISSING
 from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, is_time_text, time_columns
 from daq.units import Quantity, find_unit
@@ -29,12 +32,19 @@ _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _MOST_COLUMNS = 10_000
 _SAMPLE_ROWS = 200
+_USUAL_SHARE = 0.2
 _DELIMITERS = "\t;|,"
 """The comma last: it may be in the numbers."""
 _NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "null", "NULL", "None", "#N/A", "#NV", "--"})
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_NUMBER = re.compile(r"[+-]?(\d{1,3}([.,'\u2019 \u00a0\u202f]\d{3})+([.,]\d*)?|\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _BOOLEANS = {"true", "false"}
+_VALUE = re.compile(r"\d")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|$)")
+_EMPTY_LINE = re.compile(rb"(?m)^(?:\r\n|\n|\r)")
+_PAIR = re.compile(rb"([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)(?:,|(?=[\r\n])|$)")
+_HALVES = re.compile(r"[+-]?\d+,\d+(?:,[+-]?\d+,\d+)*$")
+_OTHER_HEADER = "behind another header"
 _COLUMN = re.compile(r"column #(\d+)")
 _EXACT = 1 << 53
 
@@ -54,6 +64,12 @@ class Head:
         Bytes before the first row.
     first_line : int
         Number of the line of the first row.
+    lost : mapping int -> str
+        Lines above it that hold data, by their number.
+    decimals : mapping sign -> columns
+        Columns whose first cells have that decimal sign, and could have no other.
+    rejoined : bool
+        Whether a decimal comma makes two cells of each number.
     """
 
     columns: tuple[str, ...]
@@ -63,6 +79,9 @@ class Head:
     decimal: str
     data_offset: int
     first_line: int
+    lost: Mapping[int, str]
+    decimals: Mapping[str, frozenset[str]]
+    rejoined: bool = False
 
 
 def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
@@ -83,6 +102,8 @@ def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> S
     dates = [name for name, kind in head.kinds.items() if kind == "time"]
     units = dict(zip(head.columns, head.units, strict=True))
     times = time_columns(units, dates, layout, str(path))
+    if head.rejoined:
+        report.note_reading("commas read as decimal ones, because each line has two cells for each name")
     report.skipped |= {
         name: "text" for name, kind in head.kinds.items() if kind == "text" and name not in times.values()
     }
@@ -111,7 +132,7 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     lines = [_text(line).rstrip("\r") for line in raw]
     delimiter = _delimiter(lines, source)
     rows = [_cells(line, delimiter) for line in lines]
-    count = _usual_count(rows)
+    count = _usual_count(rows, layout)
     if count > _MOST_COLUMNS:
         raise DataError.of("too many columns", source, f"{count}", f"at most {_MOST_COLUMNS}", "choose some of them")
     first = next((i for i, row in enumerate(rows) if len(row) == count and _is_data(row)), None)
@@ -120,13 +141,31 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
             "no row of numbers", source, f"begins with {lines[0][:80]!r}", "a header and rows of numbers"
         )
     named = [i for i in range(first) if abs(len(rows[i]) - count) <= 1 and len(rows[i]) > 1]
-    names, units = _names(rows, named, count)
     sample = [row for row in rows[first : first + _SAMPLE_ROWS] if len(row) == count]
-    decimal = layout.decimal or _decimal(sample, delimiter)
+    halves = [i for i in range(first) if delimiter == "," and count == 2 * len(rows[i]) > 2]
+    rejoined = bool(halves) and all(map(_HALVES.match, map(",".join, sample)))
+    if rejoined:
+        sample = [[f"{one}.{other}" for one, other in zip(row[::2], row[1::2], strict=True)] for row in sample]
+        named, count, delimiter = halves, count // 2, ";"
+    header, unit_row = _header_rows(rows, named, layout)
+    names, units = _names(rows[header] if named else (), rows[unit_row] if unit_row is not None else (), count)
+    if named and len(rows[header]) < count and sum(bool(row[-1]) for row in sample) > 0.5 * len(sample):
+        found = f"{len(rows[header])} names, {count} cells: {lines[first][:80]!r}"
+        step = "name every column in the header, or export with another sign between the cells"
+        raise ConfigError.of("the rows have more cells than the header has names", source, found, next_step=step)
+    lost = {
+        i + 1: lines[i][:60]
+        for i in range(first)
+        if _is_lost(rows[i], i > header if named else True, i in (header, unit_row))
+    }
+    decimals = {
+        sign: frozenset(n for i, n in enumerate(names) if _is_decimal(sign, sample, i)) for sign in (POINT, COMMA)
+    }
+    decimal = layout.decimal or _decimal(decimals, sample, delimiter)
     kinds = {name: _kind([row[i] for row in sample], decimal) for i, name in enumerate(names)}
     offset = sum(len(line) + 1 for line in raw[:first])
     kinds |= {n: "time" for n in names if kinds[n] == "text" and (n in layout.times or is_time_name(n))}
-    return Head(tuple(names), tuple(units), kinds, delimiter, decimal, offset, first + 1)
+    return Head(tuple(names), tuple(units), kinds, delimiter, decimal, offset, first + 1, lost, decimals, rejoined)
 
 
 def _text(line: bytes) -> str:
@@ -158,9 +197,12 @@ def _cells(line: str, delimiter: str) -> list[str]:
         return line.split(delimiter)
 
 
-def _usual_count(rows: Sequence[Sequence[str]]) -> int:
-    counts = [len(row) for row in rows if len(row) > 1][-_SAMPLE_ROWS:]
-    return max(set(counts), key=counts.count)
+def _usual_count(rows: Sequence[Sequence[str]], layout: SeriesSection) -> int:
+    """Return the number of cells of most rows, or that of the header where many rows have as many."""
+    counts = Counter(len(row) for row in rows if len(row) > 1)
+    first = next((i for i, row in enumerate(rows) if len(row) > 1 and _is_data(row)), 0)
+    named = [i for i in range(first) if counts[len(rows[i])] > _USUAL_SHARE * counts.total()]
+    return len(rows[_header_rows(rows, named, layout)[0]]) if named else counts.most_common(1)[0][0]
 
 
 def _is_data(row: Sequence[str]) -> bool:
@@ -172,12 +214,29 @@ def _is_data(row: Sequence[str]) -> bool:
     return values > 0 and values >= words
 
 
-def _names(rows: Sequence[Sequence[str]], named: Sequence[int], count: int) -> tuple[list[str], list[str]]:
-    """Return unique names and the units of the columns, from the last lines before the rows."""
-    header: Sequence[str] = rows[named[-1]] if named else ()
-    units: Sequence[str] = ()
-    if len(named) > 1 and _are_units(header):
-        header, units = rows[named[-2]], header
+def _header_rows(rows: Sequence[Sequence[str]], named: Sequence[int], layout: SeriesSection) -> tuple[int, int | None]:
+    """Return which of the lines above the rows has the names, and which the units: of equally good ones the last."""
+    of_units = [i for i in named if _are_units(rows[i])]
+    possible = [i for i in named if i not in of_units] or list(named)
+    if not possible:
+        return 0, None
+
+    def merit(i: int) -> tuple[bool, bool, bool, int]:
+        cells = [cell.lstrip("#% ") for cell in rows[i] if cell]
+        times = any(cell in layout.times or is_time_name(cell) for cell in cells)
+        return times, not any(_NUMBER.match(cell) for cell in cells), len(set(cells)) > 1, i
+
+    header = max(possible, key=merit)
+    return header, next((i for i in reversed(of_units) if i != header), None)
+
+
+def _is_lost(row: Sequence[str], under_header: bool, is_header: bool) -> bool:
+    """Return whether a line above the first row held data: any under the header, values above it."""
+    return not is_header and any(row) and (under_header or (len(row) > 1 and _is_data(row)))
+
+
+def _names(header: Sequence[str], units: Sequence[str], count: int) -> tuple[list[str], list[str]]:
+    """Return unique names and the units of the columns."""
     names: list[str] = []
     for i in range(count):
         cell = header[i].strip() if i < len(header) else ""
@@ -193,13 +252,20 @@ def _are_units(cells: Sequence[str]) -> bool:
     return bool(found) and sum(unit is not None for unit in found) >= 0.5 * len(found)
 
 
-def _decimal(sample: Sequence[Sequence[str]], delimiter: str) -> str:
-    if delimiter == ",":
-        return "."
+def _is_decimal(sign: str, sample: Sequence[Sequence[str]], column: int) -> bool:
+    evidence = Evidence()
+    evidence.take({row[column] for row in sample}, sign)
+    return bool(evidence.decimal) and not evidence.thousands
+
+
+def _decimal(decimals: Mapping[str, frozenset[str]], sample: Sequence[Sequence[str]], delimiter: str) -> str:
+    """Return the decimal sign of most columns, and where no column decides that of most cells."""
+    if len(decimals[POINT]) != len(decimals[COMMA]) or delimiter == ",":
+        return COMMA if len(decimals[COMMA]) > len(decimals[POINT]) else POINT
     cells = [cell for row in sample for cell in row]
     commas = sum(bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
     points = sum("." in cell and bool(_NUMBER.match(cell)) for cell in cells)
-    return "," if commas > points else "."
+    return COMMA if commas > points else POINT
 
 
 def _kind(cells: Sequence[str], decimal: str) -> Kind:
@@ -230,17 +296,11 @@ def _topics(head: Head, times: Mapping[str, str]) -> dict[str, tuple[str, tuple[
     return {time: (time, columns) for time, columns in groups.items() if columns}
 
 
-def _opened(path: Path) -> BinaryIO:
-    import gzip
-
+def _opened(path: Path) -> io.BufferedReader:
     try:
-        file = path.open("rb")
-        if file.peek(2)[:2] == b"\x1f\x8b":
-            file.close()
-            return gzip.open(path, "rb")  # type: ignore[return-value]
+        return unpacked(path, HEAD_BYTES)
     except OSError as error:
         raise RecordingError.of("the file cannot be read", path, error.strerror or str(error)) from None
-    return file
 
 
 def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
@@ -264,9 +324,12 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
             else:
                 carry += piece
             if len(carry) > _LONGEST_LINE:
+                report.balance.come("rows", 1)
                 report.note_bad_row("a line", f"longer than {_LONGEST_LINE} bytes")
                 carry = b""
-        if carry.strip():
+        if isinstance(file.raw, Gunzip) and file.raw.damage:
+            report.damage = file.raw.damage
+        if carry:
             yield carry
 
 
@@ -278,11 +341,17 @@ def _blocks(
     layout: SeriesSection,
     report: SeriesReport,
 ) -> Iterator[Blocks]:
-    reader = _Reader(head, {*stamps, *(name for _, columns in topics.values() for name in columns)}, report)
+    wanted = {*stamps, *(name for _, columns in topics.values() for name in columns)}
+    reader = _Reader(path, head, wanted, layout, report)
     done = 0
+    report.balance.come("rows", head.first_line - 1)
+    for line, text in head.lost.items():
+        report.note_bad_row(f"line {line}", repr(text))
+    report.balance.put_aside("lines above the rows", head.first_line - 1 - len(head.lost))
     for piece in _pieces(path, head.data_offset, report):
         cells = reader.read(piece)
         count = len(next(iter(cells.values()), ()))
+        report.balance.come("rows", (len(topics) - 1) * count)
         blocks = []
         for topic, (time, columns) in topics.items():
             numbers = {name: reader.numbers(name, cells[name]) for name in columns}
@@ -290,6 +359,7 @@ def _blocks(
                 time_ns, usable = stamps[time].of(reader.times(time, cells[time]))
                 if len(topics) > 1:  # a slower table ends before the others, or has rows of its own
                     there = np.any([np.isfinite(one) for one in numbers.values()], axis=0)
+                    report.balance.put_aside(EMPTY, int(np.count_nonzero(~there)))
                     time_ns, usable = time_ns[there], usable[there]
                     numbers = {name: one[there] for name, one in numbers.items()}
             else:
@@ -304,21 +374,92 @@ def _blocks(
 class _Reader:
     """Parses pieces of the file; a column with a cell that is no number is read as text from there on."""
 
-    def __init__(self, head: Head, wanted: set[str], report: SeriesReport) -> None:
+    def __init__(self, path: Path, head: Head, wanted: set[str], layout: SeriesSection, report: SeriesReport) -> None:
         import pyarrow as pa
 
         kinds = {"number": pa.float64(), "empty": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_()}
-        self._head, self._report = head, report
+        self._path, self._head, self._layout, self._report = path, head, layout, report
+        self._order = head.columns
         self._wanted = [name for name in head.columns if name in wanted]
         self._types = {name: kinds.get(head.kinds[name], pa.string()) for name in self._wanted}
+        self._numeric = [name for name in self._wanted if head.kinds[name] in ("number", "empty", "integer")]
+        if layout.thousands:
+            self._types |= dict.fromkeys(self._numeric, pa.string())
+        self._signs: dict[str, tuple[str, str]] = {}
+        self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
+        self._mark = max(head.columns, key=len).encode()
         self._line = head.first_line
+        self._ended = False
 
     def read(self, piece: bytes) -> dict[str, NDArray[Any]]:
         """Return the cells of each wanted column: numbers, or texts where it holds others."""
         import pyarrow as pa
-        from pyarrow import csv as arrow_csv
 
         piece = _as_utf8(piece)
+        tables = [self._table(part) for part in self._between_headers(piece)]
+        table = pa.concat_tables([self._typed(one) for one in tables])
+        return {name: _as_numpy(table.column(name)) for name in self._wanted}
+
+    def _typed(self, table: Any) -> Any:
+        """Return a table whose columns have the types that they have by now: some fell to text on the way."""
+        import pyarrow as pa
+
+        return table.cast(pa.schema([(name, self._types[name]) for name in self._wanted]))
+
+    def _between_headers(self, piece: bytes) -> Iterator[bytes]:
+        """Part a piece at lines that repeat the header, and take the columns in the order that each of them has."""
+        if self._mark in piece:
+            start = 0
+            for line in [match for match in _LINE.finditer(piece) if self._mark in match[0]]:
+                cells = _cells(_text(line[0]).strip(), self._head.delimiter)
+                if sorted(cells) == sorted(self._head.columns):
+                    yield piece[start : line.start()]
+                    self._report.balance.come("rows", 1)
+                    self._report.balance.put_aside("headers among the rows", 1)
+                    if tuple(cells) != self._order:
+                        self._order = tuple(cells)
+                        self._report.note_reading(
+                            f"columns in another order from line {self._line} on: a header is there"
+                        )
+                    self._line += 1
+                    start = line.end()
+            piece = piece[start:]
+        yield piece
+
+    def _table(self, piece: bytes) -> Any:
+        """Return the rows of whole lines, every line accounted for."""
+        import pyarrow as pa
+
+        if not piece:
+            return pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
+        count = _lines_in(piece)
+        self._report.balance.come("rows", count)
+        if self._ended:
+            self._report.balance.lose(_OTHER_HEADER, count)
+            return pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
+        table, bad = self._parsed(_rejoined(piece) if self._head.rejoined else piece)
+        empty = 0
+        if table.num_rows + len(bad) < count:
+            empty = len(_EMPTY_LINE.findall(piece))
+        if table.num_rows + len(bad) + empty < count and b'"' in piece:  # a quotation mark swallows lines
+            lines = _LINE.findall(piece)
+            unclosed = [line for line in lines if line.count(b'"') % 2]
+            shown = unclosed[0][:60].decode("utf-8", "replace") if unclosed else ""
+            self._report.note_bad_row("a line", f"a quotation mark without its second: {shown!r}", len(unclosed))
+            table, bad = self._parsed(b"".join(line for line in lines if not line.count(b'"') % 2))
+        self._report.balance.put_aside(EMPTY, empty)
+        for row in bad:
+            shown = (row.text or "")[:60]
+            why = f"{row.actual_columns} cells in a table of {row.expected_columns} columns: {shown!r}"
+            self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
+        self._line += count
+        return self._above_another_header(table)
+
+    def _parsed(self, piece: bytes) -> tuple[Any, list[Any]]:
+        """Return the rows and what is none; a column with a cell that is no number becomes one of text."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
         bad: list[Any] = []
 
         def invalid(row: Any) -> str:
@@ -326,7 +467,7 @@ class _Reader:
             return "skip"
 
         parse = arrow_csv.ParseOptions(delimiter=self._head.delimiter, invalid_row_handler=invalid)
-        options = arrow_csv.ReadOptions(column_names=self._head.columns, use_threads=False, block_size=len(piece) + 1)
+        options = arrow_csv.ReadOptions(column_names=self._order, use_threads=False, block_size=len(piece) + 1)
         while True:
             bad.clear()
             convert = arrow_csv.ConvertOptions(
@@ -339,21 +480,109 @@ class _Reader:
             )
             try:
                 table = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert)
-                break
             except pa.ArrowInvalid as error:
                 place = _COLUMN.search(str(error))
-                column = self._head.columns[int(place[1])] if place else ""
+                column = self._order[int(place[1])] if place else ""
                 if column not in self._types or self._types[column] == pa.string():
-                    self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], piece.count(b"\n") or 1)
-                    table = pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
-                    break
+                    lines = _lines_in(piece) - len(_EMPTY_LINE.findall(piece))
+                    self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], lines)
+                    bad.clear()
+                    return pa.table({name: pa.array([], kind) for name, kind in self._types.items()}), bad
                 self._types[column] = pa.string()
-        for row in bad:
-            shown = (row.text or "")[:60]
-            why = f"{row.actual_columns} cells in a table of {row.expected_columns} columns: {shown!r}"
-            self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
-        self._line += piece.count(b"\n")
-        return {name: _as_numpy(table.column(name)) for name in self._wanted}
+            else:
+                parted = [name for name in self._whole if self._parts_thousands(name, table.column(name))]
+                if not parted:
+                    return table, bad
+                self._types |= dict.fromkeys(parted, pa.string())
+
+    def _parts_thousands(self, name: str, column: Any) -> bool:
+        """Return whether the decimal sign parts thousands in a column of whole numbers below 1000 so far."""
+        if self._types[name] == _text_type():
+            return False
+        values = _as_numpy(column)
+        values = values[np.isfinite(values)]
+        fractions = values[values != np.floor(values)]
+        if not len(fractions) and (not len(values) or np.abs(values).max() < MOST_UNSEPARATED):
+            return False
+        self._whole = self._whole - {name}
+        thousandths = fractions * 1000.0
+        possible = len(fractions) and np.abs(fractions).min() > 1.0 and np.abs(values).max() < MOST_UNSEPARATED
+        if not possible or np.abs(thousandths - np.rint(thousandths)).max() > 1e-6:
+            return False
+        return bool(self._signs_of(name)[1])
+
+    def _signs_of(self, name: str) -> tuple[str, str]:
+        """Return decimal sign and thousands sign of a column, by all its cells; empty where there is none."""
+        if name not in self._signs:
+            self._signs[name] = self._decided(name)
+        return self._signs[name]
+
+    def _decided(self, name: str) -> tuple[str, str]:
+        usual, layout, where = self._head.decimal, self._layout, str(self._path)
+        if layout.thousands:
+            return layout.decimal or (COMMA if layout.thousands == POINT else POINT), layout.thousands
+        found = {sign: Evidence() for sign in (POINT, COMMA)}
+        for cells in self._cells_of(name):
+            for sign, evidence in found.items():
+                evidence.take(cells, sign)
+        usual = layout.decimal or usual
+        other = COMMA if usual == POINT else POINT
+        if found[other].thousands or found[other].either or found[other].decimal:
+            decided = bool(layout.decimal) or bool(self._head.decimals[usual] - {name}) or bool(found[usual].decimal)
+            if found[other].decimal and not found[usual].decimal and not found[other].thousands:
+                self._report.note_reading(f"{name!r} has decimal {_called(other)}s, because of {found[other].decimal}")
+                return other, ""
+            if found[other].decimal:
+                return usual, ""
+            reason = parts_thousands(found[other], other, name, where, other_is_decimal=decided)
+            if not reason:
+                return other, ""
+            self._note_thousands(name, other, reason)
+            return usual, other
+        if layout.decimal:
+            return usual, ""
+        reason = parts_thousands(found[usual], usual, name, where, other_is_decimal=bool(self._head.decimals[other]))
+        if not reason:
+            return usual, ""
+        self._note_thousands(name, usual, reason)
+        return other, usual
+
+    def _note_thousands(self, name: str, sign: str, reason: str) -> None:
+        self._report.note_reading(f"the {_called(sign)}s of {name!r} read as parting thousands, because {reason}")
+
+    def _cells_of(self, name: str) -> Iterator[list[str]]:
+        """Yield the different cells of a column, piece by piece."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        parse = arrow_csv.ParseOptions(delimiter=self._head.delimiter, invalid_row_handler=lambda _: "skip")
+        convert = arrow_csv.ConvertOptions(column_types={name: pa.string()}, include_columns=[name], check_utf8=False)
+        aside = SeriesReport(str(self._path), "")
+        for piece in _pieces(self._path, self._head.data_offset, aside):
+            piece = _as_utf8(_rejoined(piece) if self._head.rejoined else piece)
+            options = arrow_csv.ReadOptions(column_names=self._order, use_threads=False, block_size=len(piece) + 1)
+            try:
+                column = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert).column(name)
+            except pa.ArrowInvalid:
+                continue
+            yield [cell.strip() for cell in column.unique().to_pylist() if cell]
+
+    def _above_another_header(self, table: Any) -> Any:
+        """Return the rows above one that looks like another header: nobody knows what the columns behind it are."""
+        names = [name for name in self._numeric if self._types[name] == _text_type()]
+        if len(names) < max(len(self._numeric), 2) or not table.num_rows:
+            return table
+        texts = [table.column(name).to_pylist() for name in names]
+        for i, cells in enumerate(zip(*texts, strict=True)):
+            words = {cell for cell in cells if cell and not _VALUE.search(cell)}
+            if len(words) == len(cells):
+                self._ended = True
+                self._report.damage = (
+                    f"a row of words is among the numbers, perhaps another header: {', '.join(cells[:4])}"
+                )
+                self._report.balance.lose(_OTHER_HEADER, table.num_rows - i)
+                return table.slice(0, i)
+        return table
 
     def times(self, name: str, cells: NDArray[Any]) -> NDArray[Any]:
         """Return the cells of a time column: numbers, or texts where it holds dates."""
@@ -365,12 +594,33 @@ class _Reader:
             return cells.astype(np.float64, copy=False)
         import pandas as pd
 
-        texts = pd.Series(cells)
-        if self._head.decimal != ".":
-            texts = texts.str.replace(self._head.decimal, ".", regex=False)
-        values: FloatArray = pd.to_numeric(texts.str.strip(), errors="coerce").to_numpy(np.float64)
-        self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & texts.notna().to_numpy())))
+        values = numbers_of(cells, *self._signs_of(name))
+        self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & pd.notna(cells))))
         return values
+
+
+def _text_type() -> Any:
+    """Return the type of texts; pyarrow is loaded when it is needed."""
+    import pyarrow as pa
+
+    return pa.string()
+
+
+def _called(sign: str) -> str:
+    return "comma" if sign == COMMA else "point"
+
+
+def _lines_in(piece: bytes) -> int:
+    """Return the number of lines, whatever ends each; the last one may end with the file."""
+    ends = piece.count(b"\n")
+    if b"\r" in piece:
+        ends += piece.count(b"\r") - piece.count(b"\r\n")
+    return ends + (not piece.endswith((b"\n", b"\r")))
+
+
+def _rejoined(piece: bytes) -> bytes:
+    """Return lines in which two cells are one number, its decimal comma between them, as other tables are."""
+    return _PAIR.sub(rb"\1.\2;", piece).replace(b";\r\n", b"\r\n").replace(b";\n", b"\n").removesuffix(b";")
 
 
 def _as_utf8(piece: bytes) -> bytes:
