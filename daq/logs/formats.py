@@ -128,6 +128,12 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
     return file, known
 
 
+def is_frame_log(path: Path) -> bool:
+    """Return whether the content of a file is that of a log of frames."""
+    with unpacked(path, _HEAD_BYTES) as file:
+        return isinstance(_detected(file.peek()), LogFormat)
+
+
 def no_such_file(path: Path) -> RecordingError:
     """Return the error of a file that is not there, with names that are."""
     names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []

@@ -42,6 +42,8 @@ class LogReport:
         Of the bytes of a file that holds containers, or is packed.
     faults : list of str
         What is wrong with a header, and where.
+    readings : list of str
+        How numbers were read that may be read in two ways, and why.
     out_of_order : int
         Frames that are earlier than the one before them; they stay where they are.
     damage : str
@@ -60,6 +62,7 @@ class LogReport:
     balance: Balance = field(default_factory=Balance)
     file_bytes: Balance = field(default_factory=Balance)
     faults: list[str] = field(default_factory=list)
+    readings: list[str] = field(default_factory=list)
     out_of_order: int = 0
     first_out_of_order: str = ""
     damage: str = ""
@@ -128,7 +131,7 @@ class LogReport:
 
     def remarks(self) -> list[str]:
         """Return what a user should know of this log, a sentence each."""
-        lines = []
+        lines = list(self.readings)
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.local_time:

@@ -14,4 +14,5 @@ from .run import terrain_from_file as terrain_from_file
 from .run import vehicle_from_file as vehicle_from_file
 from .signals import MessageFacts as MessageFacts
 from .signals import SignalFacts as SignalFacts
+from .signals import MOST_MESSAGES as MOST_MESSAGES
 from .signals import SignalTally as SignalTally

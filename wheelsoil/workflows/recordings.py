@@ -22,9 +22,9 @@ from daq import (
 )
 from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, NoData, coverage, messages_by_bus, no_data_of
 from daq.logger import is_being_recorded
-from daq.logs import LogReading, LogReport, lenient_remarks
+from daq.logs import LogReading, LogReport, interruption_remarks, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
-from daq.runs import LENIENT_KEY, MessageFacts, Run, SignalTally
+from daq.runs import LENIENT_KEY, MOST_MESSAGES, MessageFacts, Run, SignalTally
 from daq.series import Series, SeriesReport, draft_of, write_frame
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
@@ -168,6 +168,9 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
         remarks += tally.report.remarks()
+    remarks += interruption_remarks(tally.interrupted)
+    if tally.messages.passed_over:
+        remarks.append(f"more than {MOST_MESSAGES:,} messages: {tally.messages.passed_over:,} samples are not listed")
     return FileFacts(
         run_id=run.id,
         file=str(run.path),
@@ -253,6 +256,7 @@ class _Tally:
         self.end_ns: int | None = None
         self.report: LogReport | SeriesReport | None = None
         self.messages = SignalTally()
+        self.interrupted: dict[str, int] = {}
 
     def span(self, time_ns: IntArray) -> None:
         """Stretch begin and end over these stamps."""
@@ -286,6 +290,8 @@ def _tally(run: Run, watch: Watch | None) -> _Tally:
         tally.span(batch.frames["time_ns"])
         for bus, name, time_ns, values, units in _messages(batch, decoder):
             tally.messages.take(bus, name, time_ns, values, units, no_data.get((bus, name), {}))
+        if decoder:
+            tally.interrupted = decoder.interrupted()
         if watch:
             share = batches.report.share if isinstance(batches, LogReading) else _share(run, tally)
             watch(sum(tally.frames.values()), share)

@@ -102,14 +102,14 @@ def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> S
     dates = [name for name, kind in head.kinds.items() if kind == "time"]
     units = dict(zip(head.columns, head.units, strict=True))
     times = time_columns(units, dates, layout, str(path))
-    if head.rejoined:
-        report.note_reading("commas read as decimal ones, because each line has two cells for each name")
     report.skipped |= {
         name: "text" for name, kind in head.kinds.items() if kind == "text" and name not in times.values()
     }
     topics = _topics(head, times)
 
     def read() -> Iterator[Blocks]:
+        if head.rejoined:
+            report.note_reading("commas read as decimal ones, because each line has two cells for each name")
         stamps = {time: TimeStamps(time, units[time], layout, report) for time in dict.fromkeys(times.values())}
         return _blocks(path, head, topics, stamps, layout, report)
 
