@@ -67,13 +67,13 @@ class Evidence:
                 self.decimal = self.decimal or cell
 
 
-def parts_thousands(found: Evidence, sign: str, column: str, where: str, *, other_is_decimal: bool) -> str:
+def parts_thousands(found: Evidence, sign: str, column: str, where: str, decimal_elsewhere: str) -> str:
     """Return why a sign parts thousands in a column, empty where it is the decimal sign.
 
     Parameters
     ----------
-    other_is_decimal : bool
-        Whether other columns of the table have the other sign before decimals.
+    decimal_elsewhere : str
+        The sign before decimals in other columns of the table; empty where none decides.
 
     Raises
     ------
@@ -86,12 +86,12 @@ def parts_thousands(found: Evidence, sign: str, column: str, where: str, *, othe
         return f"{found.thousands} is no number otherwise"
     if not found.either or found.decimal or found.largest >= MOST_UNSEPARATED:
         return ""
-    if other_is_decimal:
+    if decimal_elsewhere not in ("", sign):
         return f"{COMMA if sign == POINT else POINT} is the decimal sign of the table"
     if found.largest >= _LEAST_NEIGHBOUR:
         return f"{found.either} is beside {found.unseparated}, and every separated cell has three digits behind it"
-    if found.largest < 0 and sign == POINT:
-        return ""  # three decimals throughout
+    if decimal_elsewhere == sign or (found.largest < 0 and sign == POINT):
+        return ""  # three decimals
     beside = f" beside {found.unseparated}" if found.unseparated else ""
     raise _undecided(sign, column, where, f"{found.either}{beside}")
 

@@ -518,34 +518,32 @@ class _Reader:
         return self._signs[name]
 
     def _decided(self, name: str) -> tuple[str, str]:
-        usual, layout, where = self._head.decimal, self._layout, str(self._path)
+        layout, where = self._layout, str(self._path)
+        usual = layout.decimal or self._head.decimal
         if layout.thousands:
             return layout.decimal or (COMMA if layout.thousands == POINT else POINT), layout.thousands
         found = {sign: Evidence() for sign in (POINT, COMMA)}
         for cells in self._cells_of(name):
             for sign, evidence in found.items():
                 evidence.take(cells, sign)
-        usual = layout.decimal or usual
         other = COMMA if usual == POINT else POINT
-        if found[other].thousands or found[other].either or found[other].decimal:
-            decided = bool(layout.decimal) or bool(self._head.decimals[usual] - {name}) or bool(found[usual].decimal)
-            if found[other].decimal and not found[usual].decimal and not found[other].thousands:
+        elsewhere = usual if layout.decimal or self._head.decimals[usual] - {name} or found[usual].decimal else ""
+        if found[other].decimal:
+            if not found[usual].decimal and not found[other].thousands and not layout.decimal:
                 self._report.note_reading(f"{name!r} has decimal {_called(other)}s, because of {found[other].decimal}")
                 return other, ""
-            if found[other].decimal:
-                return usual, ""
-            reason = parts_thousands(found[other], other, name, where, other_is_decimal=decided)
-            if not reason:
-                return other, ""
-            self._note_thousands(name, other, reason)
-            return usual, other
-        if layout.decimal:
             return usual, ""
-        reason = parts_thousands(found[usual], usual, name, where, other_is_decimal=bool(self._head.decimals[other]))
+        parting = other if found[other].thousands or found[other].either else usual
+        if layout.decimal and parting == usual:
+            return usual, ""
+        if parting == usual:
+            elsewhere = next((sign for sign in (usual, other) if self._head.decimals[sign] - {name}), "")
+        reason = parts_thousands(found[parting], parting, name, where, elsewhere)
+        decimal = COMMA if parting == POINT else POINT
         if not reason:
-            return usual, ""
-        self._note_thousands(name, usual, reason)
-        return other, usual
+            return parting, ""
+        self._note_thousands(name, parting, reason)
+        return decimal, parting
 
     def _note_thousands(self, name: str, sign: str, reason: str) -> None:
         self._report.note_reading(f"the {_called(sign)}s of {name!r} read as parting thousands, because {reason}")
