@@ -12,7 +12,7 @@ from .run import Configuration as Configuration
 from .run import Run as Run
 from .run import terrain_from_file as terrain_from_file
 from .run import vehicle_from_file as vehicle_from_file
+from .signals import MOST_MESSAGES as MOST_MESSAGES
 from .signals import MessageFacts as MessageFacts
 from .signals import SignalFacts as SignalFacts
-from .signals import MOST_MESSAGES as MOST_MESSAGES
 from .signals import SignalTally as SignalTally

@@ -1,4 +1,4 @@
-"""Every reader closes its balance: what comes in is samples, or lost by name; a shorter file never passes for a whole one."""
+"""Every reader closes its balance: what comes in is samples or lost by name, and a cut file says that it is cut."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Well-formed files that are easily read wrong: each is read as its writer meant it, or refused, and never in silence."""
+"""Well-formed files that are easily read wrong are read as their writer meant them, or refused, but not in silence."""
 
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np

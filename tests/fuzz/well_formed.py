@@ -108,7 +108,7 @@ def _thousands(table: Drawn, rng: np.random.Generator) -> Drawn:
     return replace(table, rows=rows, values=values)
 
 
-def _decimal_commas(table: Drawn, rng: np.random.Generator) -> Drawn:
+def _decimal_commas(table: Drawn, _: np.random.Generator) -> Drawn:
     return replace(table, rows=[[cell.replace(".", ",") for cell in row] for row in table.rows])
 
 
