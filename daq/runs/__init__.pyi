@@ -1,3 +1,4 @@
+from .commanded_slip import replaced_speed as replaced_speed
 from .open import Collected as Collected
 from .open import campaign_folders as campaign_folders
 from .open import holds_runs as holds_runs

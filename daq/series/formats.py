@@ -137,15 +137,19 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
     opened = [(path.name.partition(".")[0], read_series(path, layout)) for path in paths]
     topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
 
+    report = SeriesReport(", ".join(map(str, paths)), "files")
+
     def stream(stem: str, series: Series) -> Iterator[SeriesBlock]:
         for blocks in series.blocks():
             for one in blocks:
+                report.balance.come("rows", len(one))
+                report.balance.out += len(one)
                 yield SeriesBlock(_joined(stem, one.topic), one.time_ns, one.columns)
 
     def read() -> Iterator[Blocks]:
         return together([stream(stem, series) for stem, series in opened])
 
-    return Series(topics, read, SeriesReport(", ".join(map(str, paths)), "files")), [one.report for _, one in opened]
+    return Series(topics, read, report), [one.report for _, one in opened]
 
 
 def _joined(stem: str, topic: str) -> str:

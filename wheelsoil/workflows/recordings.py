@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from daq import (
+    ROLES,
     Channel,
     ConfigError,
     Fault,
@@ -24,7 +25,7 @@ from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, NoData, coverage, 
 from daq.logger import is_being_recorded
 from daq.logs import LogReading, LogReport, interruption_remarks, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
-from daq.runs import LENIENT_KEY, MOST_MESSAGES, MessageFacts, Run, SignalTally
+from daq.runs import LENIENT_KEY, MOST_MESSAGES, MessageFacts, Run, SignalTally, replaced_speed
 from daq.series import Series, SeriesReport, draft_of, write_frame
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
@@ -168,6 +169,8 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
         remarks += tally.report.remarks()
+    if role := replaced_speed(run.vehicle):
+        remarks.append(f"{ROLES[role].name} computed from the commanded slip {run.vehicle.signals['slip']}")
     remarks += interruption_remarks(tally.interrupted)
     if tally.messages.passed_over:
         remarks.append(f"more than {MOST_MESSAGES:,} messages: {tally.messages.passed_over:,} samples are not listed")
