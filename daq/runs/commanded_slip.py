@@ -41,9 +41,9 @@ def replaced_speed(vehicle: VehicleConfig) -> str | None:
 def with_commanded_slip(vehicle: VehicleConfig) -> VehicleConfig:
     """Return the vehicle with the signal of the slip for the speed that it replaces; raises as `replaced_speed`."""
     role = replaced_speed(vehicle)
-    return (
-        vehicle.model_copy(update={"signals": {**vehicle.signals, role: vehicle.signals["slip"]}}) if role else vehicle
-    )
+    if role is None:
+        return vehicle
+    return vehicle.model_copy(update={"signals": vehicle.signals | {role: vehicle.signals["slip"]}})
 
 
 class CommandedSlip:

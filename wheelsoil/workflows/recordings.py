@@ -11,6 +11,7 @@ import numpy as np
 
 from daq import (
     ROLES,
+    Balance,
     Channel,
     ConfigError,
     Fault,
@@ -99,6 +100,8 @@ class FileFacts:
         Metadata records of these names: host against GNSS time, steps of the host's clock.
     databases : mapping bus -> names
     attachments : mapping name -> bytes
+    balance : Balance or None
+        Of a log or a file of series: what was read is what came out and what was lost, by name.
     loss, remarks : tuple of str
         What cannot be read; what else a user should know.
     """
@@ -130,6 +133,7 @@ class FileFacts:
     messages: tuple[MessageFacts, ...]
     written_by: str
     exit_status: str
+    balance: Balance | None
     loss: tuple[str, ...]
     remarks: tuple[str, ...]
 
@@ -170,7 +174,7 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
     if tally.report is not None:
         remarks += tally.report.remarks()
     if role := replaced_speed(run.vehicle):
-        remarks.append(f"{ROLES[role].name} computed from the commanded slip {run.vehicle.signals['slip']}")
+        remarks.append(f"{ROLES[role].name} computed from the commanded slip ({run.vehicle.signals['slip']})")
     remarks += interruption_remarks(tally.interrupted)
     if tally.messages.passed_over:
         remarks.append(f"more than {MOST_MESSAGES:,} messages: {tally.messages.passed_over:,} samples are not listed")
@@ -202,6 +206,7 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
         messages=tally.messages.facts(),
         written_by=recording.library if recording else "",
         exit_status=_exit_status(recording, parts) if recording else "",
+        balance=tally.report.balance if tally.report else None,
         loss=tuple(str(item) for item in recording.loss) if recording else (),
         remarks=tuple(remarks),
     )
