@@ -167,7 +167,7 @@ def read_asc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     Raises RecordingError for one whose times are relative to the line before.
     """
     grammar, first_line = _Asc(), 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         for piece in _between_headers(block):
             grammar = _after_header(piece, grammar, first_line, report)
             first_line = yield from frames_of(piece, first_line, grammar, report)

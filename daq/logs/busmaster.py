@@ -75,7 +75,7 @@ def read_busmaster(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     grammar: _BusMaster | None = None
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if grammar is None:
             grammar = _of_header(block[:_HEADER_BYTES], report)
         first_line = yield from frames_of(block, first_line, grammar, report)

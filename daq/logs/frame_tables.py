@@ -185,7 +185,7 @@ def read_frame_table(file: BinaryIO, report: LogReport, columns: FrameColumns | 
     """
     rows: _Rows | None = None
     line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if rows is None:
             rows = _rows(block, report, columns)
             report.balance.come("lines", 1)

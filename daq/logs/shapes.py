@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
+from daq.gunzip import Gunzip
 from daq.logs.report import EMPTY, HEADERS, LogReport
 
 BLOCK_BYTES = 4 << 20
@@ -81,8 +82,11 @@ class _Part(NamedTuple):
     frames: FrameArray
 
 
-def text_blocks(file: BinaryIO) -> Iterator[bytes]:
-    """Yield whole lines, a few megabytes at a time; the last one ends in a line feed, too."""
+def text_blocks(file: BinaryIO, report: LogReport) -> Iterator[bytes]:
+    """Yield whole lines, a few megabytes at a time; the last one ends in a line feed, too.
+
+    A line within which a damaged file ends is lost.
+    """
     carry = b""
     while block := file.read(BLOCK_BYTES):
         block = carry + block
@@ -93,14 +97,20 @@ def text_blocks(file: BinaryIO) -> Iterator[bytes]:
         end = end or len(block)  # this is no text; it is not gathered for ever
         carry = block[end:]
         yield block[:end]
-    if carry:
+    if not carry:
+        return
+    raw = getattr(file, "raw", None)
+    if isinstance(raw, Gunzip) and raw.damage:
+        report.balance.come("lines", 1)
+        report.balance.lose("that the file ends within")
+    else:
         yield carry + b"\n"
 
 
 def read_lines(file: BinaryIO, grammar: Grammar, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of a text log, a few megabytes of text at a time."""
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         first_line = yield from frames_of(block, first_line, grammar, report)
 
 

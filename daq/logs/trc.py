@@ -128,7 +128,7 @@ def read_trc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     grammar: _Trc | None = None
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if grammar is None:
             grammar = _of_header(block, report)
         first_line = yield from frames_of(block, first_line, grammar, report)
