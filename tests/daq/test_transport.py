@@ -144,3 +144,9 @@ def test_a_long_message_of_a_database_is_decoded(j1939: bool) -> None:
         assert half["can0", "Long.First"].values.tolist() == [2 * 0x0100]
         assert half["can0", "Long.Last"].values.tolist() == [2 * 0x1211]
     assert halves[0]["can0", "Long.Last"].time_ns.tolist() == [(len(sent) - 1) * 10_000_000]
+
+
+@pytest.mark.parametrize("sent", [by_bam(1, GROUP, bytes(20)), by_iso_tp(ISO_ID, bytes(30))])
+def test_a_message_that_never_ends_is_counted(sent: list[Sent]) -> None:
+    found, transport = received(sent[:-1])
+    assert not found and transport.interrupted() == {"can0": 1}
