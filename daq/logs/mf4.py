@@ -14,6 +14,7 @@ from daq.child_process import answers
 from daq.errors import not_installed
 from daq.logs.report import LogReport
 
+_UNFINISHED = b"UnFinMF"
 _RECORDS = 65_536
 _BUS_EVENT = 2
 _CAN = 2
@@ -39,6 +40,10 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     if importlib.util.find_spec("asammdf") is None:
         raise not_installed("MF4 files", "asammdf", report.path, "mf4")
+    if file.read(len(_UNFINISHED)) == _UNFINISHED:
+        report.faults.append(
+            "the logger did not finish the file: it states no number of frames, and the last may be lost"
+        )
     file.close()  # asammdf wants the path
     what, step = "asammdf cannot read this MF4 file", "export it as BLF or ASC with the program that recorded it"
     stated = 0
