@@ -27,6 +27,7 @@ _VALUE = re.compile(r"\d")
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|$)")
 _EMPTY_LINE = re.compile(rb"(?:(?<=\n)|(?<=\r)(?!\n)|\A)(?:\r\n|\n|\r)")
 _PAIR = re.compile(rb"([+-]?\d+),(\d+)")
+_IN_NUMBERS = b"0123456789.,;+-eEnNaAiIfF \t\r\n"
 _LINE_FEED = ord("\n")
 _OTHER_HEADER = "behind another header"
 _COLUMN = re.compile(r"column #(\d+)")
@@ -172,6 +173,7 @@ class _Reader:
         self._signs: dict[str, tuple[str, str]] = {}
         self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
         self._mark = max(head.columns, key=len).encode()
+        self._rare = next((bytes([one]) for one in self._mark if one not in _IN_NUMBERS), b"")
         self._line = head.first_line
         self._ended = False
 
@@ -181,7 +183,7 @@ class _Reader:
 
         piece = _as_utf8(piece)
         tables = [self._table(part) for part in self._between_headers(piece)]
-        table = pa.concat_tables([self._typed(one) for one in tables])
+        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(one) for one in tables])
         return {name: _as_numpy(table.column(name)) for name in self._wanted}
 
     def _typed(self, table: Any) -> Any:
@@ -192,7 +194,7 @@ class _Reader:
 
     def _between_headers(self, piece: bytes) -> Iterator[bytes]:
         """Part a piece at lines that repeat the header, and take the columns in the order that each of them has."""
-        if self._mark in piece:
+        if self._rare in piece and self._mark in piece:  # one byte is looked for much faster
             start = 0
             for line in [match for match in _LINE.finditer(piece) if self._mark in match[0]]:
                 cells = cells_of(text_of(line[0]).strip(), self._head.delimiter)
