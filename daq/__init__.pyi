@@ -4,6 +4,7 @@ from .arrays import IndexArray as IndexArray
 from .arrays import IntArray as IntArray
 from .arrays import data_frame as data_frame
 from .arrays import frame_of_rows as frame_of_rows
+from .balance import Balance as Balance
 from .channels import CHANNELS as CHANNELS
 from .channels import INPUTS as INPUTS
 from .channels import ON_TIME_BASE as ON_TIME_BASE

@@ -108,9 +108,10 @@ CHANNELS = (
     ChannelDefinition("gnss_time", (Quantity.TIME,), Use.AID),
     ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID),
     ChannelDefinition("brake", (Quantity.PRESSURE, Quantity.RATIO), Use.AID),
+    ChannelDefinition("slip", (Quantity.RATIO,), Use.AID),
     ChannelDefinition("transducer_status", (Quantity.RATIO,), Use.FLAG),
 )
-"""Every channel. A wheel speed given as a speed is that of the rim: omega = v / r."""
+"""Every channel. A wheel speed given as a speed is that of the rim: omega = v / r. A slip is a commanded one."""
 
 ROLES = {channel.role: channel for channel in CHANNELS}
 """Every channel by its role. A command asks only for the roles it needs."""

@@ -204,7 +204,8 @@ class SeriesSection(Section):
     """``[series]``: how a file of decoded time series is laid out, where it does not say so itself.
 
     ``time`` names the time column, or several: a column belongs to the last of them before it. ``rate_hz`` is for files
-    without one. ``time_format`` is as in strptime, for stamps that are not ISO 8601.
+    without one. ``time_format`` is as in strptime, for stamps that are not ISO 8601. ``thousands`` is what parts the
+    thousands of numbers in text.
     """
 
     time: str | tuple[str, ...] = ()
@@ -212,6 +213,7 @@ class SeriesSection(Section):
     time_format: str = ""
     rate_hz: Positive | None = None
     decimal: Literal[".", ","] | None = None
+    thousands: Literal[".", ",", "'", " "] | None = None
 
     @property
     def times(self) -> tuple[str, ...]:

@@ -160,6 +160,10 @@ class Decoder:
         long = [(bus, message) for bus, _, message in named if message.length > _CLASSICAL_BYTES]
         self._long = _LongMessages(long, coded, self._identifier) if long else None
 
+    def interrupted(self) -> dict[str, int]:
+        """Return how many messages of several frames were begun and not completed so far, per bus."""
+        return dict(self._long.transport.interrupted()) if self._long else {}
+
     def decode(self, batch: FrameBatch) -> dict[tuple[str, str], Channel]:
         """Decode a batch.
 
@@ -223,7 +227,7 @@ class _LongMessages:
         for bus, message in long:
             if not message.j1939:
                 iso.setdefault(bus, {})[message.can_id, message.extended] = message.length
-        self._transport = Transport(iso, {bus for bus, message in long if message.j1939})
+        self.transport = Transport(iso, {bus for bus, message in long if message.j1939})
         self._identifier = identifier
         self._codes = {(bus, m.can_id, m.extended): code for bus, m, code in coded}
         self._pieces = np.zeros(max((code for _, _, code in coded), default=0) + 1, np.bool_)
@@ -235,8 +239,8 @@ class _LongMessages:
     def payloads(self, batch: FrameBatch) -> dict[int, list[Payload]]:
         """Return the messages that are complete with a batch, by their code."""
         found: dict[int, list[Payload]] = {}
-        complete = list(self._transport.take(batch))
-        self._pieces[[self._codes[key] for key in self._transport.confirmed]] = True
+        complete = list(self.transport.take(batch))
+        self._pieces[[self._codes[key] for key in self.transport.confirmed]] = True
         self._pieces[UNKNOWN] = False
         if complete:
             heads = np.zeros(len(complete), CLASSIC_DTYPE)

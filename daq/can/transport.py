@@ -69,8 +69,6 @@ class Transport:
     confirmed : set of (bus, identifier, extended)
         What is sent by ISO-TP, for a message of several frames was completed. Before that its frames may as well be
         messages that are shorter than their database says, and a single frame is taken for none.
-    interrupted : Counter
-        Transfers that were not completed, per bus.
     """
 
     def __init__(self, iso: Mapping[str, Mapping[tuple[int, bool], int]], j1939: Collection[str]) -> None:
@@ -78,7 +76,22 @@ class Transport:
         self._of_iso: dict[tuple[str, int, bool], _IsoTransfer] = {}
         self._of_j1939: dict[tuple[str, int, int], _J1939Transfer] = {}
         self.confirmed: set[tuple[str, int, bool]] = set()
-        self.interrupted: Counter[str] = Counter()
+        self._interrupted: Counter[str] = Counter()
+        self._begun_only: Counter[tuple[str, int, bool]] = Counter()
+
+    def interrupted(self) -> Counter[str]:
+        """Return how many transfers were begun and not completed so far, per bus.
+
+        A first frame of ISO-TP that nothing followed counts where its message is sent so elsewhere.
+        """
+        found = self._interrupted + Counter(bus for bus, _, _ in self._of_j1939)
+        for key, transfer in self._of_iso.items():
+            if transfer.number > 1 or key in self.confirmed:
+                found[key[0]] += 1
+        for key, count in self._begun_only.items():
+            if key in self.confirmed:
+                found[key[0]] += count
+        return found
 
     def take(self, batch: FrameBatch) -> Iterator[Payload]:
         """Yield what is complete with the frames of a batch."""
@@ -132,8 +145,11 @@ class Transport:
         return Payload(time_ns, *key, bytes(transfer.data[: transfer.size]))
 
     def _end_iso(self, key: tuple[str, int, bool]) -> None:
-        if self._of_iso.pop(key, None) is not None:
-            self.interrupted[key[0]] += 1
+        transfer = self._of_iso.pop(key, None)
+        if transfer is not None and transfer.number > 1:
+            self._interrupted[key[0]] += 1
+        elif transfer is not None:
+            self._begun_only[key] += 1
 
     def _j1939_frame(self, bus: str, can_id: int, time_ns: int, data: bytes) -> Payload | None:
         key = (bus, can_id & 0xFF, can_id >> 8 & 0xFF)
@@ -166,7 +182,7 @@ class Transport:
         _, source, destination = key
         size, packets, group = int.from_bytes(data[1:3], "little"), data[3], int.from_bytes(data[5:8], "little")
         if not 8 < size <= _LONGEST_J1939 or packets != -(-size // _PACKET_BYTES) or group > 0x3FFFF:
-            self.interrupted[key[0]] += 1
+            self._interrupted[key[0]] += 1
             return
         if group >> 8 & 0xFF < 0xF0:
             group |= destination
@@ -174,4 +190,4 @@ class Transport:
 
     def _end_j1939(self, key: tuple[str, int, int]) -> None:
         if self._of_j1939.pop(key, None) is not None:
-            self.interrupted[key[0]] += 1
+            self._interrupted[key[0]] += 1

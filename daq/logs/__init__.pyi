@@ -1,5 +1,6 @@
 from .candump import write_candump as write_candump
 from .convert import import_logs as import_logs
+from .convert import interruption_remarks as interruption_remarks
 from .convert import lenient_remarks as lenient_remarks
 from .formats import LOG_FORMATS as LOG_FORMATS
 from .formats import LOG_SUFFIXES as LOG_SUFFIXES

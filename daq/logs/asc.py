@@ -167,7 +167,7 @@ def read_asc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     Raises RecordingError for one whose times are relative to the line before.
     """
     grammar, first_line = _Asc(), 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         for piece in _between_headers(block):
             grammar = _after_header(piece, grammar, first_line, report)
             first_line = yield from frames_of(piece, first_line, grammar, report)
@@ -200,7 +200,7 @@ def _after_header(piece: bytes, before: _Asc, number_of_line: int, report: LogRe
         return before
     start_ns = _utc_ns(date)
     if not start_ns:
-        report.note_bad(f"line {number_of_line}", f"a date that is none: {date[0].strip()[:60]}")
+        report.faults.append(f"line {number_of_line}: a date that is none: {date[0].strip()[:60]}")
     return replace(before, start_ns=start_ns)
 
 

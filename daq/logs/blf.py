@@ -101,6 +101,7 @@ def frames_of(
 ) -> Iterator[FrameBatch]:
     """Yield the objects that are CAN frames (at most one batch); `done` bytes came before `text`."""
     header = structures(text, starts, HEADER)
+    report.balance.come("objects", len(starts))
     kinds = {kind: chosen for kind in _LAYOUTS if (chosen := header["type"] == kind).any()}
     if sum(map(np.count_nonzero, kinds.values())) < len(header):
         others, counts = np.unique(header["type"][~np.isin(header["type"], list(kinds))], return_counts=True)
@@ -242,21 +243,27 @@ def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
                 text = text[: sum(map(len, parts[:in_line]))]
                 starts, end, faults = _object_starts(text, done)
             for fault in faults:
-                report.note_bad(*fault)
+                _note_lost_object(*fault, report)
             yield from frames_of(text, starts, start_ns, done, report)
             carry, done, parts = text[end:].tobytes(), done + end, parts[in_line:]
             if parts:
-                report.note_bad(_where(done), "this object does not go on in the next container")
+                _note_lost_object(_where(done), "this object does not go on in the next container", report)
                 carry, done = b"", done + len(carry)
         if len(carry) > LARGEST_BLF_CONTAINER_BYTES:
-            report.note_bad(_where(done), f"no object ends within {len(carry)} bytes")
+            _note_lost_object(_where(done), f"no object ends within {len(carry)} bytes", report)
             carry, done = b"", done + len(carry)
     if file.tell() < stated_bytes:
         report.damage = f"the file is cut off: {file.tell():,} of {stated_bytes:,} bytes are there"
     if MAGIC in carry:
-        report.note_bad(_where(done), "the file ends within this object")
+        _note_lost_object(_where(done), "the file ends within this object", report)
     for container in damaged:
         report.note_lost(container.where, f"{container.why}; {container.amount(done, report.frames)}")
+
+
+def _note_lost_object(where: str, why: str, report: LogReport) -> None:
+    """Count an object that has a beginning or an end only."""
+    report.balance.come("objects", 1)
+    report.note_bad(where, why)
 
 
 class _Damaged(NamedTuple):
@@ -290,7 +297,7 @@ def _file_header(file: BinaryIO, report: LogReport) -> tuple[int, int]:
         if not _YEARS[0] <= year <= _YEARS[1]:
             raise ValueError
     except ValueError:
-        report.note_bad("the file header", f"it begins at no date that can be: year {year}, month {month}, day {day}")
+        report.faults.append(f"the file header begins at no date that can be: year {year}, month {month}, day {day}")
         return 0, fields[2]
     return int(start.timestamp()) * 10**9 + millisecond * 10**6, fields[2]
 
@@ -327,38 +334,52 @@ class _Source:
 
 def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Iterator[bytes | None]:
     """Yield what is in each container, None for one that is lost, which goes into `damaged`."""
-    source = _Source(file)
+    source, balance = _Source(file), report.file_bytes
+    balance.come("bytes", source.at)
+    balance.out += source.at
     while len(damaged) <= MOST_DAMAGED_PARTS:
-        where = f"byte {source.at} of the file"
+        begin = source.at
+        where = f"byte {begin} of the file"
         head = source.read(_CONTAINER_HEADER.size)
-        if not head.strip(b"\0"):
+        if not head:
             return
-        why = "no container starts here"
+        why = "only zeros" if not head.strip(b"\0") else "no container starts here"
         if len(head) == _CONTAINER_HEADER.size and head.startswith(MAGIC):
             _, _, _, size, kind, method, unpacked = _CONTAINER_HEADER.unpack(head)
             why = "" if len(head) <= size <= LARGEST_BLF_CONTAINER_BYTES else f"the length of this container is {size}"
         if why:
-            begin = source.at - len(head)
             source.put_back(head[1:])
-            skipped = f"{source.at - begin:,} bytes are" if source.find_container() else "the rest of the file is"
-            report.note_bad(where, f"{why}; {skipped} skipped")
+            goes_on = source.find_container()
+            balance.come("bytes", source.at - begin)
+            if why == "only zeros" and not goes_on:
+                balance.put_aside("behind the last container", source.at - begin)
+                return
+            balance.lose("skipped", source.at - begin)
+            skipped = f"{source.at - begin:,} bytes are" if goes_on else "the rest of the file is"
+            report.note_lost(where, f"{why}; {skipped} skipped")
             yield None
             continue
         body = source.read(size - len(head) + size % _PADDING)
+        balance.come("bytes", source.at - begin)
         if kind != _CONTAINER:
-            report.note_skipped(f"object of type {kind} outside of a container")
+            balance.put_aside(f"in an object of type {kind} outside of a container", source.at - begin)
             continue
         content = _unpack(method, body[: size - len(head)], unpacked)
         if (missing := size - len(head) - len(body)) > 0:
             content = f"the file ends within this container: {missing} bytes are missing"
         if isinstance(content, bytes):
+            balance.out += source.at - begin
             yield content
             continue
         damaged.append(_Damaged(where, content, len(body), unpacked if unpacked <= LARGEST_BLF_CONTAINER_BYTES else 0))
         if another := _CONTAINER_BEGIN.search(body):  # its length is what is damaged
             source.put_back(body[another.start() :])
+            balance.come("bytes", another.start() - len(body))
+        balance.lose("in damaged containers", source.at - begin)
         yield None
-    report.note_bad(where, f"more than {MOST_DAMAGED_PARTS} damaged containers; the rest of the file is skipped")
+    while rest := len(source.read(_SEARCHED_BYTES)):
+        balance.come("bytes", rest)
+        balance.lose(f"behind more than {MOST_DAMAGED_PARTS} damaged containers", rest)
 
 
 @cache

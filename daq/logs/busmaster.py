@@ -75,7 +75,7 @@ def read_busmaster(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     grammar: _BusMaster | None = None
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if grammar is None:
             grammar = _of_header(block[:_HEADER_BYTES], report)
         first_line = yield from frames_of(block, first_line, grammar, report)
@@ -93,7 +93,7 @@ def _of_header(head: bytes, report: LogReport) -> _BusMaster:
     try:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
-        report.note_bad("the header", f"a date that is none: {match[0].decode()[:60]}")
+        report.faults.append(f"the header: a date that is none: {match[0].decode()[:60]}")
         return _BusMaster(0)
     if b"***SYSTEM MODE***" in head:  # the lines have the time of the day
         start = start.replace(hour=0, minute=0, second=0)

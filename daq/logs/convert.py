@@ -103,7 +103,8 @@ def import_logs(
                 watch(sum(report.frames for report in reports), share_of_all(sizes, reports))
         _check_renamed(rename, reports)
     frames = writer.frame_counts
-    return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))
+    remarks = [*_remarks(reports, known, frames), *interruption_remarks(decoder.interrupted())]
+    return Imported(target, frames, seen, tuple(remarks))
 
 
 def _batches(
@@ -134,6 +135,12 @@ def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping
         missing = sorted({bus.channel for bus in vehicle.bus} - set(frames))
         lines += [f"bus {bus} of vehicle.toml has no frame in the log" for bus in missing]
     return lines
+
+
+def interruption_remarks(interrupted: Mapping[str, int]) -> list[str]:
+    """Return what became of messages of several frames that were not completed, a sentence each bus."""
+    what = "messages of several frames were begun and not completed: they are lost"
+    return [f"bus {bus}: {count:,} {what}" for bus, count in interrupted.items()]
 
 
 def lenient_remarks(databases: Mapping[str, tuple[Database, ...]]) -> list[str]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import io
 import re
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import BinaryIO, Self
 
 from daq.can.frames import FrameBatch, concatenate, split
 from daq.errors import Fault, RecordingError, every_error_as, nearest
+from daq.gunzip import Gunzip, unpacked
 from daq.logs.asc import read_asc
 from daq.logs.blf import read_blf
 from daq.logs.busmaster import MARK, read_busmaster
@@ -22,67 +22,8 @@ from daq.logs.mf4 import read_mf4
 from daq.logs.report import LogReport, share_of_file
 from daq.logs.trc import read_trc
 
-if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
-
-_GZIP_MAGIC = b"\x1f\x8b"
-_GZIP_WINDOW = 31
-_PIECE = 256 << 10
-
 Reader = Callable[[BinaryIO, LogReport], Iterator[FrameBatch]]
 _HEAD_BYTES = 64 << 10
-
-
-class Gunzip(io.RawIOBase):
-    """Unpacks `file`; unlike the standard library's, it loses nothing that stands before a cut.
-
-    Attributes
-    ----------
-    damage : str
-        What is wrong with the file, once the reading has come to it.
-    """
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._member = zlib.decompressobj(_GZIP_WINDOW)
-        self._packed = b""
-        self.damage = ""
-
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def fileno(self) -> int:
-        """Return that of the packed file."""
-        return self._file.fileno()
-
-    def readinto(self, buffer: WriteableBuffer, /) -> int:
-        """Fill `buffer` as far as the file reaches; 0 at its end."""
-        view = memoryview(buffer).cast("B")
-        filled = 0
-        while filled < len(view) and not self.damage:
-            if not self._packed:
-                self._packed = self._file.read(_PIECE)
-            if not self._packed:
-                if not self._member.eof:
-                    self.damage = "the gzipped file is cut off"
-                break
-            if self._member.eof:
-                self._member = zlib.decompressobj(_GZIP_WINDOW)
-            try:
-                piece = self._member.decompress(self._packed, len(view) - filled)
-            except zlib.error as error:
-                self.damage = f"the gzipped file is damaged ({error})"
-                break
-            self._packed = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
-            view[filled : filled + len(piece)] = piece
-            filled += len(piece)
-        return filled
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
 
 
 @dataclass(frozen=True)
@@ -168,12 +109,7 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
     Raises RecordingError if there is no such file, it is empty, or is no log.
     """
     try:
-        raw: Any = path.open("rb", buffering=0)
-        file = io.BufferedReader(raw, _HEAD_BYTES)
-        packed = file.peek().startswith(_GZIP_MAGIC)
-        if packed:
-            raw = Gunzip(file)
-            file = io.BufferedReader(raw, _HEAD_BYTES)
+        file = unpacked(path, _HEAD_BYTES)
         head = file.peek()
     except FileNotFoundError:
         raise no_such_file(path) from None
@@ -184,12 +120,18 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
             raise RecordingError.of("the log is empty", path, next_step="record it again")
         table = LogFormat("CSV", (".csv",), partial(read_frame_table, columns=columns))
         known = chosen_format(path, head) if columns is None else table
-        if packed and known is _MF4:
+        if isinstance(file.raw, Gunzip) and known is _MF4:
             raise RecordingError.of("a gzipped MF4 file", path, next_step="unpack it with gunzip")
     except RecordingError:
         file.close()
         raise
     return file, known
+
+
+def is_frame_log(path: Path) -> bool:
+    """Return whether the content of a file is that of a log of frames."""
+    with unpacked(path, _HEAD_BYTES) as file:
+        return isinstance(_detected(file.peek()), LogFormat)
 
 
 def no_such_file(path: Path) -> RecordingError:
@@ -283,6 +225,7 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536, columns: FrameColu
             every_error_as(RecordingError, "the log cannot be read", lambda: f"{place}, after frame {report.frames}"),
         ):
             yield from _regrouped(_guarded(known.read(file, report), file, report), batch_frames)
+        report.close()
         if not report.frames:
             raise _nothing_readable(report)
 
@@ -303,6 +246,8 @@ def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: Log
         raise RecordingError.of("the log cannot be read any further", report.path, str(error)) from None
     if isinstance(raw, Gunzip) and raw.damage:
         report.damage = raw.damage
+        report.file_bytes.come("bytes", raw.unread_bytes())
+        report.file_bytes.lose("of the packed file behind the damage", raw.unread_bytes())
 
 
 def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import binascii
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any, BinaryIO, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
 from daq.config import SeriesSection
 from daq.errors import ConfigError, Fault, nearest
-from daq.logs.report import LogReport
+from daq.logs.report import EMPTY, HEADERS, LogReport
 from daq.logs.shapes import text_blocks
 from daq.series.blocks import SeriesReport
 from daq.series.time_stamps import TimeStamps
@@ -22,6 +22,8 @@ from daq.series.time_stamps import TimeStamps
 _DELIMITERS = "\t;,|"
 _SHOWN = 80
 _MOST_BYTES = 64
+_LEAST_DIGITS = 15
+"""Of different cells: (10 / 16) ** 15 is .1 %."""
 _LOOKED_AT = 50
 _MOST_HEADS = 100_000
 _HEX_DATA = re.compile(r"(?:0x)?(?:[0-9A-Fa-f]{2}\s?){1,64}$")
@@ -43,9 +45,9 @@ class FrameColumns:
     time : Column
         Form: s, ms, us, ns, or empty (by size or by the header).
     can_id : Column
-        Form: hex or dec; a hexadecimal one may begin with 0x and end with x.
+        Form: hex or dec; a hexadecimal one may begin with 0x and end with x. Empty: decided by the cells.
     data : tuple of Column
-        One with all bytes, form hex or base64; or one for each byte, form hex or dec.
+        One with all bytes, form hex or base64; or one for each byte, form hex or dec, or empty as above.
     others : mapping str -> column
         ``bus``, ``length``, ``extended``, ``direction``, ``remote``, ``error``, ``fd``, ``brs``, ``esi``; or ``flags``
         with the bits of Kvaser's canlib.
@@ -131,13 +133,14 @@ def parse_columns(text: str) -> FrameColumns:
         raise ConfigError(*faults)
     time, can_id = (_column(key, found[key]) for key in ("time", "id"))
     data = tuple(_column("data", one) for one in found["data"].split("+"))
+    if len(data) == 1:
+        data = (Column(data[0].name, data[0].form or "hex"),)
     return FrameColumns(time, can_id, data, {key: found[key] for key in _OTHERS if key in found})
 
 
 def _column(key: str, text: str) -> Column:
     name, _, form = text.rpartition(":") if text.rpartition(":")[2] in _FORMS[key] and ":" in text else (text, "", "")
-    default = "" if key == "time" else "hex"
-    return Column(name, form or default)
+    return Column(name, form)
 
 
 def columns_of(header: Sequence[str]) -> FrameColumns | None:
@@ -182,13 +185,17 @@ def read_frame_table(file: BinaryIO, report: LogReport, columns: FrameColumns | 
     """
     rows: _Rows | None = None
     line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if rows is None:
             rows = _rows(block, report, columns)
+            report.balance.come("lines", 1)
+            report.balance.put_aside(HEADERS, 1)
             block = block.partition(b"\n")[2]
             line = 2
+        count = block.count(b"\n") + (not block.endswith(b"\n"))
+        report.balance.come("lines", count)
         yield from rows.read(block, line)
-        line += block.count(b"\n")
+        line += count
 
 
 def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Rows:
@@ -196,8 +203,11 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
     chosen = columns or columns_of(header)
     if chosen is None:
         what, expected = "the header is of no known program", ", ".join(KNOWN)
-        guess = ",".join(f"{key}={name or '?'}" for key, name in _guess(header).items())
-        step = f"say which columns hold what: --columns {guess} (id=...:dec where identifiers are decimal)"
+        names = _guess(header)
+        decided = _base_of(_cells_of(block, delimiter, header, (names["id"],))) if names["id"] else None
+        names["id"] += f":{decided[0]}" if decided else ""
+        guess = ",".join(f"{key}={name or '?'}" for key, name in names.items())
+        step = f"say which columns hold what: --columns {guess} (id=...:dec or id=...:hex)"
         raise ConfigError.of(what, report.path, ", ".join(header[:16]), expected, step)
     places = {name.lower(): i for i, name in enumerate(header)}
     absent = [name for name in chosen.names if name.lower() not in places]
@@ -209,7 +219,51 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
     ]
     if faults:
         raise ConfigError(*faults)
+    chosen = _with_bases(chosen, block, delimiter, header, report)
     return _Rows(chosen, places, delimiter, report)
+
+
+def _with_bases(
+    chosen: FrameColumns, block: bytes, delimiter: str, header: Sequence[str], report: LogReport
+) -> FrameColumns:
+    """Return the columns with hex or dec for identifiers and bytes of which nobody says it; raises ConfigError."""
+    for option, columns in (("id", (chosen.can_id,)), ("data", chosen.data)):
+        if columns[0].form:
+            continue
+        names = tuple(one.name for one in columns)
+        decided = _base_of(_cells_of(block, delimiter, header, names))
+        if decided is None:
+            what = f"the cells of {', '.join(names[:3])} may be hexadecimal or decimal"
+            step = f"say which: --columns ...,{option}={names[0]}:hex or {option}={names[0]}:dec"
+            raise ConfigError.of(what, report.path, expected="a digit A to F, or many decimal digits", next_step=step)
+        form, why = decided
+        if form == "dec":
+            report.readings.append(f"{', '.join(names[:3])} read as decimal, because {why}")
+        typed = tuple(Column(one.name, form) for one in columns)
+        chosen = replace(chosen, can_id=typed[0]) if option == "id" else replace(chosen, data=typed)
+    return chosen
+
+
+def _cells_of(block: bytes, delimiter: str, header: Sequence[str], names: Sequence[str]) -> set[str]:
+    """Return the different cells of some columns in the first lines."""
+    places = [i for i, name in enumerate(header) if name.lower() in {one.lower() for one in names}]
+    rows = (line.replace('"', "").split(delimiter) for line in block.decode("utf-8", "replace").split("\n")[1:])
+    return {row[i].strip() for row in rows for i in places if i < len(row)} - {""}
+
+
+def _base_of(cells: set[str]) -> tuple[str, str] | None:
+    """Return hex or dec, and why; None where cells can be either.
+
+    A hexadecimal digit is above 9 in 6 of 16 cases: many digits without one are decimal.
+    """
+    digits = [cell.lower().removesuffix("x") for cell in cells]
+    if any(re.search("[a-f]", cell) or cell.startswith("0x") for cell in digits):
+        return "hex", "there are digits above 9"
+    padded = any(len(cell) > 1 and cell.startswith("0") for cell in digits)
+    count = sum(map(len, digits))
+    if not padded and count >= _LEAST_DIGITS and all(cell.isdecimal() for cell in digits):
+        return "dec", f"none of {count} digits of {len(cells)} different cells is above 9"
+    return None
 
 
 def _guess(header: Sequence[str]) -> dict[str, str]:
@@ -261,14 +315,17 @@ class _Rows:
     def read(self, block: bytes, first_line: int) -> Iterator[FrameBatch]:
         """Yield the frames of whole lines, as one batch."""
         found: list[_Frame] = []
+        empty = -block.endswith(b"\n")  # what is behind the last line feed is no line
         for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
             if not line or line.isspace():
+                empty += 1
                 continue
             try:
                 found.append(self._frame(line, number))
             except (ValueError, IndexError, KeyError) as error:
                 text = line.rstrip("\r")
                 self._report.note_bad(f"line {number}", f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN])
+        self._report.balance.put_aside(EMPTY, empty)
         if found:
             yield from self._batch(found)
 

@@ -14,6 +14,7 @@ from daq.child_process import answers
 from daq.errors import not_installed
 from daq.logs.report import LogReport
 
+_UNFINISHED = b"UnFinMF"
 _RECORDS = 65_536
 _BUS_EVENT = 2
 _CAN = 2
@@ -39,22 +40,33 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     if importlib.util.find_spec("asammdf") is None:
         raise not_installed("MF4 files", "asammdf", report.path, "mf4")
+    if file.read(len(_UNFINISHED)) == _UNFINISHED:
+        report.faults.append(
+            "the logger did not finish the file: it states no number of frames, and the last may be lost"
+        )
     file.close()  # asammdf wants the path
     what, step = "asammdf cannot read this MF4 file", "export it as BLF or ASC with the program that recorded it"
-    lost = 0
-    for stated, buses, frames in answers("daq.logs.mf4:frames_apart", Path(report.path), what=what, next_step=step):
+    stated = 0
+    for stated, others, buses, frames in answers(
+        "daq.logs.mf4:frames_apart", Path(report.path), what=what, next_step=step
+    ):
+        if report.balance.came is None:
+            report.balance.come("records", stated + sum(others.values()))
+            for name, count in others.items():
+                report.note_skipped(f"records of the channel group {name}", count)
         for bus in buses:
             report.bus(bus)
         report.note_frames(frames, lambda i: f"frame {report.frames + i + 1}")
         report.share = report.frames / max(stated, 1)
-        yield FrameBatch(frames, tuple(report.buses))
-        lost = stated - report.frames
-    if lost > 0:
-        report.damage = f"the file states {report.frames + lost:,} frames; the other {lost:,} are lost"
+        if len(frames):
+            yield FrameBatch(frames, tuple(report.buses))
+    if (lost := stated - report.frames) > 0:
+        report.damage = f"the file states {stated:,} frames; the other {lost:,} are lost"
+        report.balance.lose("stated, and not in the file", lost)
 
 
-def frames_apart(path: str) -> Iterator[tuple[int, list[str], FrameArray]]:
-    """Yield pieces of the frames, with the number of all frames that the file states and the buses so far."""
+def frames_apart(path: str) -> Iterator[tuple[int, dict[str, int], list[str], FrameArray]]:
+    """Yield pieces of the frames, with the buses so far, and how many frames and other records the file states."""
     import asammdf
 
     report = LogReport(path, "MF4")
@@ -62,8 +74,14 @@ def frames_apart(path: str) -> Iterator[tuple[int, list[str], FrameArray]]:
         start_ns = int(mdf.header.start_time.timestamp()) * 10**9 + mdf.header.start_time.microsecond * 1000
         kinds = {index: kind for index, group in enumerate(mdf.groups) if (kind := _kind(group))}
         stated = sum(mdf.groups[index].channel_group.cycles_nr for index in kinds)
+        others: dict[str, int] = {}
+        for index, group in enumerate(mdf.groups):
+            if index not in kinds and group.channel_group.cycles_nr:
+                name = str(group.channel_group.acq_name or index)
+                others[name] = others.get(name, 0) + group.channel_group.cycles_nr
+        yield stated, others, [], np.zeros(0, CLASSIC_DTYPE)
         for frames in merged([_frames(mdf, index, kind, start_ns, report) for index, kind in kinds.items()]):
-            yield stated, list(report.buses), frames
+            yield stated, others, list(report.buses), frames
 
 
 def _kind(group: Any) -> str | None:

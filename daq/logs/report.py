@@ -9,11 +9,15 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 
+from daq.balance import Balance
 from daq.can.frames import FrameArray
 from daq.errors import RecordingError
-from daq.limits import EARLIEST_DATE_NS, MOST_BUSES, MOST_KINDS
+from daq.limits import EARLIEST_DATE_NS, MOST_BUSES
 
 _LISTED = 8  # lost parts of a file
+_UNREADABLE = "unreadable"
+HEADERS, EMPTY = "headers and comments", "empty lines"
+"""What no user need be shown of lines that are no frames."""
 
 
 @dataclass
@@ -32,14 +36,18 @@ class LogReport:
         Whether the dates are local time of the computer that recorded, which is taken for UTC.
     lost : list of str
         Parts of the file that are dropped whole, such as a damaged container: where, why and how much.
-    bad : int
-        Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
+    balance : Balance
+        Of the lines or objects: frames, what is no frame, and what could not be read.
+    file_bytes : Balance
+        Of the bytes of a file that holds containers, or is packed.
+    faults : list of str
+        What is wrong with a header, and where.
+    readings : list of str
+        How numbers were read that may be read in two ways, and why.
     out_of_order : int
         Frames that are earlier than the one before them; they stay where they are.
     damage : str
         What is wrong with the file as a whole, e.g. that it is cut off.
-    skipped : dict of str to int
-        Lines or objects that are no CAN frames, by kind.
     buses : list of str
         Names in the order of their first frame.
     """
@@ -51,12 +59,13 @@ class LogReport:
     absolute_time: bool | None = None
     local_time: bool = False
     lost: list[str] = field(default_factory=list)
-    bad: int = 0
-    first_bad: str = ""
+    balance: Balance = field(default_factory=Balance)
+    file_bytes: Balance = field(default_factory=Balance)
+    faults: list[str] = field(default_factory=list)
+    readings: list[str] = field(default_factory=list)
     out_of_order: int = 0
     first_out_of_order: str = ""
     damage: str = ""
-    skipped: dict[str, int] = field(default_factory=dict)
     buses: list[str] = field(default_factory=list)
     _last_time_ns: int | None = None
 
@@ -68,21 +77,32 @@ class LogReport:
             self.buses.append(name)
         return self.buses.index(name)
 
+    @property
+    def bad(self) -> int:
+        """Lines or objects that could not be read."""
+        return self.balance.lost(_UNREADABLE)
+
+    @property
+    def first_bad(self) -> str:
+        """Where the first of them is, and what is in it."""
+        return self.balance.losses[_UNREADABLE].first if self.bad else ""
+
+    @property
+    def skipped(self) -> dict[str, int]:
+        """Lines or objects that are no CAN frames, by kind."""
+        return {kind: count for kind, count in self.balance.aside.items() if kind not in (HEADERS, EMPTY)}
+
     def note_bad(self, where: str, why: str, count: int = 1) -> None:
         """Count what could not be read and keep the first example."""
-        if not self.bad:
-            self.first_bad = f"{where}: {why}"
-        self.bad += count
+        self.balance.lose(_UNREADABLE, count, f"{where}: {why}")
 
     def note_lost(self, where: str, why: str) -> None:
         """Keep a part of the file that is dropped whole."""
         self.lost.append(f"{where}: {why}")
 
     def note_skipped(self, kind: str, count: int = 1) -> None:
-        """Count what is no CAN frame; beyond `MOST_KINDS` kinds they are counted together."""
-        if kind not in self.skipped and len(self.skipped) >= MOST_KINDS:
-            kind = "of other kinds"
-        self.skipped[kind] = self.skipped.get(kind, 0) + count
+        """Count what is no CAN frame."""
+        self.balance.put_aside(kind, count)
 
     def note_frames(self, frames: FrameArray, where: Callable[[int], str]) -> None:
         """Count frames and check whether their times go back; `where` returns the place of one of these frames."""
@@ -101,10 +121,17 @@ class LogReport:
         self.out_of_order += len(back)
         self._last_time_ns = int(time_ns[-1])
         self.frames += len(frames)
+        self.balance.out += len(frames)
+
+    def close(self) -> None:
+        """Close the balances when the file has been read to its end."""
+        self.balance.close()
+        if self.file_bytes.came is not None:
+            self.file_bytes.close()
 
     def remarks(self) -> list[str]:
         """Return what a user should know of this log, a sentence each."""
-        lines = []
+        lines = list(self.readings)
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.local_time:
@@ -114,8 +141,11 @@ class LogReport:
         lines.extend(f"lost: {part}" for part in self.lost[:_LISTED])
         if len(self.lost) > _LISTED:
             lines.append(f"lost: {len(self.lost) - _LISTED} more parts, to {self.lost[-1]}")
+        lines += self.faults
         if self.bad:
             lines.append(f"{self.bad} unreadable, skipped; the first is {self.first_bad}")
+        for one in (self.balance, self.file_bytes):
+            lines += [f"{loss.count:,} {one.unit} {kind}" for kind, loss in one.losses.items() if kind != _UNREADABLE]
         if self.out_of_order:
             lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
         lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())

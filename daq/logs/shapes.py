@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
-from daq.logs.report import LogReport
+from daq.gunzip import Gunzip
+from daq.logs.report import EMPTY, HEADERS, LogReport
 
 BLOCK_BYTES = 4 << 20
 LONGEST_LINE = 1024
@@ -81,8 +82,11 @@ class _Part(NamedTuple):
     frames: FrameArray
 
 
-def text_blocks(file: BinaryIO) -> Iterator[bytes]:
-    """Yield whole lines, a few megabytes at a time; the last one ends in a line feed, too."""
+def text_blocks(file: BinaryIO, report: LogReport) -> Iterator[bytes]:
+    """Yield whole lines, a few megabytes at a time; the last one ends in a line feed, too.
+
+    A line within which a damaged file ends is lost.
+    """
     carry = b""
     while block := file.read(BLOCK_BYTES):
         block = carry + block
@@ -93,26 +97,34 @@ def text_blocks(file: BinaryIO) -> Iterator[bytes]:
         end = end or len(block)  # this is no text; it is not gathered for ever
         carry = block[end:]
         yield block[:end]
-    if carry:
+    if not carry:
+        return
+    raw = getattr(file, "raw", None)
+    if isinstance(raw, Gunzip) and raw.damage:
+        report.balance.come("lines", 1)
+        report.balance.lose("that the file ends within")
+    else:
         yield carry + b"\n"
 
 
 def read_lines(file: BinaryIO, grammar: Grammar, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of a text log, a few megabytes of text at a time."""
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         first_line = yield from frames_of(block, first_line, grammar, report)
 
 
 def frames_of(block: bytes, first_line: int, grammar: Grammar, report: LogReport) -> Generator[FrameBatch, None, int]:
     """Yield the frames of whole lines; return the number of the line after them."""
     lines = Lines(block)
+    report.balance.come("lines", len(lines.start))
     parts: list[_Part] = []
     unread: list[Rows] = []
     for rows in _by_length(lines.length):
         found, left = _read_equally_long(lines, rows, grammar)
         parts.extend(found)
         unread.append(left)
+    report.balance.put_aside(EMPTY, int(np.count_nonzero(lines.length == 0)))
     _note_unread(lines, unread, first_line, grammar, report)
     if any(len(part.rows) for part in parts):
         yield _join(parts, lines, first_line, report)
@@ -282,5 +294,5 @@ def _note_unread(lines: Lines, unread: list[Rows], first_line: int, grammar: Gra
         kind = grammar.kind_of(line) if line else ""
         if kind is None:
             report.note_bad(f"line {first_line + row}", line[:_SHOWN].decode("ascii", "backslashreplace"))
-        elif kind:
-            report.note_skipped(kind)
+        else:
+            report.note_skipped(kind or (HEADERS if line else EMPTY))

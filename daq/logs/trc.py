@@ -128,7 +128,7 @@ def read_trc(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """
     grammar: _Trc | None = None
     first_line = 1
-    for block in text_blocks(file):
+    for block in text_blocks(file, report):
         if grammar is None:
             grammar = _of_header(block, report)
         first_line = yield from frames_of(block, first_line, grammar, report)
@@ -167,7 +167,7 @@ def _start_ns(days: str | None, report: LogReport) -> int:
     except ValueError:
         since = -1.0
     if not 0 <= since < _LAST_DAY:
-        report.note_bad("the header", f"a start time that is none: {days[:40]}")
+        report.faults.append(f"the header: a start time that is none: {days[:40]}")
         return 0
     report.local_time = True
     return round(since * 86_400e6) * 1000

@@ -342,8 +342,10 @@ class Recording:
         report = SeriesReport(str(self.path), "recording")
 
         def read() -> Iterator[Blocks]:
+            report.balance.come("rows", 0)
             chunks = self.contents.chunks
             for blocks in series_blocks(self.path, chunks, topics, self.note_damage):
+                report.balance.come("rows", sum(map(len, blocks)))
                 yield tuple(report.taken(one, np.ones(len(one), np.bool_)) for one in blocks)
 
         return Series({topic.name: topic.units for topic in topics.values()}, read, report)

@@ -1,3 +1,4 @@
+from .commanded_slip import replaced_speed as replaced_speed
 from .open import Collected as Collected
 from .open import campaign_folders as campaign_folders
 from .open import holds_runs as holds_runs
@@ -12,6 +13,7 @@ from .run import Configuration as Configuration
 from .run import Run as Run
 from .run import terrain_from_file as terrain_from_file
 from .run import vehicle_from_file as vehicle_from_file
+from .signals import MOST_MESSAGES as MOST_MESSAGES
 from .signals import MessageFacts as MessageFacts
 from .signals import SignalFacts as SignalFacts
 from .signals import SignalTally as SignalTally

@@ -11,9 +11,10 @@ from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
-from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError
+from daq.config import VehicleConfig, load_toml
+from daq.errors import ConfigError, DataError, Fault, RecordingError, WheelsoilError
 from daq.formatting import numbered
-from daq.logs.formats import LOG_SUFFIXES, no_such_file
+from daq.logs.formats import LOG_SUFFIXES, is_frame_log, no_such_file
 from daq.recording import RunRecording
 from daq.recording.part_writer import part_number, parts_on_disk
 from daq.recording.recovery import RECOVERED
@@ -31,10 +32,10 @@ from daq.runs.run import (
     terrain_from_file,
     vehicle_from_file,
 )
-from daq.series.formats import series_format
+from daq.series.formats import SERIES_SUFFIXES, read_series, series_format
 
-RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"))
-"""Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
+RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix not in (".csv", ".txt")))
+"""Files that a folder without runs.toml offers as runs (CSV and text may be anything); see `logs_in`."""
 _MCAP_MAGIC = b"\x89MCAP"
 _NAMED = 4
 """Folders that a fault names, more are counted."""
@@ -60,8 +61,29 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read."""
-    return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
+    """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read.
+
+    Without any, a folder with vehicle.toml offers its tables of frames and its files of decoded series.
+    """
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    logs = [path for path in files if _log_suffix(path) in RUN_SUFFIXES]
+    logs = sorted([*logs, *(path for path in files if _log_suffix(path) == ".txt" and is_frame_log(path))])
+    if logs or not (folder / VEHICLE_FILE).is_file():
+        return logs
+    return [path for path in files if _log_suffix(path) in SERIES_SUFFIXES and _is_table_of_a_run(path)]
+
+
+def _is_table_of_a_run(path: Path) -> bool:
+    """Return whether a file holds frames or series; a table without times is something else."""
+    try:
+        if series_format(path) is None:
+            return is_frame_log(path)
+        layout = load_toml(path.parent / VEHICLE_FILE, VehicleConfig).series
+        return bool(read_series(path, layout).topics)
+    except DataError:
+        return False
+    except WheelsoilError:  # opening it says what is wrong
+        return True
 
 
 def holds_runs(folder: Path) -> bool:

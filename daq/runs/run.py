@@ -21,6 +21,7 @@ from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.notes import Note, RecordingCode
 from daq.recording import RunRecording
+from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
 from daq.series.blocks import Series, SeriesBlock
 from daq.series.formats import read_series
 from daq.zero_file import carried_zeros
@@ -188,6 +189,19 @@ class Run:
         watch : callable, optional
             Is shown the frames that are decoded.
         """
+        role = replaced_speed(self.vehicle)
+        if role is None or role not in roles:
+            yield from self._measured_batches(roles, watch)
+            return
+        commanded = CommandedSlip(self.vehicle, role)
+        for channels in self._measured_batches({*roles, *commanded.needs} - {role}, watch):
+            speed = commanded.speed(channels)
+            found = channels | ({role: speed} if speed else {})
+            yield {one: channel for one, channel in found.items() if one in roles}
+
+    def _measured_batches(
+        self, roles: Collection[str], watch: Callable[[FrameBatch], None] | None
+    ) -> Iterator[dict[str, Channel]]:
         if self.series:
             yield from self._series_batches(self.series, roles)
             return
@@ -212,11 +226,12 @@ class Run:
 
     def validity_notes(self) -> list[Note]:
         """Return a note on a validity of the ground speed that has no role; raises as `channels`."""
+        roles = set(ROLES) - {replaced_speed(self.vehicle)}
         if self.series:
-            references = resolve_columns(self.vehicle, self.series.topics, (), ROLES)
+            references = resolve_columns(self.vehicle, self.series.topics, (), roles)
             signals = {("", topic): tuple(units) for topic, units in self.series.topics.items()}
         else:
-            references = resolve_roles(self.vehicle, self.databases, (), ROLES)
+            references = resolve_roles(self.vehicle, self.databases, (), roles)
             signals = signals_of(self.databases)
         unused = unused_validity(references, signals)
         return [Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else []
@@ -291,7 +306,7 @@ def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunR
         id=name,
         path=path,
         info=info.model_copy(update={"id": name, "file": path.name}),
-        vehicle=known.vehicle or VehicleConfig(),
+        vehicle=with_commanded_slip(known.vehicle or VehicleConfig()),
         terrain=known.terrain,
         databases=known.databases,
         attachments=known.attachments,

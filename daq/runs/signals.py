@@ -73,6 +73,7 @@ class SignalTally:
 
     def __init__(self) -> None:
         self._messages: dict[tuple[str, str], _Message] = {}
+        self.passed_over = 0
 
     def take(
         self,
@@ -83,13 +84,14 @@ class SignalTally:
         units: Mapping[str, str],
         no_data: Mapping[str, NoData] = MappingProxyType({}),
     ) -> None:
-        """Take a piece of one message with all its signals; new ones beyond `MOST_MESSAGES` are passed over.
+        """Take a piece of one message with all its signals; of new ones beyond `MOST_MESSAGES` samples are counted.
 
         `no_data` says which values of a signal are none.
         """
         message = self._messages.get((bus, name))
         if message is None:
             if len(self._messages) == MOST_MESSAGES:
+                self.passed_over += len(time_ns)
                 return
             message = self._messages[bus, name] = _Message(dict(units), no_data)
         message.take(time_ns, values)

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daq.arrays import BoolArray, FloatArray, IntArray
+from daq.balance import Balance
 from daq.errors import RecordingError, every_error_as
 from daq.limits import EARLIEST_DATE_NS
 
 BLOCK_ROWS = 1 << 16
 _LISTED = 6
+UNREADABLE, EMPTY = "unreadable", "empty rows"
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,10 @@ class SeriesReport:
         Whether dates came without a time zone, and are taken for UTC.
     assumed_unit : str
         Unit of time stamps that the file does not state.
-    bad_times, out_of_order : mapping topic -> int
-        Rows without a usable time stamp, which are excluded; rows earlier than the one before, which are kept.
-    bad_rows, first_bad : int, str
-        Rows that are no rows of the table, which are excluded.
+    balance : Balance
+        Of the rows: a row of each topic, and what is no row of the table.
+    out_of_order : mapping topic -> int
+        Rows earlier than the one before, which are kept.
     bad_cells : mapping column -> int
         Cells that should hold a number and do not; they are NaN.
     skipped : mapping column -> reason
@@ -69,6 +71,8 @@ class SeriesReport:
         Where the reading broke off, and why.
     known : list of str
         What was known of the file before its rows were read, a sentence each.
+    readings : list of str
+        How numbers and times were read that may be read in two ways, and why.
     """
 
     path: str
@@ -78,14 +82,13 @@ class SeriesReport:
     absolute_time: bool | None = None
     unzoned: bool = False
     assumed_unit: str = ""
-    bad_times: dict[str, int] = field(default_factory=dict)
+    balance: Balance = field(default_factory=Balance)
     out_of_order: dict[str, int] = field(default_factory=dict)
-    bad_rows: int = 0
-    first_bad: str = ""
     bad_cells: dict[str, int] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     damage: str = ""
     known: list[str] = field(default_factory=list)
+    readings: list[str] = field(default_factory=list)
     _last_ns: dict[str, int] = field(default_factory=dict)
 
     def restart(self) -> None:
@@ -95,8 +98,12 @@ class SeriesReport:
 
     def note_bad_row(self, where: str, why: str, count: int = 1) -> None:
         """Count rows that cannot be read and keep the first example."""
-        self.first_bad = self.first_bad or f"{where}: {why}"
-        self.bad_rows += count
+        self.balance.lose(UNREADABLE, count, f"{where}: {why}")
+
+    def note_reading(self, text: str) -> None:
+        """Keep how something was read that may be read in two ways."""
+        if text not in self.readings:
+            self.readings.append(text)
 
     def note_bad_cells(self, column: str, count: int) -> None:
         """Count cells that hold no number."""
@@ -108,10 +115,12 @@ class SeriesReport:
         topic = block.topic
         if not usable.all():
             filled = np.any([np.isfinite(one[~usable]) for one in block.columns.values()], axis=0)
-            if count := int(np.count_nonzero(filled)):  # an empty row without a time fills up a shorter table
-                self.bad_times[topic] = self.bad_times.get(topic, 0) + count
+            count = int(np.count_nonzero(filled))
+            self.balance.lose(f"of {topic} without a usable time", count)
+            self.balance.put_aside(EMPTY, len(filled) - count)  # such rows fill up a shorter table
             block = block.rows(usable)
         self.rows[topic] = self.rows.get(topic, 0) + len(block)
+        self.balance.out += len(block)
         if len(block):
             if self.absolute_time is None:
                 self.absolute_time = bool(block.time_ns[0] >= EARLIEST_DATE_NS)
@@ -124,7 +133,7 @@ class SeriesReport:
 
     def remarks(self) -> list[str]:
         """Return what a user should know of this file, a sentence each."""
-        lines = list(self.known)
+        lines = [*self.known, *self.readings]
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.unzoned:
@@ -133,9 +142,7 @@ class SeriesReport:
             lines.append(f"the time column states no unit: taken for {self.assumed_unit} ([series] time_unit sets it)")
         if self.damage:
             lines.append(self.damage)
-        if self.bad_rows:
-            lines.append(f"{self.bad_rows} rows unreadable, excluded; the first is {self.first_bad}")
-        lines += [f"{topic}: {count} rows without a usable time, excluded" for topic, count in self.bad_times.items()]
+        lines += [f"{self.balance.unit} {kind}, excluded: {loss}" for kind, loss in self.balance.losses.items()]
         lines += [f"{topic}: {count} rows are out of order" for topic, count in self.out_of_order.items()]
         cells = [f"{count} in {column!r}" for column, count in self.bad_cells.items()]
         lines += [f"cells that hold no number: {_some(cells)}"] if cells else []
@@ -177,6 +184,7 @@ class Series:
         self.report.restart()
         with every_error_as(RecordingError, "the file cannot be read any further", self._place):
             yield from self._read()
+            self.report.balance.close()
 
     def _place(self) -> str:
         return f"{self.report.path}, after row {sum(self.report.rows.values())}"

@@ -11,6 +11,7 @@ from pathlib import Path
 from daq.can.roles import plain_name
 from daq.config import SeriesSection
 from daq.errors import RecordingError, WheelsoilError, every_error_as
+from daq.gunzip import unpacked
 from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents
 from daq.recording.reader import raw_channels
@@ -62,15 +63,15 @@ def series_format(path: Path) -> SeriesFormat | None:
     if path.is_dir():
         return _BAG if (path / BAG_METADATA).is_file() else None
     try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
+        with path.open("rb") as plain, unpacked(path, _HEAD_BYTES) as file:
+            packed, head = plain.read(_HEAD_BYTES), file.read(_HEAD_BYTES)
     except OSError:
         return None
     if head.startswith(MAGIC):
         return _BAG if _is_foreign(path, head) else None
     if head.startswith(b"\x89HDF"):
         return _MATLAB if path.suffix == ".mat" else _HDF5
-    for known in SERIES_FORMATS:
+    for known in SERIES_FORMATS if head == packed else ():
         if known.magic and head.startswith(known.magic):
             return None if known is _MDF and not _holds_channels(path, path.stat().st_mtime_ns) else known
     name = path.name.lower().removesuffix(".gz")
@@ -136,15 +137,19 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
     opened = [(path.name.partition(".")[0], read_series(path, layout)) for path in paths]
     topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
 
+    report = SeriesReport(", ".join(map(str, paths)), "files")
+
     def stream(stem: str, series: Series) -> Iterator[SeriesBlock]:
         for blocks in series.blocks():
             for one in blocks:
+                report.balance.come("rows", len(one))
+                report.balance.out += len(one)
                 yield SeriesBlock(_joined(stem, one.topic), one.time_ns, one.columns)
 
     def read() -> Iterator[Blocks]:
         return together([stream(stem, series) for stem, series in opened])
 
-    return Series(topics, read, SeriesReport(", ".join(map(str, paths)), "files")), [one.report for _, one in opened]
+    return Series(topics, read, report), [one.report for _, one in opened]
 
 
 def _joined(stem: str, topic: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,11 @@ WHEEL_OPTIONAL = ("driving_torque_nm", "sinkage_m")
 WHEEL_SIZES = ("radius_m", "width_m", "lug_height_m", "lug_count")
 """Columns that describe the wheel of a row, beside its name in a column ``wheel``."""
 SIZES = ("radius_m", "width_m", "length_m")
+_OF_THE_WHEEL = re.compile(
+    r"radius|diameter|(?<!rut_)(?<!track_)width|^(wheel|tyre|tire)([ _]?(id|no|nr|name|type|number|code))?$|lug",
+    re.IGNORECASE,
+)
+"""Names of columns whose values belong to a wheel."""
 _LONGEST_M = 2.0  # a longer sinkage or displacement is in millimetres
 _STEADY = 0.05  # share by which a measured normal stress may vary within a test
 
@@ -138,7 +144,7 @@ def read_wheel_tables(
     """
     table = read_table(path, rename=rename, where=where)
     sizes = table.numbers((), WHEEL_SIZES)
-    _refuse_unread_radii(table, sizes)
+    _refuse_unread_wheels(table, sizes)
     _refuse_sizes(table, sizes)
     names = table.columns.get("wheel", ("",) * len(table))
     wheels = [(name, *(float(column[i]) for column in sizes.values())) for i, name in enumerate(names)]
@@ -165,17 +171,19 @@ def _one_size(sizes: Mapping[str, FloatArray], row: int) -> dict[str, float]:
     return {name: float(column[row]) for name, column in sizes.items() if math.isfinite(column[row])}
 
 
-def _refuse_unread_radii(table: Table, sizes: Mapping[str, FloatArray]) -> None:
-    """Raise ConfigError where a column of radii that differ is not read: the rows are of several wheels."""
-    for name, values in table.columns.items() if "radius_m" not in sizes else ():
+def _refuse_unread_wheels(table: Table, sizes: Mapping[str, FloatArray]) -> None:
+    """Raise ConfigError where a column that describes the wheel differs and is not read: there are several wheels."""
+    read = ("wheel", *WHEEL_SIZES, *(f"{name}_sigma" for name in WHEEL_SIZES))
+    for name, values in table.columns.items() if "wheel" not in table else ():
         different = list(dict.fromkeys(values))
-        if "radius" in name.lower() and len(different) > 1:
+        covered = any(size.partition("_")[0] in name.lower() for size in sizes)
+        if name not in read and not covered and _OF_THE_WHEEL.search(name) and len(different) > 1:
             raise ConfigError.of(
                 f"the rows are of several wheels: column {name!r} has {len(different)} values and is not read",
                 table.source,
                 "; ".join(different[:5]),
-                "one radius, or a column radius_m",
-                f"--rename radius_m={name} (and width_m), or the rows of one wheel: --where COLUMN=VALUE",
+                "one wheel, or a column radius_m, width_m or wheel",
+                f"--rename radius_m={name} (width_m, wheel), or the rows of one wheel: --where {name}={different[0]}",
             )
 
 
@@ -257,29 +265,82 @@ def read_plate_tests(
 
 
 def read_shear_tests(
-    path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
+    path: Path,
+    *,
+    ring_m: tuple[float, float] | None = None,
+    rename: Mapping[str, Source] | None = None,
+    where: Mapping[str, str] | None = None,
 ) -> list[ShearTest]:
-    """Read shear tests: columns ``displacement_m, shear_stress_pa, normal_stress_pa``.
+    """Read shear tests: columns ``displacement_m, shear_stress_pa, normal_stress_pa``; of a ring, what it measures.
 
+    A ring has ``rotation_rad`` and ``torque_nm`` instead of displacement and stress, and may have ``normal_force_n``.
     A column ``test`` parts several; where there is none, each normal stress is a test.
+
+    Parameters
+    ----------
+    ring_m : (float, float), optional
+        Inner and outer radius of a ring; or columns ``inner_radius_m`` and ``outer_radius_m``.
 
     Raises
     ------
     ConfigError
-        See `read_table`.
+        See `read_table`; a torque or a force without the radii of the ring.
     DataError
         A cell is not a number, or the normal stress is negative or changes within a test.
+
+    Source
+    ------
+    Wong, Theory of Ground Vehicles: the same stress over the ring, ``T = 2 pi / 3 (r_o^3 - r_i^3) tau``, and the
+    displacement at its mean radius.
     """
     table = read_table(path, rename=rename, where=where)
-    normal = table.numbers(("normal_stress_pa",))["normal_stress_pa"]
-    alone = "test" not in table and np.ptp(normal) <= _STEADY * np.max(np.abs(normal))
-    by = "test" if "test" in table else "normal_stress_pa"
-    parts = [("", table)] if alone else list(table.groups(by))
-    return [_shear_test(part, _test_name(path, label)) for label, part in parts]
+    values = _shear_values(table, ring_m)
+    normal = values["normal_stress_pa"]
+    if "test" in table:
+        labels: Sequence[str] = table.columns["test"]
+    else:
+        alone = np.ptp(normal) <= _STEADY * np.max(np.abs(normal))
+        labels = [""] * len(table) if alone else [f"{stress:g}" for stress in normal]
+    chosen = {label: np.array([one == label for one in labels]) for label in dict.fromkeys(labels)}
+    return [
+        _shear_test(table, {name: column[rows] for name, column in values.items()}, _test_name(path, label))
+        for label, rows in chosen.items()
+    ]
 
 
-def _shear_test(table: Table, name: str) -> ShearTest:
-    values = table.numbers(("displacement_m", "shear_stress_pa", "normal_stress_pa"))
+def _shear_values(table: Table, ring_m: tuple[float, float] | None) -> dict[str, FloatArray]:
+    """Return displacement, shear stress and normal stress of all rows."""
+    measured = {"displacement_m": "rotation_rad", "shear_stress_pa": "torque_nm", "normal_stress_pa": "normal_force_n"}
+    names = tuple(ring if ring in table and plain not in table else plain for plain, ring in measured.items())
+    values = dict(zip(measured, table.numbers(names).values(), strict=True))
+    of_ring = [plain for plain, name in zip(measured, names, strict=True) if name != plain]
+    if not of_ring:
+        return values
+    inner, outer = _ring_radii(table, ring_m)
+    to_stress = {
+        "displacement_m": (inner + outer) / 2,
+        "shear_stress_pa": 3 / (2 * math.pi * (outer**3 - inner**3)),
+        "normal_stress_pa": 1 / (math.pi * (outer**2 - inner**2)),
+    }
+    return values | {name: values[name] * to_stress[name] for name in of_ring}
+
+
+def _ring_radii(table: Table, ring_m: tuple[float, float] | None) -> tuple[float, float]:
+    columns = ("inner_radius_m", "outer_radius_m")
+    if ring_m is None and not all(name in table for name in columns):
+        what, expected = "the radii of the shear ring are not known", f"columns {' and '.join(columns)}"
+        raise ConfigError.of(what, table.source, "", expected, "add the columns, or give --ring INNER OUTER")
+    if ring_m is None:
+        radii = table.numbers(columns)
+        ring_m = (_constant(table, columns[0], radii[columns[0]]), _constant(table, columns[1], radii[columns[1]]))
+    inner, outer = ring_m
+    if not 0 <= inner < outer < math.inf:
+        found = f"{inner:g} and {outer:g} m"
+        raise ConfigError.of("these are no radii of a ring", table.source, found, "inner below outer", "in metres")
+    return inner, outer
+
+
+def _shear_test(table: Table, values: Mapping[str, FloatArray], name: str) -> ShearTest:
     _refuse_other_units(table, "displacement_m", values["displacement_m"])
     normal = _constant(table, "normal_stress_pa", values["normal_stress_pa"], _STEADY)
     if normal < 0:

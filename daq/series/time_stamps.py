@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.roles import plain_name, unit_behind
 from daq.config import SeriesSection
-from daq.errors import DataError, Fault, nearest
+from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.limits import EARLIEST_DATE_NS, LAST_TIME_NS
 from daq.series.blocks import SeriesReport
 from daq.units import Quantity, find_unit
@@ -20,7 +20,7 @@ from daq.units import Quantity, find_unit
 if TYPE_CHECKING:
     import pandas as pd
 
-_WORDS = "time|times?[ _]?stamps?|timestampepoch|zeit|zeitstempel|date[ _]?time|utc|epoch|elapsed"
+_WORDS = "ts|time|times?[ _]?stamps?|timestampepoch|zeit|zeitstempel|date[ _]?time|utc|epoch|elapsed"
 _SUFFIX = r"(?:_(?P<suffix>ns|us|ms|s|sec|min|h))?"
 _EXACT = re.compile(rf"(?:t|(?i:{_WORDS}))(?:[ _](?i:utc|epoch|unix|rel|abs|relative|absolute))?[ _]?\d*{_SUFFIX}$")
 _LOOSE = re.compile(rf"(?:t[ _].*|(?i:(?:.*[ _./])?(?:{_WORDS})(?:[ _].*)?)){_SUFFIX}$")
@@ -30,9 +30,13 @@ _EPOCH_S = EARLIEST_DATE_NS / 1e9
 _LAST_NS = float(LAST_TIME_NS)
 _ZONE = re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")
-_GERMAN = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}[ T,]+\d")
+_DAY_FIRST = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}[ T,]+\d")
+_PARTED = re.compile(r"\d{1,2}([/-])\d{1,2}\1\d{4}[ T,]+\d")
+_PARTS = r"^(\d{1,2})[./-](\d{1,2})[./-](\d{4})[ T,]+(\d.*)$"
+_PASSED = re.compile(r"-?\d+ days?\b")
 _CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$")
-_KINDS = "ISO 8601, DD.MM.YYYY hh:mm:ss, hh:mm:ss, or [series] time_format"
+_KINDS = "ISO 8601, DD.MM.YYYY hh:mm:ss, hh:mm:ss, 0 days hh:mm:ss, or [series] time_format"
+_MONTHS = 12
 
 
 def is_time_name(header: str) -> bool:
@@ -42,7 +46,7 @@ def is_time_name(header: str) -> bool:
 
 def is_time_text(cell: str) -> bool:
     """Return whether a cell is a date or a time of the day."""
-    return any(pattern.match(cell) for pattern in (_ISO, _GERMAN, _CLOCK))
+    return any(pattern.match(cell) for pattern in (_ISO, _DAY_FIRST, _PARTED, _CLOCK, _PASSED))
 
 
 def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:
@@ -66,6 +70,8 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
     ------
     DataError
         No time column, or a named one is not there.
+    ConfigError
+        `layout` gives a rate beside a time column.
     """
     columns = tuple(units)
     absent = [name for name in layout.times if name not in columns]
@@ -75,14 +81,13 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
             for n in absent
         ]
         raise DataError(*faults)
-    if layout.times:
-        times = list(layout.times)
-    elif layout.rate_hz is not None:
+    possible = [name for name in columns if not units[name] or find_unit(units[name], (Quantity.TIME,))]
+    times = list(layout.times)
+    times = times or [name for name in columns if name in dates or (name in possible and is_time_name(name))]
+    refuse_rate(layout, times[0] if times else "", source)
+    if layout.rate_hz is not None:
         return {}
-    else:
-        possible = [name for name in columns if not units[name] or find_unit(units[name], (Quantity.TIME,))]
-        times = [name for name in columns if name in dates or (name in possible and is_time_name(name))]
-        times = times or [name for name in possible if _LOOSE.match(plain_name(name))]
+    times = times or [name for name in possible if _LOOSE.match(plain_name(name))]
     if not times:
         what = "no column looks like a time"
         found, expected = f"columns {', '.join(columns[:12])}", "a column like time, t or timestamp"
@@ -99,6 +104,14 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
             latest = name
         before = name
     return chosen
+
+
+def refuse_rate(layout: SeriesSection, time: str, source: str) -> None:
+    """Raise ConfigError where `layout` gives a rate and the file has times of its own, called `time`."""
+    if layout.rate_hz is not None and time:
+        what = f"a rate is given, and the file has times of its own ({time})"
+        step = "remove rate_hz from [series] of vehicle.toml, or the times from the file where they are wrong"
+        raise ConfigError.of(what, source, f"rate_hz = {layout.rate_hz:g}", "one of both", step)
 
 
 class TimeStamps:
@@ -123,6 +136,10 @@ class TimeStamps:
             time_ns = cells.astype("datetime64[ns]")
             usable = ~np.isnat(time_ns)
             return np.where(usable, time_ns.astype(np.int64), 0), usable
+        if cells.dtype.kind == "m":
+            passed = cells.astype("timedelta64[ns]")
+            usable = ~np.isnat(passed)
+            return np.where(usable, passed.astype(np.int64), 0), usable
         if cells.dtype.kind in "iu" and cells.dtype.itemsize == 8:
             factor = self._factor(cells)
             whole = int(factor) if factor >= 1 and factor == int(factor) else 0
@@ -182,8 +199,10 @@ class TimeStamps:
         first = next((text for text in texts if text), "")
         if self._text_kind is None:
             self._text_kind = self._kind(first)
+            if self._text_kind == "parted":
+                self._text_kind = self._order_of_parts(texts)
         points = texts.str.replace(r",(\d{1,9})(?!\d)", r".\1", regex=True)
-        if self._text_kind == "clock":
+        if self._text_kind == "passed":
             passed = pd.to_timedelta(points, errors="coerce")
             usable = passed.notna().to_numpy()
             time_ns = passed.fillna(pd.Timedelta(0)).to_numpy("timedelta64[ns]").astype(np.int64)
@@ -198,15 +217,31 @@ class TimeStamps:
     def _dates(self, texts: pd.Series[str]) -> pd.Series[pd.Timestamp]:
         import pandas as pd
 
-        if self._text_kind == "german":
-            return pd.to_datetime(texts, errors="coerce", utc=True, dayfirst=True, format="mixed")
+        if self._text_kind in ("day first", "month first"):
+            parts = texts.str.extract(_PARTS)
+            day, month = (parts[i].str.zfill(2) for i in ((0, 1) if self._text_kind == "day first" else (1, 0)))
+            whole = parts[2] + "-" + month + "-" + day + " " + parts[3]
+            return pd.to_datetime(whole, errors="coerce", utc=True, format="ISO8601")
         form = self._format if self._text_kind == "format" else "ISO8601"
         return pd.to_datetime(texts, errors="coerce", utc=True, format=form)
+
+    def _order_of_parts(self, texts: pd.Series[str]) -> str:
+        """Return whether day or month comes first in dates that have both in numbers: where one is above 12."""
+        parts = texts.str.extract(_PARTS).dropna()
+        first, second = (int(parts[i].astype(int).max()) if len(parts) else 0 for i in (0, 1))
+        if (first > _MONTHS) == (second > _MONTHS):
+            where, found = f"{self._report.path}, column {self._column!r}", repr(next(text for text in texts if text))
+            step = 'say which: vehicle.toml [series] time_format = "%d/%m/%Y %H:%M:%S.%f", or "%m/%d/%Y ..."'
+            raise ConfigError.of("day or month may come first in the dates", where, found, "a number above 12", step)
+        kind, largest = ("day first", first) if first > _MONTHS else ("month first", second)
+        self._report.note_reading(f"dates of {self._column!r} read with the {kind}, because one has {largest} there")
+        return kind
 
     def _kind(self, first: str) -> str:
         if self._format:
             return "format"
-        for kind, pattern in (("iso", _ISO), ("german", _GERMAN), ("clock", _CLOCK)):
+        kinds = (("iso", _ISO), ("day first", _DAY_FIRST), ("parted", _PARTED), ("passed", _CLOCK), ("passed", _PASSED))
+        for kind, pattern in kinds:
             if pattern.match(first):
                 return kind
         where = f"{self._report.path}, column {self._column!r}"

@@ -202,7 +202,7 @@ def test_a_date_that_cannot_be_is_a_remark(when: tuple[int, int]) -> None:
     back, report = parsed(bytes(whole))
     assert len(back) == 20
     assert report.absolute_time is False
-    assert f"no date that can be: year {when[0]}" in report.first_bad
+    assert f"no date that can be: year {when[0]}" in report.remarks()[1]
 
 
 def test_times_beyond_64_bits_are_bad_objects() -> None:
@@ -268,3 +268,12 @@ def test_ten_microsecond_ticks_and_short_objects() -> None:
     assert back.buses == ("can1",)
     assert report.bad == 1
     assert "too short" in report.first_bad
+
+
+def test_zeros_between_containers_cost_themselves_only() -> None:
+    whole = written(usable(8, 6000))
+    begin = whole.index(b"LOBJ\x10\0", 2000)
+    back, report = parsed(whole[:begin] + bytes(4096) + whole[begin:])
+    assert content(back) == content(parsed(whole)[0])
+    assert "only zeros; 4,096 bytes are skipped" in report.lost[0]
+    assert report.file_bytes.open == report.balance.open == 0

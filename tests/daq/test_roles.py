@@ -130,14 +130,16 @@ def test_a_signal_on_several_buses_needs_the_bus() -> None:
     assert found["vertical_load"].si_factor == -1000.0
 
 
-def test_the_shipped_files_serve_all_roles_but_sinkage_and_brake() -> None:
+def test_the_shipped_files_serve_all_roles_but_sinkage_brake_and_slip() -> None:
     path = shipped_dbc("wft.dbc")
     from daq.can.databases import load_for_vehicle
     from daq.config import load_toml
 
     config = load_toml(path.with_name("vehicle.toml"), VehicleConfig)
     served = [
-        role for role, channel in ROLES.items() if role not in ("sinkage", "brake") and channel.use is not Use.EXTRA
+        role
+        for role, channel in ROLES.items()
+        if role not in ("sinkage", "brake", "slip") and channel.use is not Use.EXTRA
     ]
     found = resolve_roles(config, load_for_vehicle(config, path.parent), served)
     assert found["latitude"].si_factor == pytest.approx(math.pi / 180 / 60)

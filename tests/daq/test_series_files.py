@@ -148,8 +148,9 @@ def test_every_row_is_accounted_for(tmp_path: Path) -> None:
     np.testing.assert_array_equal(time_ns, [0, 100_000_000, 150_000_000, 400_000_000])
     np.testing.assert_array_equal(values, [1, np.nan, 5, np.nan])
     report = series.report
-    assert (report.bad_rows, report.bad_times, report.bad_cells) == (1, {"table": 2}, {"Fz [N]": 1})
-    assert "line 4" in report.first_bad and report.skipped == {"state": "text"}
+    lost = {kind: loss.count for kind, loss in report.balance.losses.items()}
+    assert lost == {"unreadable": 1, "of table without a usable time": 2} and report.bad_cells == {"Fz [N]": 1}
+    assert "line 4" in report.balance.losses["unreadable"].first and report.skipped == {"state": "text"}
 
 
 def parquet(path: Path) -> None:

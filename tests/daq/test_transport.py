@@ -86,7 +86,7 @@ def test_interleaved_messages_come_back(messages: list[bytes], cut: int, data: s
     positions = [iter(stream) for stream in streams]
     found, transport = received([next(positions[i]) for i in order], cut, step_ns=1_000_000)
     assert sorted(one.data for one in found) == sorted(messages)
-    assert not transport.interrupted
+    assert not transport.interrupted()
     for one in found:
         source = one.can_id & 0xFF
         assert one.can_id == ISO_ID or (one.can_id >> 8 & 0x3FFFF in (GROUP, 0xEF80) and one.data == messages[source])
@@ -99,7 +99,7 @@ def test_a_lost_frame_costs_its_message_and_is_counted(message: bytes, data: st.
         whole = by_iso_tp(ISO_ID, b"0123456789") if frames[0][0] == ISO_ID else by_bam(3, GROUP, b"0123456789")
         found, transport = received([*frames[:lost], *frames[lost + 1 :], *whole])
         assert [one.data for one in found] == [b"0123456789"]
-        assert transport.interrupted["can0"] == (lost > 0)
+        assert transport.interrupted()["can0"] == (lost > 0)
 
 
 def test_short_frames_of_a_long_message_are_no_pieces() -> None:
@@ -113,7 +113,7 @@ def test_short_frames_of_a_long_message_are_no_pieces() -> None:
 
 def test_a_message_that_stalls_is_dropped() -> None:
     found, transport = received(by_bam(1, GROUP, bytes(20)), step_ns=2_000_000_000)
-    assert not found and transport.interrupted["can0"] == 1
+    assert not found and transport.interrupted()["can0"] == 1
 
 
 @given(st.lists(st.tuples(st.sampled_from([ISO_ID, 0x1CECFF01, 0x1CEBFF01]), st.binary(max_size=8)), max_size=60))
@@ -144,3 +144,9 @@ def test_a_long_message_of_a_database_is_decoded(j1939: bool) -> None:
         assert half["can0", "Long.First"].values.tolist() == [2 * 0x0100]
         assert half["can0", "Long.Last"].values.tolist() == [2 * 0x1211]
     assert halves[0]["can0", "Long.Last"].time_ns.tolist() == [(len(sent) - 1) * 10_000_000]
+
+
+@pytest.mark.parametrize("sent", [by_bam(1, GROUP, bytes(20)), by_iso_tp(ISO_ID, bytes(30))])
+def test_a_message_that_never_ends_is_counted(sent: list[Sent]) -> None:
+    found, transport = received(sent[:-1])
+    assert not found and transport.interrupted() == {"can0": 1}

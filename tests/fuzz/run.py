@@ -1,6 +1,7 @@
 """Damages files and reads them: `PYTHONPATH=tests python -m fuzz.run --count 1000000` by hand, fewer in the slow set.
 
-A defect is an exception that is not ours, more than 1.5 GB, or more than 20 s for one file.
+A defect is an exception that is not ours, more than 1.5 GB, or more than 20 s for one file; and a well-formed file that
+is read wrong without a word (`fuzz.well_formed`).
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ from pathlib import Path
 import numpy as np
 from fuzz.mutators import mutated
 from fuzz.readers import FORMATS, whole_file
+from fuzz.well_formed import DECIMAL_IDENTIFIERS, KINDS, outcome_of
 
 from daq import WheelsoilError
 
 PATIENCE_S = 20
 MEMORY_BYTES = 3 << 29
+_PER_WELL_FORMED = 100
+"""Damaged files for each well-formed one of a kind."""
 
 
 class TooSlow(BaseException):  # the boundary around readers must not take it for theirs
@@ -58,6 +62,14 @@ def defects_of(name: str, count: int, first_seed: int) -> list[str]:
     return found
 
 
+def wrong_without_a_word(kind: str, count: int, first_seed: int) -> list[str]:
+    """Read `count` well-formed files of a kind; return those that are read wrong and nothing says so."""
+    with tempfile.TemporaryDirectory() as folder:
+        seeds = range(first_seed, first_seed + count)
+        wrong = [seed for seed in seeds if outcome_of(kind, seed, Path(folder)) == "wrong"]
+    return [f"{kind}, seed {seed}: wrong without a word" for seed in wrong]
+
+
 def main() -> int:
     """Fuzz every format, or one; print the defects."""
     parser = argparse.ArgumentParser()
@@ -80,6 +92,11 @@ def main() -> int:
         count = round(asked.count * FORMATS[name].weight / total)
         new = defects_of(name, count, asked.first_seed)
         print(f"{name}: {count:,} inputs, {len(new)} defects", flush=True)
+        defects += new
+    each = max(asked.count // _PER_WELL_FORMED, 2)
+    for kind in [] if asked.format else (*KINDS, DECIMAL_IDENTIFIERS):
+        new = wrong_without_a_word(kind, each, asked.first_seed)
+        print(f"well formed, {kind}: {each:,} inputs, {len(new)} wrong without a word", flush=True)
         defects += new
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
     if peak > MEMORY_BYTES:

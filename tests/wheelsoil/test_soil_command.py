@@ -182,3 +182,19 @@ def test_measured_plates_from_the_whole_record(tmp_path: Path, capsys: pytest.Ca
     assert np.median([plate["stiffness"] for plate in facts["plates"]]) == pytest.approx(9.6e6, rel=0.1)
     assert facts["parameters"][0]["interval95"][1] < 0
     assert "contradicts" in notes
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_shear_tests_that_leave_a_parameter_open_say_which_test_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "shear.csv"
+    displacement = np.linspace(0, 0.05, 20)
+    rows = [(j, 5.0, 1e300, 1) for j in displacement]
+    rows += [(j, 1e-300 * (1 - np.exp(-j / 0.01)), 1e301, 2) for j in displacement]
+    path.write_text(
+        "displacement_m,shear_stress_pa,normal_stress_pa,test\n" + "".join(f"{a},{b},{c},{d}\n" for a, b, c, d in rows)
+    )
+    assert run(["soil", "--shear", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert "leave c, phi or K open" in error and "normal stresses 1e+300, 1e+301 Pa" in error

@@ -141,7 +141,7 @@ def _as_json(facts: FileFacts) -> dict[str, Any]:
     from wheelsoil.to_json import plain
     from wheelsoil.wording.notes import note_text
 
-    known: dict[str, Any] = plain(facts)
+    known: dict[str, Any] = {name: value for name, value in plain(facts).items() if name != "balance" or value}
     return known | {
         "gaps": [{**plain(gap), "text": note_text(gap.note())} for gap in facts.gaps],
         "recording_now": facts.recording_now,
@@ -207,6 +207,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("error frames", f"{facts.coverage.error_frames:,}" if facts.coverage.error_frames else ""),
         ("remote frames", f"{facts.coverage.remote_frames:,}" if facts.coverage.remote_frames else ""),
         ("attached", ", ".join(f"{name} ({size:,} B)" for name, size in facts.attachments.items())),
+        ("balance", facts.balance.sentence("frames" if facts.frames else "rows") if facts.balance else ""),
         ("end", facts.exit_status),
         ("clock", _clock(facts.clock)),
         ("uncertain time stamps", _uncertain_timestamps(facts)),

@@ -72,6 +72,10 @@ def soil_command(
             "--width", metavar="M...", help="Smaller side of rectangular plates: one for all, or one per file."
         ),
     ] = None,
+    ring: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="INNER OUTER", help="Radii of a shear ring in m, for rotation_rad and torque_nm."),
+    ] = None,
     zero: Annotated[
         Zero, typer.Option(help="Sinkage 0: as given, where the pressure leaves its baseline, or fitted near there.")
     ] = Zero.given,
@@ -108,7 +112,7 @@ def soil_command(
     known = load_toml(base, TerrainConfig) if base else None
     columns = SharedOptions(rename or [], where or [])
     plates = _plates(plate or [], radius or [], width or [], columns)
-    shears = _shears(shear or [], columns)
+    shears = _shears(shear or [], ring, columns)
     columns.refuse_unused()
     result = evaluate(
         plates,
@@ -149,13 +153,13 @@ def _plates(
     return tests
 
 
-def _shears(files: Sequence[Path], columns: SharedOptions) -> list[ShearTest]:
+def _shears(files: Sequence[Path], ring: tuple[float, float] | None, columns: SharedOptions) -> list[ShearTest]:
     from daq.series import column_names, read_shear_tests
 
     tests: list[ShearTest] = []
     for path in files:
         rename, where = columns.fitting(column_names(path))
-        tests += read_shear_tests(path, rename=rename, where=where)
+        tests += read_shear_tests(path, ring_m=ring, rename=rename, where=where)
     return tests
 
 

@@ -82,7 +82,7 @@ def evaluate(
     Raises
     ------
     ConfigError
-        There is no test at all.
+        There is no test at all, or tests that leave a parameter open.
     DataError
         Tests that cannot be fitted.
     """
@@ -95,7 +95,24 @@ def evaluate(
             window=window,
         )
     except DataError as error:
+        if isinstance(error.__cause__, np.linalg.LinAlgError):
+            raise ConfigError(_what_is_missing(plates, shears)) from None
         raise DataError(*map(_worded, error.faults)) from None
+
+
+def _what_is_missing(plates: Sequence[PlateTest], shears: Sequence[ShearTest]) -> Fault:
+    """Return which tests are needed where those that are there leave a parameter open."""
+    if shears:
+        stresses = ", ".join(f"{stress:g}" for stress in sorted({test.normal_stress_pa for test in shears}))
+        lengths = ", ".join(f"{max(test.displacement_m, default=0.0):g}" for test in shears)
+        found = f"normal stresses {stresses} Pa, displacements up to {lengths} m"
+        expected = "two normal stresses, one at least twice the other, and curves that rise over several displacements"
+        step = "add a test at another normal stress; check the units of the columns"
+        return Fault("the shear tests leave c, phi or K open", shears[0].name, found, expected, step)
+    widths = ", ".join(f"{width:g}" for width in sorted({test.width_m for test in plates}))
+    step = "add a test with another plate; check the units of the columns"
+    what, expected = "the plate tests leave k_c, k_phi or n open", "two sizes, and pressures that rise with the sinkage"
+    return Fault(what, plates[0].name, f"plates of {widths} m", expected, step)
 
 
 def _worded(fault: Fault) -> Fault:

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from daq import (
+    ROLES,
+    Balance,
     Channel,
     ConfigError,
     Fault,
@@ -22,9 +24,9 @@ from daq import (
 )
 from daq.can import Coverage, Decoder, FrameBatch, FrameFlag, NoData, coverage, messages_by_bus, no_data_of
 from daq.logger import is_being_recorded
-from daq.logs import LogReading, LogReport, lenient_remarks
+from daq.logs import LogReading, LogReport, interruption_remarks, lenient_remarks
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
-from daq.runs import LENIENT_KEY, MessageFacts, Run, SignalTally
+from daq.runs import LENIENT_KEY, MOST_MESSAGES, MessageFacts, Run, SignalTally, replaced_speed
 from daq.series import Series, SeriesReport, draft_of, write_frame
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
@@ -98,6 +100,8 @@ class FileFacts:
         Metadata records of these names: host against GNSS time, steps of the host's clock.
     databases : mapping bus -> names
     attachments : mapping name -> bytes
+    balance : Balance or None
+        Of a log or a file of series: what was read is what came out and what was lost, by name.
     loss, remarks : tuple of str
         What cannot be read; what else a user should know.
     """
@@ -129,6 +133,7 @@ class FileFacts:
     messages: tuple[MessageFacts, ...]
     written_by: str
     exit_status: str
+    balance: Balance | None
     loss: tuple[str, ...]
     remarks: tuple[str, ...]
 
@@ -168,6 +173,11 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
         remarks += tally.report.remarks()
+    if role := replaced_speed(run.vehicle):
+        remarks.append(f"{ROLES[role].name} computed from the commanded slip ({run.vehicle.signals['slip']})")
+    remarks += interruption_remarks(tally.interrupted)
+    if tally.messages.passed_over:
+        remarks.append(f"more than {MOST_MESSAGES:,} messages: {tally.messages.passed_over:,} samples are not listed")
     return FileFacts(
         run_id=run.id,
         file=str(run.path),
@@ -196,6 +206,7 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
         messages=tally.messages.facts(),
         written_by=recording.library if recording else "",
         exit_status=_exit_status(recording, parts) if recording else "",
+        balance=tally.report.balance if tally.report else None,
         loss=tuple(str(item) for item in recording.loss) if recording else (),
         remarks=tuple(remarks),
     )
@@ -253,6 +264,7 @@ class _Tally:
         self.end_ns: int | None = None
         self.report: LogReport | SeriesReport | None = None
         self.messages = SignalTally()
+        self.interrupted: dict[str, int] = {}
 
     def span(self, time_ns: IntArray) -> None:
         """Stretch begin and end over these stamps."""
@@ -286,6 +298,8 @@ def _tally(run: Run, watch: Watch | None) -> _Tally:
         tally.span(batch.frames["time_ns"])
         for bus, name, time_ns, values, units in _messages(batch, decoder):
             tally.messages.take(bus, name, time_ns, values, units, no_data.get((bus, name), {}))
+        if decoder:
+            tally.interrupted = decoder.interrupted()
         if watch:
             share = batches.report.share if isinstance(batches, LogReading) else _share(run, tally)
             watch(sum(tally.frames.values()), share)

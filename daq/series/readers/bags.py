@@ -11,6 +11,7 @@ import numpy as np
 from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError, not_installed
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
+from daq.series.time_stamps import refuse_rate
 
 _LONGEST_ARRAY = 64
 """Elements of an array that become columns; a longer one is an image or a cloud."""
@@ -20,8 +21,8 @@ _ROWS_TOGETHER = BLOCK_ROWS
 def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open a bag: a topic is a table, its columns the numbers in its messages (``velocity[2]``, ``twist.linear.x``).
 
-    The time of a message is its header's stamp where it has one, else when it was recorded. A topic's columns are those
-    of its first message.
+    The time of a message is its header's stamp where it has one, else when it was recorded. Topics whose messages may
+    differ in length are read twice, first for their columns.
 
     Raises
     ------
@@ -37,6 +38,7 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise not_installed("ROS bags", "rosbags", path, "series") from None
+    refuse_rate(layout, "the stamps of its messages", str(path))
 
     def opened() -> Any:
         return AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
@@ -45,13 +47,17 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     try:
         with opened() as reader:
             for connection in reader.connections:
+                columns = topics.get(connection.topic, {})
                 for _, _, data in reader.messages([connection]):
-                    columns = dict(_numbers("", reader.deserialize(data, connection.msgtype)))
-                    if columns:
-                        topics[connection.topic] = dict.fromkeys(columns, "")
-                    else:
-                        report.skipped[connection.topic] = f"no numbers in {connection.msgtype}"
-                    break
+                    message = reader.deserialize(data, connection.msgtype)
+                    columns |= dict.fromkeys((name for name, _ in _numbers("", message, connection.topic, report)), "")
+                    if not _varies(message):
+                        break
+                if columns:
+                    topics[connection.topic] = columns
+                else:
+                    none = "no numbers" if connection.msgcount else "no messages"
+                    report.skipped[connection.topic] = f"{none} in {connection.msgtype}"
     except Exception as error:  # noqa: BLE001  # rosbags raises whatever it meets in a damaged bag
         raise RecordingError.of("the bag cannot be read", path, str(error) or type(error).__name__) from None
     if not topics:
@@ -59,22 +65,27 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
 
     def read() -> Iterator[Blocks]:
         gathered: dict[str, list[tuple[int, dict[str, float]]]] = {}
-        count = 0
+        count = total = 0
         try:
             with opened() as reader:
                 wanted = [one for one in reader.connections if one.topic in topics]
                 total = sum(one.msgcount for one in wanted)
+                report.balance.come("messages", total)
                 for connection, time_ns, data in reader.messages(wanted):
                     message = reader.deserialize(data, connection.msgtype)
-                    row = (_stamp_ns(message) or time_ns, dict(_numbers("", message)))
+                    numbers = dict(_numbers("", message, connection.topic, report))
+                    row = (_stamp_ns(message) or time_ns, numbers)
                     gathered.setdefault(connection.topic, []).append(row)
                     count += 1
                     if count % _ROWS_TOGETHER == 0:
                         report.share = count / total
                         yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
                         gathered = {}
+                report.balance.come("messages", max(count - total, 0))
+                report.balance.lose("stated, and not in the bag", max(total - count, 0))
         except Exception as error:  # noqa: BLE001  # see above; what came before it stays
             report.damage = f"after {count} messages the bag cannot be read: {error}"
+            report.balance.lose("behind the damage", total - count)
         yield tuple(_block(topic, topics[topic], rows, report) for topic, rows in gathered.items())
 
     return Series(topics, read, report)
@@ -94,15 +105,24 @@ def _stamp_ns(message: Any) -> int:
     return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
+def _varies(value: Any) -> bool:
+    """Return whether a message has a sequence, which may be of another length in the next one."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return True
+    return any(_varies(getattr(value, name)) for name in getattr(value, "__dataclass_fields__", ()))
+
+
+def _numbers(prefix: str, value: Any, topic: str, report: SeriesReport) -> Iterator[tuple[str, float]]:
     """Yield the numbers of a message with their paths; the header is its time."""
     if isinstance(value, (bool, int, float, np.number)):
         yield prefix, float(value)
     elif isinstance(value, (list, tuple, np.ndarray)):
         if len(value) <= _LONGEST_ARRAY:
             for i, one in enumerate(value):
-                yield from _numbers(f"{prefix}[{i}]", one)
+                yield from _numbers(f"{prefix}[{i}]", one, topic, report)
+        else:
+            report.skipped[f"{topic}.{prefix}"] = f"more than {_LONGEST_ARRAY} elements"
     else:
         for name in getattr(value, "__dataclass_fields__", ()):
             if not (name == "header" and not prefix) and not name.startswith("__"):
-                yield from _numbers(f"{prefix}.{name}" if prefix else name, getattr(value, name))
+                yield from _numbers(f"{prefix}.{name}" if prefix else name, getattr(value, name), topic, report)

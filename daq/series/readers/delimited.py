@@ -2,67 +2,35 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.arrays import FloatArray
-from daq.can.roles import unit_behind
 from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError
-from daq.formatting import numbered
+from daq.gunzip import Gunzip, unpacked
 from daq.logs.report import share_of_file
-from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport
-from daq.series.tables import MISSING
-from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, is_time_text, time_columns
-from daq.units import Quantity, find_unit
+from daq.series.blocks import EMPTY, Blocks, Series, SeriesBlock, SeriesReport
+from daq.series.numerals import COMMA, MOST_UNSEPARATED, POINT, Evidence, numbers_of, parts_thousands
+from daq.series.readers.table_head import HEAD_BYTES, NULLS, Head, cells_of, read_head, text_of
+from daq.series.time_stamps import TimeStamps, at_rate, time_columns
 
-HEAD_BYTES = 256 << 10
 _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
-_MOST_COLUMNS = 10_000
-_SAMPLE_ROWS = 200
-_DELIMITERS = "\t;|,"
-"""The comma last: it may be in the numbers."""
-_NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "null", "NULL", "None", "#N/A", "#NV", "--"})
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
-_BOOLEANS = {"true", "false"}
+_VALUE = re.compile(r"\d")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|$)")
+_EMPTY_LINE = re.compile(rb"(?:(?<=\n)|(?<=\r)(?!\n)|\A)(?:\r\n|\n|\r)")
+_PAIR = re.compile(rb"([+-]?\d+),(\d+)")
+_IN_NUMBERS = b"0123456789.,;+-eEnNaAiIfF \t\r\n"
+_LINE_FEED = ord("\n")
+_OTHER_HEADER = "behind another header"
 _COLUMN = re.compile(r"column #(\d+)")
-_EXACT = 1 << 53
-
-Kind = Literal["number", "integer", "boolean", "time", "text", "empty"]
-
-
-@dataclass(frozen=True)
-class Head:
-    """What the beginning of a delimited file says of its layout.
-
-    Attributes
-    ----------
-    columns, units : tuple of str
-        Names as the file has them, made unique; units from the brackets behind a name or from a row of their own.
-    kinds : mapping column -> what its first cells hold
-    data_offset : int
-        Bytes before the first row.
-    first_line : int
-        Number of the line of the first row.
-    """
-
-    columns: tuple[str, ...]
-    units: tuple[str, ...]
-    kinds: Mapping[str, Kind]
-    delimiter: str
-    decimal: str
-    data_offset: int
-    first_line: int
 
 
 def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
@@ -89,133 +57,13 @@ def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> S
     topics = _topics(head, times)
 
     def read() -> Iterator[Blocks]:
+        if head.rejoined:
+            report.note_reading("commas read as decimal ones, because each line has two cells for each name")
         stamps = {time: TimeStamps(time, units[time], layout, report) for time in dict.fromkeys(times.values())}
         return _blocks(path, head, topics, stamps, layout, report)
 
     described = {topic: {name: units[name] for name in columns} for topic, (_, columns) in topics.items()}
     return Series(described, read, report)
-
-
-def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
-    """Find delimiter, decimal sign, header, units and kinds of the columns in the beginning of a file.
-
-    Raises
-    ------
-    DataError
-        It is no table with a header and rows.
-    """
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise DataError.of("the file is UTF-16 text", source, expected="UTF-8", next_step="save it as UTF-8")
-    whole = head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]
-    raw = whole.split(b"\n")
-    lines = [_text(line).rstrip("\r") for line in raw]
-    delimiter = _delimiter(lines, source)
-    rows = [_cells(line, delimiter) for line in lines]
-    count = _usual_count(rows)
-    if count > _MOST_COLUMNS:
-        raise DataError.of("too many columns", source, f"{count}", f"at most {_MOST_COLUMNS}", "choose some of them")
-    first = next((i for i, row in enumerate(rows) if len(row) == count and _is_data(row)), None)
-    if first is None:
-        raise DataError.of(
-            "no row of numbers", source, f"begins with {lines[0][:80]!r}", "a header and rows of numbers"
-        )
-    named = [i for i in range(first) if abs(len(rows[i]) - count) <= 1 and len(rows[i]) > 1]
-    names, units = _names(rows, named, count)
-    sample = [row for row in rows[first : first + _SAMPLE_ROWS] if len(row) == count]
-    decimal = layout.decimal or _decimal(sample, delimiter)
-    kinds = {name: _kind([row[i] for row in sample], decimal) for i, name in enumerate(names)}
-    offset = sum(len(line) + 1 for line in raw[:first])
-    kinds |= {n: "time" for n in names if kinds[n] == "text" and (n in layout.times or is_time_name(n))}
-    return Head(tuple(names), tuple(units), kinds, delimiter, decimal, offset, first + 1)
-
-
-def _text(line: bytes) -> str:
-    try:
-        return line.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return line.decode("cp1252", "replace")
-
-
-def _delimiter(lines: Sequence[str], source: str) -> str:
-    """Return what stands between the cells of most lines; of several the one in front in `_DELIMITERS`."""
-    stated = re.match(r"sep=(.)$", lines[0].strip())
-    if stated:
-        return stated[1]
-    full = [line for line in lines if line.strip()][-_SAMPLE_ROWS:]
-    for delimiter in _DELIMITERS:
-        counts = [len(_cells(line, delimiter)) for line in full]
-        usual = max(set(counts), key=counts.count, default=1)
-        if usual > 1 and counts.count(usual) >= 0.5 * len(counts):
-            return delimiter
-    found = f"begins with {lines[0][:80]!r}"
-    raise DataError.of("not a table", source, found, "cells separated by comma, semicolon, tab or bar")
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-    except csv.Error:
-        return line.split(delimiter)
-
-
-def _usual_count(rows: Sequence[Sequence[str]]) -> int:
-    counts = [len(row) for row in rows if len(row) > 1][-_SAMPLE_ROWS:]
-    return max(set(counts), key=counts.count)
-
-
-def _is_data(row: Sequence[str]) -> bool:
-    """Return whether a row holds values: a number or a time in it, and no more words than those."""
-    values = sum(bool(_NUMBER.match(cell)) or is_time_text(cell) for cell in row)
-    words = sum(
-        bool(cell) and cell not in _NULLS and not _NUMBER.match(cell) and not is_time_text(cell) for cell in row
-    )
-    return values > 0 and values >= words
-
-
-def _names(rows: Sequence[Sequence[str]], named: Sequence[int], count: int) -> tuple[list[str], list[str]]:
-    """Return unique names and the units of the columns, from the last lines before the rows."""
-    header: Sequence[str] = rows[named[-1]] if named else ()
-    units: Sequence[str] = ()
-    if len(named) > 1 and _are_units(header):
-        header, units = rows[named[-2]], header
-    names: list[str] = []
-    for i in range(count):
-        cell = header[i].strip() if i < len(header) else ""
-        if i == 0:
-            cell = cell.lstrip("#%").strip()
-        names.append(numbered(cell or f"column_{i + 1}", names))
-    stated = [units[i].strip("[]() ") if i < len(units) else "" for i in range(count)]
-    return names, [one or unit_behind(name) for one, name in zip(stated, names, strict=True)]
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    found = [find_unit(cell.strip("[]() "), tuple(Quantity)) for cell in cells if cell.strip("[]()- ")]
-    return bool(found) and sum(unit is not None for unit in found) >= 0.5 * len(found)
-
-
-def _decimal(sample: Sequence[Sequence[str]], delimiter: str) -> str:
-    if delimiter == ",":
-        return "."
-    cells = [cell for row in sample for cell in row]
-    commas = sum(bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
-    points = sum("." in cell and bool(_NUMBER.match(cell)) for cell in cells)
-    return "," if commas > points else "."
-
-
-def _kind(cells: Sequence[str], decimal: str) -> Kind:
-    filled = [cell for cell in cells if cell and cell not in _NULLS]
-    if not filled:
-        return "empty"
-    if all(cell.lower() in _BOOLEANS for cell in filled):
-        return "boolean"
-    if sum(is_time_text(cell) for cell in filled) > 0.5 * len(filled):
-        return "time"
-    numbers = [cell.replace(decimal, ".") for cell in filled if _NUMBER.match(cell)]
-    if len(numbers) < 0.5 * len(filled):
-        return "text"
-    if len(numbers) == len(cells) and all(cell.lstrip("+-").isdigit() and abs(int(cell)) > _EXACT for cell in numbers):
-        return "integer"
-    return "number"
 
 
 def _topics(head: Head, times: Mapping[str, str]) -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -230,17 +78,11 @@ def _topics(head: Head, times: Mapping[str, str]) -> dict[str, tuple[str, tuple[
     return {time: (time, columns) for time, columns in groups.items() if columns}
 
 
-def _opened(path: Path) -> BinaryIO:
-    import gzip
-
+def _opened(path: Path) -> io.BufferedReader:
     try:
-        file = path.open("rb")
-        if file.peek(2)[:2] == b"\x1f\x8b":
-            file.close()
-            return gzip.open(path, "rb")  # type: ignore[return-value]
+        return unpacked(path, HEAD_BYTES)
     except OSError as error:
         raise RecordingError.of("the file cannot be read", path, error.strerror or str(error)) from None
-    return file
 
 
 def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
@@ -264,9 +106,15 @@ def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
             else:
                 carry += piece
             if len(carry) > _LONGEST_LINE:
+                report.balance.come("rows", 1)
                 report.note_bad_row("a line", f"longer than {_LONGEST_LINE} bytes")
                 carry = b""
-        if carry.strip():
+        if isinstance(file.raw, Gunzip) and file.raw.damage:
+            report.damage = file.raw.damage
+            if carry:  # nobody knows how many digits its last number has lost
+                report.balance.come("rows", 1)
+                report.balance.lose("that the file ends within")
+        elif carry:
             yield carry
 
 
@@ -278,11 +126,17 @@ def _blocks(
     layout: SeriesSection,
     report: SeriesReport,
 ) -> Iterator[Blocks]:
-    reader = _Reader(head, {*stamps, *(name for _, columns in topics.values() for name in columns)}, report)
+    wanted = {*stamps, *(name for _, columns in topics.values() for name in columns)}
+    reader = _Reader(path, head, wanted, layout, report)
     done = 0
+    report.balance.come("rows", head.first_line - 1)
+    for line, text in head.lost.items():
+        report.note_bad_row(f"line {line}", repr(text))
+    report.balance.put_aside("lines above the rows", head.first_line - 1 - len(head.lost))
     for piece in _pieces(path, head.data_offset, report):
         cells = reader.read(piece)
         count = len(next(iter(cells.values()), ()))
+        report.balance.come("rows", (len(topics) - 1) * count)
         blocks = []
         for topic, (time, columns) in topics.items():
             numbers = {name: reader.numbers(name, cells[name]) for name in columns}
@@ -290,6 +144,7 @@ def _blocks(
                 time_ns, usable = stamps[time].of(reader.times(time, cells[time]))
                 if len(topics) > 1:  # a slower table ends before the others, or has rows of its own
                     there = np.any([np.isfinite(one) for one in numbers.values()], axis=0)
+                    report.balance.put_aside(EMPTY, int(np.count_nonzero(~there)))
                     time_ns, usable = time_ns[there], usable[there]
                     numbers = {name: one[there] for name, one in numbers.items()}
             else:
@@ -304,21 +159,93 @@ def _blocks(
 class _Reader:
     """Parses pieces of the file; a column with a cell that is no number is read as text from there on."""
 
-    def __init__(self, head: Head, wanted: set[str], report: SeriesReport) -> None:
+    def __init__(self, path: Path, head: Head, wanted: set[str], layout: SeriesSection, report: SeriesReport) -> None:
         import pyarrow as pa
 
         kinds = {"number": pa.float64(), "empty": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_()}
-        self._head, self._report = head, report
+        self._path, self._head, self._layout, self._report = path, head, layout, report
+        self._order = head.columns
         self._wanted = [name for name in head.columns if name in wanted]
         self._types = {name: kinds.get(head.kinds[name], pa.string()) for name in self._wanted}
+        self._numeric = [name for name in self._wanted if head.kinds[name] in ("number", "empty", "integer")]
+        if layout.thousands:
+            self._types |= dict.fromkeys(self._numeric, pa.string())
+        self._signs: dict[str, tuple[str, str]] = {}
+        self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
+        self._mark = max(head.columns, key=len).encode()
+        self._rare = next((bytes([one]) for one in self._mark if one not in _IN_NUMBERS), b"")
         self._line = head.first_line
+        self._ended = False
 
     def read(self, piece: bytes) -> dict[str, NDArray[Any]]:
         """Return the cells of each wanted column: numbers, or texts where it holds others."""
         import pyarrow as pa
-        from pyarrow import csv as arrow_csv
 
         piece = _as_utf8(piece)
+        tables = [self._table(part) for part in self._between_headers(piece)]
+        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(one) for one in tables])
+        return {name: _as_numpy(table.column(name)) for name in self._wanted}
+
+    def _typed(self, table: Any) -> Any:
+        """Return a table whose columns have the types that they have by now: some fell to text on the way."""
+        import pyarrow as pa
+
+        return table.cast(pa.schema([(name, self._types[name]) for name in self._wanted]))
+
+    def _between_headers(self, piece: bytes) -> Iterator[bytes]:
+        """Part a piece at lines that repeat the header, and take the columns in the order that each of them has."""
+        if self._rare in piece and self._mark in piece:  # one byte is looked for much faster
+            start = 0
+            for line in [match for match in _LINE.finditer(piece) if self._mark in match[0]]:
+                cells = cells_of(text_of(line[0]).strip(), self._head.delimiter)
+                if sorted(cells) == sorted(self._head.columns):
+                    yield piece[start : line.start()]
+                    self._report.balance.come("rows", 1)
+                    self._report.balance.put_aside("headers among the rows", 1)
+                    if tuple(cells) != self._order:
+                        self._order = tuple(cells)
+                        self._report.note_reading(
+                            f"columns in another order from line {self._line} on: a header is there"
+                        )
+                    self._line += 1
+                    start = line.end()
+            piece = piece[start:]
+        yield piece
+
+    def _table(self, piece: bytes) -> Any:
+        """Return the rows of whole lines, every line accounted for."""
+        import pyarrow as pa
+
+        if not piece:
+            return pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
+        count = _lines_in(piece)
+        self._report.balance.come("rows", count)
+        if self._ended:
+            self._report.balance.lose(_OTHER_HEADER, count)
+            return pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
+        table, bad = self._parsed(_rejoined(piece, len(self._head.columns)) if self._head.rejoined else piece)
+        empty = 0
+        if table.num_rows + len(bad) < count:
+            empty = len(_EMPTY_LINE.findall(piece))
+        if table.num_rows + len(bad) + empty < count and b'"' in piece:  # a quotation mark swallows lines
+            lines = _LINE.findall(piece)
+            unclosed = [line for line in lines if line.count(b'"') % 2]
+            shown = unclosed[0][:60].decode("utf-8", "replace") if unclosed else ""
+            self._report.note_bad_row("a line", f"a quotation mark without its second: {shown!r}", len(unclosed))
+            table, bad = self._parsed(b"".join(line for line in lines if not line.count(b'"') % 2))
+        self._report.balance.put_aside(EMPTY, empty)
+        for row in bad:
+            shown = (row.text or "")[:60]
+            why = f"{row.actual_columns} cells in a table of {row.expected_columns} columns: {shown!r}"
+            self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
+        self._line += count
+        return self._above_another_header(table)
+
+    def _parsed(self, piece: bytes) -> tuple[Any, list[Any]]:
+        """Return the rows and what is none; a column with a cell that is no number becomes one of text."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
         bad: list[Any] = []
 
         def invalid(row: Any) -> str:
@@ -326,34 +253,120 @@ class _Reader:
             return "skip"
 
         parse = arrow_csv.ParseOptions(delimiter=self._head.delimiter, invalid_row_handler=invalid)
-        options = arrow_csv.ReadOptions(column_names=self._head.columns, use_threads=False, block_size=len(piece) + 1)
+        options = arrow_csv.ReadOptions(column_names=self._order, use_threads=False, block_size=len(piece) + 1)
         while True:
             bad.clear()
             convert = arrow_csv.ConvertOptions(
                 column_types=self._types,
                 include_columns=self._wanted,
-                null_values=_NULLS,
+                null_values=NULLS,
                 strings_can_be_null=True,
                 decimal_point=self._head.decimal,
                 check_utf8=False,
             )
             try:
                 table = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert)
-                break
             except pa.ArrowInvalid as error:
                 place = _COLUMN.search(str(error))
-                column = self._head.columns[int(place[1])] if place else ""
+                column = self._order[int(place[1])] if place else ""
                 if column not in self._types or self._types[column] == pa.string():
-                    self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], piece.count(b"\n") or 1)
-                    table = pa.table({name: pa.array([], kind) for name, kind in self._types.items()})
-                    break
+                    lines = _lines_in(piece) - len(_EMPTY_LINE.findall(piece))
+                    self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], lines)
+                    bad.clear()
+                    return pa.table({name: pa.array([], kind) for name, kind in self._types.items()}), bad
                 self._types[column] = pa.string()
-        for row in bad:
-            shown = (row.text or "")[:60]
-            why = f"{row.actual_columns} cells in a table of {row.expected_columns} columns: {shown!r}"
-            self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
-        self._line += piece.count(b"\n")
-        return {name: _as_numpy(table.column(name)) for name in self._wanted}
+            else:
+                parted = [name for name in self._whole if self._parts_thousands(name, table.column(name))]
+                if not parted:
+                    return table, bad
+                self._types |= dict.fromkeys(parted, pa.string())
+
+    def _parts_thousands(self, name: str, column: Any) -> bool:
+        """Return whether the decimal sign parts thousands in a column of whole numbers below 1000 so far."""
+        if self._types[name] == _text_type():
+            return False
+        values = _as_numpy(column)
+        values = values[np.isfinite(values)]
+        fractions = values[values != np.floor(values)]
+        if not len(fractions) and (not len(values) or np.abs(values).max() < MOST_UNSEPARATED):
+            return False
+        self._whole = self._whole - {name}
+        thousandths = fractions * 1000.0
+        possible = len(fractions) and np.abs(fractions).min() > 1.0 and np.abs(values).max() < MOST_UNSEPARATED
+        if not possible or np.abs(thousandths - np.rint(thousandths)).max() > 1e-6:
+            return False
+        return bool(self._signs_of(name)[1])
+
+    def _signs_of(self, name: str) -> tuple[str, str]:
+        """Return decimal sign and thousands sign of a column, by all its cells; empty where there is none."""
+        if name not in self._signs:
+            self._signs[name] = self._decided(name)
+        return self._signs[name]
+
+    def _decided(self, name: str) -> tuple[str, str]:
+        layout, where = self._layout, str(self._path)
+        usual = layout.decimal or self._head.decimal
+        if layout.thousands:
+            return layout.decimal or (COMMA if layout.thousands == POINT else POINT), layout.thousands
+        found = {sign: Evidence() for sign in (POINT, COMMA)}
+        for cells in self._cells_of(name):
+            for sign, evidence in found.items():
+                evidence.take(cells, sign)
+        other = COMMA if usual == POINT else POINT
+        elsewhere = usual if layout.decimal or self._head.decimals[usual] - {name} or found[usual].decimal else ""
+        if found[other].decimal:
+            if not found[usual].decimal and not found[other].thousands and not layout.decimal:
+                self._report.note_reading(f"{name!r} has decimal {_called(other)}s, because of {found[other].decimal}")
+                return other, ""
+            return usual, ""
+        parting = other if found[other].thousands or found[other].either else usual
+        if layout.decimal and parting == usual:
+            return usual, ""
+        if parting == usual:
+            elsewhere = next((sign for sign in (usual, other) if self._head.decimals[sign] - {name}), "")
+        reason = parts_thousands(found[parting], parting, name, where, elsewhere)
+        decimal = COMMA if parting == POINT else POINT
+        if not reason:
+            return parting, ""
+        self._note_thousands(name, parting, reason)
+        return decimal, parting
+
+    def _note_thousands(self, name: str, sign: str, reason: str) -> None:
+        self._report.note_reading(f"the {_called(sign)}s of {name!r} read as parting thousands, because {reason}")
+
+    def _cells_of(self, name: str) -> Iterator[list[str]]:
+        """Yield the different cells of a column, piece by piece."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        parse = arrow_csv.ParseOptions(delimiter=self._head.delimiter, invalid_row_handler=lambda _: "skip")
+        convert = arrow_csv.ConvertOptions(column_types={name: pa.string()}, include_columns=[name], check_utf8=False)
+        aside = SeriesReport(str(self._path), "")
+        for piece in _pieces(self._path, self._head.data_offset, aside):
+            piece = _as_utf8(_rejoined(piece, len(self._head.columns)) if self._head.rejoined else piece)
+            options = arrow_csv.ReadOptions(column_names=self._order, use_threads=False, block_size=len(piece) + 1)
+            try:
+                column = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert).column(name)
+            except pa.ArrowInvalid:
+                continue
+            yield [cell.strip() for cell in column.unique().to_pylist() if cell]
+
+    def _above_another_header(self, table: Any) -> Any:
+        """Return the rows above one that looks like another header: nobody knows what the columns behind it are."""
+        names = [name for name in self._numeric if self._types[name] == _text_type()]
+        if len(names) < max(len(self._numeric), 2) or not table.num_rows:
+            return table
+        texts = [table.column(name).to_pylist() for name in names]
+        for i, cells in enumerate(zip(*texts, strict=True)):
+            words = {cell for cell in cells if cell and not _VALUE.search(cell)}
+            if len(words) == len(cells):
+                self._ended = True
+                self._report.damage = (
+                    f"a row of words is among the numbers, perhaps another header: {', '.join(cells[:4])}"
+                )
+                self._report.balance.lose(_OTHER_HEADER, table.num_rows - i)
+                return table.slice(0, i)
+        return table
 
     def times(self, name: str, cells: NDArray[Any]) -> NDArray[Any]:
         """Return the cells of a time column: numbers, or texts where it holds dates."""
@@ -365,12 +378,37 @@ class _Reader:
             return cells.astype(np.float64, copy=False)
         import pandas as pd
 
-        texts = pd.Series(cells)
-        if self._head.decimal != ".":
-            texts = texts.str.replace(self._head.decimal, ".", regex=False)
-        values: FloatArray = pd.to_numeric(texts.str.strip(), errors="coerce").to_numpy(np.float64)
-        self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & texts.notna().to_numpy())))
+        values = numbers_of(cells, *self._signs_of(name))
+        self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & pd.notna(cells))))
         return values
+
+
+def _text_type() -> Any:
+    """Return the type of texts; pyarrow is loaded when it is needed."""
+    import pyarrow as pa
+
+    return pa.string()
+
+
+def _called(sign: str) -> str:
+    return "comma" if sign == COMMA else "point"
+
+
+def _lines_in(piece: bytes) -> int:
+    """Return the number of lines, whatever ends each; the last one may end with the file."""
+    ends = int(np.count_nonzero(np.frombuffer(piece, np.uint8) == _LINE_FEED))  # four times as fast as to count
+    if b"\r" in piece:
+        ends += piece.count(b"\r") - piece.count(b"\r\n")
+    return ends + (not piece.endswith((b"\n", b"\r")))
+
+
+def _rejoined(piece: bytes, columns: int) -> bytes:
+    """Return lines in which two cells are one number, its decimal comma between them, as other tables are.
+
+    A line with fewer cells can be read in several ways: it stays as it is, and is no row then.
+    """
+    whole = re.compile(rb"(?m)^" + rb",".join([_PAIR.pattern] * columns) + rb"(?=\r?$)")
+    return whole.sub(lambda line: b";".join(b"%s.%s" % pair for pair in _PAIR.findall(line[0])), piece)
 
 
 def _as_utf8(piece: bytes) -> bytes:

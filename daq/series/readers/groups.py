@@ -14,7 +14,7 @@ from daq.config import SeriesSection
 from daq.errors import DataError
 from daq.limits import FASTEST_RATE_HZ, LAST_TIME_NS, SLOWEST_RATE_HZ
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
-from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, time_columns
+from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, refuse_rate, time_columns
 
 Cells = Callable[[int, int], NDArray[Any]]
 """Returns the values from one row to another."""
@@ -80,6 +80,12 @@ def series_of(
     by_name = {column.name: column for column in columns}
     own = [column for column in columns if column.time in clocks]
     rest = [column for column in columns if column.time not in clocks]
+    named = [column.name for column in rest if is_time_name(_leaf(column.name))]
+    refuse_rate(
+        layout,
+        next((one.time for one in own), next((one.time for one in rest if one.time), "".join(named[:1]))),
+        report.path,
+    )
     groups: dict[str, list[Column]] = {}
     for column in own:
         groups.setdefault(column.time, []).append(column)
@@ -110,6 +116,7 @@ def series_of(
             yield report.taken(SeriesBlock(names[time], time_ns, values), usable)
 
     def read() -> Iterator[Blocks]:
+        report.balance.come("rows", sum(own[0].length for own in groups.values()))
         return together([stream(time) for time in groups])
 
     return Series({names[time]: {one.name: one.unit for one in own} for time, own in groups.items()}, read, report)

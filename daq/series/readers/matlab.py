@@ -17,6 +17,7 @@ _LARGE_BYTES = 500 << 20
 _VALUES = ("values", "value", "data", "Data", "Values", "y", "signal")
 _TIMES = ("time", "Time", "t", "x_time", "timestamps", "Timestamps")
 _UNITS = ("unit", "units", "Unit", "Units")
+_SHORT = "less than two values"
 _MOST_SIDE = 512
 """Columns of a matrix that are taken; a larger one is no set of channels."""
 
@@ -92,7 +93,8 @@ def _flattened(
             short = prefix[:-1] if prefix and name in _VALUES else path
             yield from _arrays(short, value, unit, "" if path == time else time, report)
         elif not isinstance(value, (str, bytes, int, float, complex, np.generic)) and name not in _UNITS:
-            report.skipped[path] = "no numbers"
+            numbers = isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+            report.skipped[path] = f"an array of {value.ndim} dimensions" if numbers else "no numbers"
 
 
 def _structs(value: Any) -> list[dict[str, Any]]:
@@ -115,6 +117,8 @@ def _arrays(name: str, value: Any, unit: str, time: str, report: SeriesReport) -
     if value.ndim == 1:
         if len(value) > 1:
             yield array_column(name, value, unit, time)
+        else:
+            report.skipped[name] = _SHORT
         return
     if value.shape[1] > value.shape[0]:
         value = value.T
@@ -161,16 +165,21 @@ def _visit(group: Any, prefix: str, columns: list[Column], path: Path, report: S
             unit = _attribute(item) or (stated if name in _VALUES else "")
             short = prefix[:-1] if prefix and name in _VALUES else full
             time = times[0] if times and full not in times else ""
-            columns += _dataset_columns(short, full, item, path, unit, time)
+            columns += _dataset_columns(short, full, item, path, unit, time, report)
+        else:
+            report.skipped[full] = _SHORT if item.size <= 1 else f"an array of {item.ndim} dimensions"
 
 
-def _dataset_columns(name: str, full: str, item: Any, path: Path, unit: str, time: str) -> list[Column]:
+def _dataset_columns(
+    name: str, full: str, item: Any, path: Path, unit: str, time: str, report: SeriesReport
+) -> list[Column]:
     place = full.replace(".", "/")
     sides = [i for i, side in enumerate(item.shape) if side > 1]
     if len(sides) == 1:
         return [Column(name, unit, item.shape[sides[0]], _cells(path, place, item.ndim, sides[0], ()), time)]
     long, short = sorted(sides, key=lambda i: -item.shape[i])
     if item.shape[short] > _MOST_SIDE:
+        report.skipped[full] = f"a matrix of {item.shape[long]} x {item.shape[short]}"
         return []
     return [
         Column(f"{name}[{i}]", unit, item.shape[long], _cells(path, place, item.ndim, long, ((short, i),)), time)

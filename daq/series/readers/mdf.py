@@ -12,6 +12,7 @@ from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError, WheelsoilError, not_installed
 from daq.formatting import numbered
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
+from daq.series.time_stamps import refuse_rate
 
 _BUS_EVENT = 2
 _MASTER_TYPES = (2, 3)
@@ -33,6 +34,7 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         import asammdf
     except ImportError:
         raise not_installed("MF4 files", "asammdf", path, "mf4") from None
+    refuse_rate(layout, "the masters of the channel groups", str(path))
     groups: dict[str, tuple[int, dict[str, str]]] = {}
     try:
         with asammdf.MDF(path) as mdf:
@@ -40,10 +42,12 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                 raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
             start_ns = round(mdf.header.start_time.timestamp() * 1e9)
             for index, group in enumerate(mdf.groups):
-                if group.channel_group.cycles_nr:
-                    units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
-                    if units:
-                        groups[numbered(group.channel_group.acq_name or f"group_{index}", groups)] = (index, units)
+                name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
+                units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
+                if group.channel_group.cycles_nr and units:
+                    groups[name] = (index, units)
+                elif units:
+                    report.skipped |= dict.fromkeys(units, "no samples")
     except WheelsoilError:
         raise
     except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file
@@ -52,6 +56,7 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     def stream(topic: str, index: int, names: dict[str, str]) -> Iterator[SeriesBlock]:
         with asammdf.MDF(path) as mdf:
             total = mdf.groups[index].channel_group.cycles_nr
+            report.balance.come("rows", total)
             for offset in range(0, total, BLOCK_ROWS):
                 values: dict[str, Any] = {}
                 seconds = np.zeros(0)
@@ -63,6 +68,8 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                         values[name] = one.samples.astype(np.float64)
                     else:
                         report.skipped[name] = "no numbers"
+                missing = min(BLOCK_ROWS, total - offset) - len(seconds)
+                report.balance.lose("stated, and not in the file", missing)
                 time_ns = start_ns + np.rint(seconds * 1e9).astype(np.int64)
                 yield report.taken(SeriesBlock(topic, time_ns, values), np.isfinite(seconds))
 

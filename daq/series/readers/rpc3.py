@@ -38,10 +38,13 @@ def read_rpc3(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     is_float = header.get("DATA_TYPE", "SHORT_INTEGER").startswith("FLOAT")
     dtype = np.dtype("<f4" if is_float else "<i2")
     offset = _BLOCK * _integer(header, "NUM_HEADER_BLOCKS", path, _MOST_BLOCKS)
-    groups = (path.stat().st_size - offset) // (per_group * channels * dtype.itemsize)
+    groups = max(path.stat().st_size - offset, 0) // (per_group * channels * dtype.itemsize)
     if groups * per_group < points:
         report.known.append(f"the file ends after {groups * per_group} of {points} points")
         points = groups * per_group
+    behind = path.stat().st_size - offset - -(-points // per_group) * per_group * channels * dtype.itemsize
+    if behind > 0:
+        report.known.append(f"{behind:,} bytes behind the last whole group of samples are not read")
     step_s = _number(header, "DELTA_T", path)
     if not points or not step_s > 0:
         raise RecordingError.of("the RPC III file holds no samples", path, f"{points} points, DELTA_T {step_s:g} s")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ from daq.errors import RecordingError, not_installed
 from daq.series.blocks import Series, SeriesReport
 from daq.series.readers.groups import Clock, Column, series_of
 
+_LEAD_IN = struct.Struct("<4sL4xQ8x")
+_BIG_ENDIAN, _OPEN = 1 << 6, (1 << 64) - 1
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
@@ -29,12 +33,17 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     """
     try:
         import nptdms
+        from nptdms.log import log_manager
     except ImportError:
         raise not_installed("TDMS files", "npTDMS", path, "series") from None
+    log_manager.set_level(logging.ERROR)  # its warnings of a cut file are remarks of ours
+    missing = _missing_bytes(path)
+    if missing:
+        report.known.append(missing)
     columns: list[Column] = []
     clocks: dict[str, Clock] = {}
     try:
-        with nptdms.TdmsFile.open(path) as file:
+        with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
             for group in file.groups():
                 for channel in group.channels():
                     name = f"{group.name}/{channel.name}"
@@ -51,6 +60,26 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     except Exception as error:  # noqa: BLE001  # npTDMS raises whatever it meets in a damaged file
         raise RecordingError.of("the TDMS file cannot be read", path, str(error)) from None
     return series_of(_of_equal_length(columns, clocks), layout, report, clocks)
+
+
+def _missing_bytes(path: Path) -> str:
+    """Return what is missing of a file at its end: a segment states where the next one begins."""
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            head = file.read(_LEAD_IN.size)
+            if len(head) < _LEAD_IN.size:
+                return f"the file is cut off: the segment at byte {at:,} ends within its header"
+            tag, contents, length = _LEAD_IN.unpack(head)
+            if tag != b"TDSm":
+                return f"no segment begins at byte {at:,}: what is behind it is not read"
+            if contents & _BIG_ENDIAN:
+                length = int.from_bytes(head[12:20], "big")
+            if length == _OPEN:
+                return f"the segment at byte {at:,} was never closed: its last samples may be missing"
+            at += _LEAD_IN.size + length
+    return "" if at == size else f"the file is cut off: {size:,} of {at:,} bytes are there"
 
 
 def _clock(properties: Any) -> Clock | None:
@@ -79,7 +108,7 @@ def _cells(path: Path, group: str, channel: str) -> Any:
     def read(start: int, end: int) -> Any:
         import nptdms
 
-        with nptdms.TdmsFile.open(path) as file:
+        with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
             return file[group][channel][start:end]
 
     return read

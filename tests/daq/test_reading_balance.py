@@ -1,0 +1,78 @@
+"""Every reader closes its balance: what comes in is samples or lost by name, and a cut file says that it is cut."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz.mutators import mutated
+from fuzz.readers import FORMATS, whole_file
+
+from daq.balance import UNACCOUNTED, Balance
+from daq.errors import WheelsoilError
+from daq.logs import LogReport, read_log
+from daq.series import SeriesReport
+from daq.series.formats import read_series
+
+IN_A_PROCESS = ("mat", "hdf5")
+LOGS = ("candump", "asc", "trc", "blf", "frames in csv", "busmaster")
+SERIES = ("series in csv", "parquet", "mat", "hdf5", "tdms", "rpc iii")
+TEXTS = ("candump", "asc", "trc", "frames in csv", "busmaster", "series in csv")
+
+
+def balance_of(name: str, path: Path) -> tuple[Balance, list[str]]:
+    """Return the balance of a file read to its end, and what its report says."""
+    if name in LOGS:
+        reading = read_log(path)
+        frames = sum(map(len, reading))
+        report: LogReport | SeriesReport = reading.report
+        assert report.balance.out == frames
+    else:
+        series = read_series(path)
+        rows = sum(len(block) for blocks in series.blocks() for block in blocks)
+        report = series.report
+        assert report.balance.out == rows
+    balance = report.balance
+    assert balance.came is not None and balance.open == 0 and UNACCOUNTED not in balance.losses
+    return balance, report.remarks()
+
+
+@pytest.mark.parametrize("name", [*LOGS, *SERIES])
+def test_a_whole_file_loses_nothing_and_a_damaged_one_nothing_without_a_name(name: str, tmp_path: Path) -> None:
+    whole = whole_file(name, tmp_path)
+    path = tmp_path / f"run{FORMATS[name].suffix}"
+    path.write_bytes(whole)
+    balance, _ = balance_of(name, path)
+    assert balance.out > 0 and not balance.losses
+    for seed in range(3 if name in IN_A_PROCESS else 60):
+        path.write_bytes(mutated(whole, np.random.default_rng(seed)))
+        try:
+            balance, _ = balance_of(name, path)
+        except WheelsoilError:
+            continue
+        if name in TEXTS:
+            text = path.read_bytes()
+            assert (balance.came or 0) >= text.count(b"\n")
+
+
+@pytest.mark.parametrize("name", [*LOGS, *SERIES])
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_cut_file_says_so_or_ends_between_two_lines(name: str, packed: bool, tmp_path: Path) -> None:
+    whole = whole_file(name, tmp_path)
+    if packed and name not in (*TEXTS, "blf"):
+        return
+    suffix = FORMATS[name].suffix + (".gz" if packed else "")
+    path, data = tmp_path / f"run{suffix}", gzip.compress(whole) if packed else whole
+    path.write_bytes(data)
+    full, said = balance_of(name, path)
+    for share in (0.5,) if name in IN_A_PROCESS else (0.99, 0.9, 0.7, 0.5):
+        path.write_bytes(data[: int(share * len(data))])
+        try:
+            cut, now = balance_of(name, path)
+        except WheelsoilError:
+            continue
+        if name in TEXTS and not packed:
+            continue  # text has no end of its own
+        assert cut.out == full.out or now != said

@@ -1,0 +1,158 @@
+"""Well-formed files that are easily read wrong are read as their writer meant them, or refused, but not in silence."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from wrong_files import CASES, Case
+
+from daq.config import SeriesSection
+from daq.errors import ConfigError
+from daq.logs import parse_columns, read_log
+from daq.series import read_shear_tests, read_wheel_tables
+from daq.series.formats import read_series, series_format
+
+
+def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[float], str]:
+    """Return the columns, the times in s and what the report says."""
+    series = read_series(path, SeriesSection.model_validate(layout))
+    blocks = [block for together in series.blocks() for block in together]
+    names = blocks[0].columns
+    columns = {name: np.concatenate([block.columns[name] for block in blocks]).tolist() for name in names}
+    time_s = np.concatenate([block.time_ns for block in blocks]) / 1e9
+    assert series.report.balance.open == 0
+    return columns, time_s.tolist(), "\n".join(series.report.remarks())
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_file_that_can_be_read_in_two_ways(case: Case, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(case.text, encoding="utf-8")
+    if case.refused:
+        with pytest.raises(ConfigError, match=case.said):
+            all_of(path, **case.layout)
+        return
+    columns, time_s, said = all_of(path, **case.layout)
+    assert columns.keys() == case.columns.keys()
+    for name, values in case.columns.items():
+        np.testing.assert_allclose(columns[name], values)
+    np.testing.assert_allclose(np.subtract(time_s, time_s[0]), np.subtract(case.time_s, case.time_s[0]))
+    assert case.said in said
+
+
+def test_a_gzipped_series_that_is_cut_keeps_what_stands_before_the_cut(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    text = "time [s],Fz [N]\n" + "".join(
+        f"{i / 100},{value!r}\n" for i, value in enumerate(rng.normal(size=5000).tolist())
+    )
+    path = tmp_path / "run.csv.gz"
+    packed = gzip.compress(text.encode())
+    path.write_bytes(packed[: len(packed) // 2])
+    columns, _, said = all_of(path)
+    assert 2000 < len(columns["Fz [N]"]) < 3000 and "cut off" in said
+
+
+def test_a_cut_tdms_file_says_how_much_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.tdms"
+    with TdmsWriter(path) as writer:
+        for part in (slice(0, 20), slice(20, 50)):
+            writer.write_segment([ChannelObject("rack", "Fz", np.arange(50.0)[part], {"wf_increment": 0.01})])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-232])
+    columns, _, said = all_of(path)
+    assert len(columns["rack/Fz"]) == 21
+    assert f"{len(whole) - 232:,} of {len(whole):,} bytes are there" in said and not capsys.readouterr().err
+
+
+def test_arrays_of_a_bag_that_grow_are_columns_throughout(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    joint, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    path, none = tmp_path / "run.bag", np.zeros(0)
+    with Writer(path) as writer:
+        connection = writer.add_connection("/joints", joint.__msgtype__, typestore=store)
+        for i in range(50):
+            count = (0, 1, 1, 3)[min(i, 3)]
+            message = joint(
+                header=header(seq=0, stamp=stamp, frame_id=""),
+                name=[],
+                position=none,
+                effort=none,
+                velocity=np.arange(count) + float(i),
+            )
+            writer.write(connection, (i + 1) * 10**9, store.serialize_ros1(message, joint.__msgtype__))
+    columns, _, _ = all_of(path)
+    assert columns.keys() == {"velocity[0]", "velocity[1]", "velocity[2]"}
+    assert np.isfinite(columns["velocity[2]"]).sum() == 47 and np.isfinite(columns["velocity[0]"]).sum() == 49
+
+
+FRAMES = "Stamp,MsgId,Payload\n" + "".join(
+    f"{i}.5,{can_id},0011\n" for i, can_id in enumerate((201, 1537, 773, 1024, 2015, 290))
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "first_id", "said"),
+    [
+        (FRAMES, 201, "MsgId read as decimal, because none of"),
+        (FRAMES.replace("773", "30A"), 0x201, ""),
+        (FRAMES.replace("1537", "201").replace("1024", "201").replace("2015", "201"), None, "hexadecimal or decimal"),
+    ],
+)
+def test_identifiers_are_decimal_or_hexadecimal_by_all_of_them(
+    tmp_path: Path, text: str, first_id: int | None, said: str
+) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text(text)
+    columns = parse_columns("time=Stamp,id=MsgId,data=Payload")
+    if first_id is None:
+        with pytest.raises(ConfigError, match=said):
+            list(read_log(path, columns=columns))
+        return
+    reading = read_log(path, columns=columns)
+    assert next(reading).frames["can_id"][0] == first_id
+    assert said in "\n".join(reading.report.remarks())
+
+
+def test_a_gzipped_table_of_frames_is_no_series(tmp_path: Path) -> None:
+    path = tmp_path / "frames.csv.gz"
+    text = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n1000,000005EB,false,Rx,0,2,E8,45\n"
+    path.write_bytes(gzip.compress(text.encode()))
+    assert series_format(path) is None
+
+
+@pytest.mark.parametrize("column", ["wheel_radius_m", "wheel_id", "tyre", "diameter_mm"])
+def test_rows_of_two_wheels_are_two_wheels_or_an_error(tmp_path: Path, column: str) -> None:
+    path = tmp_path / "table.csv"
+    rows = "".join(f"0.{i},1000,10{i},{1 + i % 2}\n" for i in range(1, 9))
+    path.write_text(f"slip,vertical_load_n,drawbar_pull_n,{column}\n{rows}")
+    with pytest.raises(ConfigError, match="several wheels"):
+        read_wheel_tables(path)
+    path.write_text(path.read_text().replace(column, "wheel"))
+    assert [len(one) for one in read_wheel_tables(path)] == [4, 4]
+
+
+@pytest.mark.parametrize("with_columns", [True, False])
+def test_the_torque_of_a_shear_ring_is_a_stress(tmp_path: Path, with_columns: bool) -> None:
+    inner, outer = 0.1, 0.15
+    angle, stress = np.linspace(0, 0.5, 9), 5000.0
+    radius = np.linspace(inner, outer, 20_001)
+    torque = np.trapezoid(stress * radius * 2 * np.pi * radius, radius)
+    radii = (f",{inner},{outer}", ",inner_radius_m,outer_radius_m") if with_columns else ("", "")
+    force = 2000.0 * np.pi * (outer**2 - inner**2)
+    rows = "".join(f"{one},{torque},{force}{radii[0]}\n" for one in angle)
+    path = tmp_path / "ring.csv"
+    path.write_text(f"rotation_rad,torque_nm,normal_force_n{radii[1]}\n{rows}")
+    if not with_columns:
+        with pytest.raises(ConfigError, match="radii of the shear ring are not known"):
+            read_shear_tests(path)
+    (test,) = read_shear_tests(path, ring_m=None if with_columns else (inner, outer))
+    assert test.shear_stress_pa == pytest.approx(np.full(9, stress), rel=1e-6)
+    assert test.normal_stress_pa == pytest.approx(2000.0)
+    assert test.displacement_m == pytest.approx(angle * 0.125)
