@@ -26,7 +26,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wheelsoil.fleet import COLUMNS, Manifest, Store, holdings_of, open_store, plan_fleet
-from wheelsoil.fleet.manifests import PACKS, sealed
+from wheelsoil.fleet.manifests import PACKS, sealed, stated
 from wheelsoil.fleet.packs import CAMPAIGNS_OF_A_GROUP, CAMPAIGNS_OF_A_PACK
 from wheelsoil.fleet.tables import packed_schema_of
 
@@ -84,7 +84,7 @@ class Copies:
         pack = hashlib.sha256(campaigns[0][0].encode()).hexdigest()[:16]
         for file, each in data.items():
             store.write(f"{PACKS}/{pack}/{file}", each)
-        parts = {file: (len(each), hashlib.sha256(each).hexdigest()) for file, each in data.items()}
+        parts = {file: stated(each) for file, each in data.items()}
         unwanted = ("files", "options", "parts")
         light = [
             [{key: value for key, value in vars(one).items() if key not in unwanted} for one in group]

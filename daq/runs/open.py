@@ -61,12 +61,17 @@ def readable(path: Path) -> Iterator[None]:
 
 def logs_in(folder: Path) -> list[Path]:
     """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read."""
-    return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
+    return sorted(path for path in folder.iterdir() if _log_suffix(path.name) in RUN_SUFFIXES and path.is_file())
 
 
 def holds_runs(folder: Path) -> bool:
     """Return whether a folder names runs or has some; raises as `logs_in`."""
     return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
+
+
+def is_run_file(name: str) -> bool:
+    """Return whether a file of this name makes its folder one that names runs or has some."""
+    return name == RUNS_FILE or _log_suffix(name) in RUN_SUFFIXES
 
 
 def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -82,8 +87,9 @@ def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return holding, closed
 
 
-def _log_suffix(path: Path) -> str:
-    return Path(path.name.lower().removesuffix(".gz")).suffix
+def _log_suffix(name: str) -> str:
+    before, dot, last = name.lower().removesuffix(".gz").rpartition(".")
+    return dot + last if before else ""
 
 
 def open_runs(

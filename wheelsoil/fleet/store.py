@@ -13,7 +13,6 @@ A file that no manifest names belongs to a campaign that is not finished: querie
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import stat
@@ -38,6 +37,7 @@ from wheelsoil.fleet.manifests import (
     part_of,
     single_of,
     sources_path,
+    stated,
     unsealed,
 )
 from wheelsoil.fleet.tables import COLUMNS
@@ -226,7 +226,7 @@ class Store:
         """Write a campaign: its tables, then its manifest; then remove the older manifests of it, and their files."""
         with _reached(self.url):
             made = {table: encoded(rows) for table, rows in tables.items()}
-            parts = {table: (len(data), hashlib.sha256(data).hexdigest()) for table, data in made.items()}
+            parts = {table: stated(data) for table, data in made.items()}
             manifest = replace(manifest, parts=parts, made_at_ns=time.time_ns())
             for table, file in part_of(manifest).files.items():
                 self._write(f"{self.root}/{file.path}", made[table])

@@ -34,6 +34,8 @@ def pair(fleet: Path, tmp_path: Path) -> Path:
 def test_every_campaign_is_found_by_its_place_and_done(fleet: Path, store: Path) -> None:
     found = find_sources([fleet])
     assert [source.name for source in found] == [*NAMES, "spring/day-5"]
+    for source, files in found.items():
+        assert files is None or source.placed(files) == source.facts()
     manifests = open_store(str(store)).manifests()
     assert list(manifests) == [source.name for source in found]
     assert {name: one.state for name, one in manifests.items() if one.state != "done"} == {"broken": "failed"}
