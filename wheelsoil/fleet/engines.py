@@ -167,6 +167,10 @@ def _connected(scheduler: str) -> Any:
     except (OSError, ValueError) as error:
         step = "start one (`dask scheduler`) or check the address; --engine local needs none"
         raise HardwareError.of("there is no Dask scheduler", scheduler, str(error), "tcp://HOST:8786", step) from None
+    except (TypeError, RuntimeError) as error:  # of a configuration without certificates, or that refuses tcp://
+        step = "state ca-file, key and cert of the client under distributed.comm.tls in Dask's configuration"
+        what = "Dask's configuration does not fit the scheduler's address"
+        raise ConfigError.of(what, scheduler, str(error), next_step=step) from None
     try:
         client.wait_for_workers(1, timeout=_CONNECT_S)
         versions = client.run(version)

@@ -14,6 +14,7 @@ from typing import Literal
 from daq import ConfigError, machine_memory_bytes
 from model import available_cores
 from wheelsoil import __version__
+from wheelsoil.cache import folder
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, Task, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
 from wheelsoil.fleet.holdings import holdings_of
@@ -93,6 +94,8 @@ class Step:
     ----------
     finished, failed, total : int
         So far, and of this call.
+    cpu_s, peak_bytes : float, int
+        What this one cost; 0 if it was not worked on.
     left_s : float
         Estimated, by how long those took that are finished.
     """
@@ -103,6 +106,8 @@ class Step:
     finished: int
     failed: int
     total: int
+    cpu_s: float
+    peak_bytes: int
     left_s: float
 
 
@@ -205,7 +210,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     todo = {source.name for source in plan.todo}
     withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
     plan.store.withdraw(name for name in withdrawn if name.startswith(DONE))
-    task = partial(work_on, url=plan.store.url, options=plan.options)
+    task = partial(work_on, url=plan.store.url, options=plan.options, cached=folder() is not None)
     for finished, (item, result) in enumerate(_results(task, plan, workers), 1):
         source = item.source
         done = _given_up(plan, item, result) if isinstance(result, Lost) else result
@@ -219,6 +224,8 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
             finished=finished,
             failed=failed,
             total=len(plan.todo),
+            cpu_s=manifest.cpu_s,
+            peak_bytes=manifest.peak_bytes,
             left_s=(time.monotonic() - begin_s) / finished * left,
         )
 
