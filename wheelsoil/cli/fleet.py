@@ -298,13 +298,20 @@ def fleet_check(store: StoreUrl, json: options.Json = False) -> None:
 
 @fleet_app.command("diagnose")
 def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
-    """Pool the store's campaigns: what is wrong with which transducer since when, which soils differ.
+    """Pool the store's campaigns: what is wrong with which transducer since when, which soils differ, what changed.
 
     A single campaign does not tell a wrong gain from another soil; many with the same transducer do. Needs
     [transducer] serial in vehicle.toml, and recordings with a date. No recording is read.
     """
     from wheelsoil.fleet import day_of, open_store, pool, pooled_json
-    from wheelsoil.wording.passport_text import left_out_line, passport_line, soil_lines
+    from wheelsoil.wording.passport_text import (
+        change_lines,
+        left_out_line,
+        named_lines,
+        passport_line,
+        soil_lines,
+        trend_lines,
+    )
 
     found = pool(open_store(store))
     if json:
@@ -314,10 +321,15 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
     for one in found.passports:
         days = [day_of(point.years) for trend in one.trends.values() for point in trend.points]
         print(passport_line(one, min(days, default=""), max(days, default="")))
-    if found.soils:
-        print("soils that differ from their laboratory:")
-        for line in soil_lines(found.soils):
-            print(f"  {line}")
+        if trends := list(trend_lines(one)):
+            print("\n    ".join(("  each as if it alone were wrong:", *trends)))
+    for title, lines in (
+        ("errors of the measurement that a campaign names:", list(named_lines(found.named))),
+        ("soils that differ from their laboratory:", list(soil_lines(found.soils))),
+        ("since the last campaign of the same vehicle or terrain:", list(change_lines(found.changes))),
+    ):
+        if lines:
+            print("\n  ".join((title, *lines)))
     if found.nameless:
         say(left_out_line(found.nameless, "a serial ([transducer] serial in vehicle.toml)"))
     if found.dateless:

@@ -21,12 +21,13 @@ from daq import number
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.pooled import Pooled, day_of, pooled_json, pooled_of
+from wheelsoil.fleet.pooled import TABLES, Pooled, day_of, pooled_json, pooled_of
 from wheelsoil.fleet.store import Store
-from wheelsoil.report import Curve, Drawing, Plane, drawn, reach, ticks
+from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
+from wheelsoil.report import ticks
 from wheelsoil.to_json import plain
 from wheelsoil.wording.names import plain_name
-from wheelsoil.wording.passport_text import passport_line, soil_lines
+from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
 from wheelsoil.wording.verdict import upper
 
 SCHEMA = "wheelsoil/fleet-report/1"
@@ -35,7 +36,6 @@ REPORT = "report.html"
 _MOST_BARS = 12
 _MAP, _LEAST_KM = (720, 300), 0.1
 _COLOURS = 5
-_MONTHS_A_YEAR = 12
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,11 @@ class Overview:
             effects = " and ".join(dict.fromkeys(plain_name(e) for one in wrong for e in one.effects[:1]))
             sure = "" if all(one.decision == "named" for one in wrong) else "probably "
             return f"Transducer {serials} is wrong: {sure}{effects}."
+        by_campaigns = [one for one in self.pooled.named if one.is_transducers]
+        if by_campaigns:
+            effects = " and ".join(dict.fromkeys(plain_name(one.effect) for one in by_campaigns))
+            count = len({one.campaign for one in by_campaigns})
+            return f"{count} of {self.done} campaigns name{'s' * (count == 1)} an error of the transducer: {effects}."
         named = {family: a for family, (a, _) in self.causes.items() if a}
         if named:
             most = max(named.values())
@@ -132,11 +137,14 @@ class Overview:
             overview=self,
             rows=[_cells(row, folder) for row in self.campaigns.to_dict("records")],
             bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
-            passports=[(one, _line(one), _drawing(one)) for one in self.pooled.passports],
+            passports=[(one, _line(one), passport_drawing(one), trend_drawings(one)) for one in self.pooled.passports],
+            named=list(named_lines(self.pooled.named)),
+            changes=list(change_lines(self.pooled.changes)),
             soils=list(soil_lines(self.pooled.soils)),
             pulls=self.pulls,
             chart=_map(self.campaigns),
             error=_errors(self.campaigns),
+            most_points=MOST_POINTS,
             number=number,
             version=__version__,
             script=script,
@@ -147,7 +155,7 @@ class Overview:
 
 def overview_of(store: Store) -> Overview:
     """Return the overview of a store."""
-    found, damaged = read(store, ("campaigns", "diagnoses", "causes", "runs", "evidence"), _overview)
+    found, damaged = read(store, ("diagnoses", "runs", *TABLES), _overview)
     return replace(found, pooled=replace(found.pooled, damaged=damaged))
 
 
@@ -229,34 +237,6 @@ def _days(one: Passport) -> tuple[str, str]:
 
 def _line(one: Passport) -> str:
     return passport_line(one, *_days(one))
-
-
-def _drawing(one: Passport) -> Drawing | None:
-    """Draw the course of the named parameter, or of a sound one the first: each campaign, and the line through them."""
-    effect = next((each for each in (*one.effects, *one.trends) if each in one.trends), None)
-    if effect is None:
-        return None
-    trend = one.trends[effect]
-    factor, unit = (100.0, "%") if trend.unit == "1" else (1.0, trend.unit)
-    first = min(point.years for point in trend.points)
-    known = [point for point in trend.points if np.isfinite(point.value)]
-    months = np.array([(point.years - first) * _MONTHS_A_YEAR for point in known])
-    value, half = (factor * np.array(each) for each in zip(*((p.value, 1.96 * p.sigma) for p in known), strict=True))
-    along = np.linspace(0.0, max(float(months.max()), 0.1), 40)
-    fitted = factor * np.array([trend.value(first + month / _MONTHS_A_YEAR) for month in along])
-    name = plain_name(effect)
-    curves = [
-        Curve("", along, fitted[:, 0], "model", fitted[:, 1], fitted[:, 2]),
-        Curve("", months, value, "measured", value - half, value + half, points=True),
-    ]
-    last = float(along[-1])
-    plane = Plane(
-        (-0.02 * last, 1.02 * last),
-        reach(value - half, value + half),
-        f"months since {day_of(first)}",
-        f"{name}, {unit}, with 95 % intervals",
-    )
-    return drawn(f"passport-{one.sensor}", f"{one.sensor}: {name}", "", plane, curves, wide=(720, 360, 20))
 
 
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
