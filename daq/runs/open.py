@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError
@@ -69,6 +69,7 @@ def holds_runs(folder: Path) -> bool:
     return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
 
 
+@lru_cache(4096)
 def is_run_file(name: str) -> bool:
     """Return whether a file of this name makes its folder one that names runs or has some."""
     return name == RUNS_FILE or _log_suffix(name) in RUN_SUFFIXES

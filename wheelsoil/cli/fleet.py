@@ -315,7 +315,8 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
 
     found = pool(open_store(store))
     if json:
-        print_json(pooled_json(found))
+        for text in pooled_json(found):
+            print(text, end="")
         _set_aside(store, found.damaged)
         return
     for one in found.passports:

@@ -107,9 +107,8 @@ def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, tuple[str
     wanted = dataset.field("campaign").isin(pa.array(sorted(campaigns), pa.string()))
     wanted = wanted & dataset.field("role").isin(["named", "one_of"])
     found: dict[str, dict[str, None]] = {}
-    for each in holdings.datasets("causes"):
-        for row in each.to_table(columns=["campaign", "family"], filter=wanted).to_pylist():
-            found.setdefault(row["campaign"], {})[row["family"]] = None
+    for row in holdings.where("causes", ("campaign", "family"), wanted).to_pylist():
+        found.setdefault(row["campaign"], {})[row["family"]] = None
     return {campaign: tuple(families) for campaign, families in found.items()}
 
 

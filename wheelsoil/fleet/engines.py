@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -99,8 +101,16 @@ def _pooled(
 
 
 def _begin(memory_bytes: int) -> None:
+    """Limit this process's memory, and let it end with the one that started it: killed, that closes no queue."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     if memory_bytes:
         limit_memory(memory_bytes)
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
 
 
 def on_dask(

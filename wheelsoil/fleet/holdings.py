@@ -19,7 +19,7 @@ from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from pyarrow.dataset import Dataset
+    from pyarrow.dataset import Dataset, Expression
 
 T = TypeVar("T")
 
@@ -81,6 +81,13 @@ class Holdings:
                 if part.hidden
             ),
         ]
+
+    def where(self, table: str, columns: Sequence[str], wanted: Expression) -> pa.Table:
+        """Return the rows of a table that a condition holds for."""
+        import pyarrow as pa
+
+        found = [each.to_table(columns=list(columns), filter=wanted) for each in self.datasets(table)]
+        return pa.concat_tables(found)
 
     def _dataset(self, table: str, parts: Sequence[Part]) -> Dataset:
         from pyarrow import dataset, fs

@@ -67,6 +67,7 @@ def compact(store: Store) -> Compacted:
         holdings = holdings_of(store)
         sound = {one.campaign for part in holdings.parts for one in part.manifests}
         _remove(store, [part for part in holdings.older if {one.campaign for one in part.all} <= sound])
+        store.remove_drafts()
         _sweep(holdings)
         parts = _to_pack(holdings)
         kept = sum(part.is_pack for part in holdings.parts) - sum(part.is_pack for part in parts)

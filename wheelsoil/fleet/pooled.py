@@ -24,6 +24,7 @@ from wheelsoil.fleet.changes import Change, changes_of
 from wheelsoil.fleet.holdings import Holdings, read
 from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
+from wheelsoil.to_json import streamed
 
 _YEAR_S = 365.25 * 86400
 _SURPRISING = 0.01
@@ -136,11 +137,7 @@ def _named(holdings: Holdings) -> tuple[NamedError, ...]:
     columns = [one.name for one in fields(NamedError) if one.name not in ("serial", "start", "effect")]
     wanted = (dataset.field("role") == "named") & (dataset.field("kind") == "measurement")
     wanted = wanted & dataset.field("value").is_valid()
-    rows = [
-        row
-        for each in holdings.datasets("causes")
-        for row in each.to_table(columns=[*columns, "family"], filter=wanted).to_pylist()
-    ]
+    rows = holdings.where("causes", (*columns, "family"), wanted).to_pylist()
     if not rows:
         return ()
     campaigns = holdings.table("campaigns", ("transducer", "start")).to_pylist()
@@ -207,11 +204,20 @@ def day_of(years: float) -> str:
     return datetime.fromtimestamp(years * _YEAR_S, UTC).date().isoformat()
 
 
-def pooled_json(found: Pooled) -> dict[str, Any]:
-    """Return it as plain mappings, dates as texts; sizes a year become sizes a month."""
+def pooled_json(found: Pooled) -> Iterator[str]:
+    """Yield it as JSON text, piece by piece; dates are texts, sizes a year become sizes a month."""
+    return streamed(pooled_values(found), {"transducers": passports_json(found)})
+
+
+def passports_json(found: Pooled) -> Iterator[dict[str, Any]]:
+    """Yield the transducers as plain mappings, with a point for each campaign."""
+    return map(_passport_json, found.passports)
+
+
+def pooled_values(found: Pooled) -> dict[str, Any]:
+    """Return all but the transducers as plain mappings."""
     return {
         "schema": "wheelsoil/fleet-diagnosis/1",
-        "transducers": [_passport_json(one) for one in found.passports],
         "soils_off_laboratory": [vars(one) for one in found.soils],
         "named_by_campaigns": [_named_json(one) for one in found.named],
         "changes": [_change_json(one) for one in found.changes],

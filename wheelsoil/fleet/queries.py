@@ -84,7 +84,7 @@ def ask(store: Store, sql: str) -> Answer:
 def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
     import duckdb
 
-    with _connected(holdings, tables) as connection:
+    with _connected(holdings, tables, sql) as connection:
         try:
             kinds = _kinds(connection, sql)
             if kinds != ["SELECT"]:
@@ -134,12 +134,13 @@ def _tasks(holdings: Holdings) -> pa.Table:
 
 
 @contextmanager
-def _connected(holdings: Holdings, tables: Iterable[str]) -> Iterator[Any]:
-    """Yield a connection that knows some tables, and that cannot be opened for anything else."""
+def _connected(holdings: Holdings, tables: Iterable[str], sql: str) -> Iterator[Any]:
+    """Yield a connection that knows some tables, `tasks` if it is named, and cannot be opened for anything else."""
     import duckdb
 
     with duckdb.connect(":memory:") as connection:
-        connection.register(TASKS, _tasks(holdings))
+        if TASKS in sql.lower():
+            connection.register(TASKS, _tasks(holdings))
         for table in tables:
             whole, *partly = holdings.datasets(table)
             if not partly:

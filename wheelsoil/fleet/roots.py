@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError
@@ -74,6 +75,7 @@ def _beside(entries: Iterable[os.DirEntry[str]]) -> Beside:
     return tuple((name, stat.st_size, stat.st_mtime_ns) for name, stat in seen)
 
 
+@lru_cache(4096)
 def _may_matter(name: str) -> bool:
     return not name.startswith(".") and not name.lower().endswith(_REPORTS)
 

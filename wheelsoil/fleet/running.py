@@ -21,7 +21,7 @@ from wheelsoil.fleet.holdings import holdings_of
 from wheelsoil.fleet.manifests import DONE, Damage, Manifest
 from wheelsoil.fleet.roots import Beside, Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Store, open_store
+from wheelsoil.fleet.store import Store, open_store, uncollected
 
 Engine = Literal["local", "dask"]
 
@@ -159,7 +159,13 @@ def plan_fleet(
     ConfigError
         See `find_sources` and `open_store`.
     """
-    options, shard = options or FleetOptions(), shard or Shard()
+    with uncollected():
+        return _planned(roots, url, options or FleetOptions(), shard or Shard(), retry_failed, thorough)
+
+
+def _planned(
+    roots: Sequence[Path], url: str, options: FleetOptions, shard: Shard, retry_failed: bool, thorough: bool
+) -> Plan:
     found = {source: files for source, files in find_sources(roots).items() if shard.has(source)}
     store = open_store(url, create=True)
     holdings = holdings_of(store, thorough=thorough)
@@ -206,6 +212,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     ConfigError, HardwareError
         The store cannot be written; see `wheelsoil.fleet.engines.on_dask`. What is finished is in the store.
     """
+    plan.store.remove_drafts()
     begin_s, failed = time.monotonic(), 0
     todo = {source.name for source in plan.todo}
     withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
@@ -228,6 +235,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
             peak_bytes=manifest.peak_bytes,
             left_s=(time.monotonic() - begin_s) / finished * left,
         )
+    plan.store.remove_drafts()
 
 
 def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Task, Done | Lost]]:

@@ -62,10 +62,9 @@ def averaged(points: Sequence[Point], most: int) -> list[Point]:
     ordered = sorted(points, key=lambda point: point.years)
     if len(ordered) <= most:
         return ordered
-    found = []
-    for some in np.array_split(np.arange(len(ordered)), most):
-        own = [ordered[i] for i in some]
-        weight = np.array([point.sigma**-2.0 for point in own])
-        years, value = (np.average([getattr(p, key) for p in own], weights=weight) for key in ("years", "value"))
-        found.append(Point(f"{len(own)} campaigns", float(years), float(value), float(weight.sum() ** -0.5)))
-    return found
+    numbers = np.array([(point.years, point.value, point.sigma) for point in ordered])
+    begin = np.arange(most) * len(ordered) // most
+    weight = numbers[:, 2] ** -2.0
+    total = np.add.reduceat(weight, begin)
+    years, value = (np.add.reduceat(weight * numbers[:, i], begin) / total for i in (0, 1))
+    return [Point("", *one) for one in zip(years.tolist(), value.tolist(), (total**-0.5).tolist(), strict=True)]
