@@ -26,7 +26,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wheelsoil.fleet import COLUMNS, Manifest, Store, holdings_of, open_store, plan_fleet
-from wheelsoil.fleet.manifests import PACKS, sealed
+from wheelsoil.fleet.manifests import PACKS, sealed, stated
 from wheelsoil.fleet.packs import CAMPAIGNS_OF_A_GROUP, CAMPAIGNS_OF_A_PACK
 from wheelsoil.fleet.tables import packed_schema_of
 
@@ -35,6 +35,7 @@ OF_SAMPLES = "select round(slip, 1) as slip, count(*) from samples where used gr
 _SERIALS = 40
 """Transducers of the large stores; with 100,000 campaigns 2,500 for each."""
 _COMMAND = "from wheelsoil.cli.app import main; main()"
+_MAKE = "import sys; from benchmarks.fleet_growth import make; make(*sys.argv[1:])"
 _PLAN = "import sys; from benchmarks.fleet_growth import plan; plan(*sys.argv[1:])"
 _FILES = ("run-1.mcap", "vehicle.toml", "terrain.toml")
 
@@ -58,7 +59,7 @@ class Copies:
                 taken = pa.array([i for rows in own for i in rows], pa.int64())
                 self.rows[name] = (table.take(taken).combine_chunks(), which)
 
-    def pack(self, store: Store, campaigns: Sequence[tuple[str, dict[str, tuple[int, int]]]]) -> None:
+    def pack(self, store: Store, campaigns: Sequence[tuple[str, dict[str, list[int]]]]) -> None:
         """Write some campaigns, of a name and source files each, as one pack."""
         buffers = {name: BytesIO() for name in self.rows}
         options: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
@@ -84,7 +85,7 @@ class Copies:
         pack = hashlib.sha256(campaigns[0][0].encode()).hexdigest()[:16]
         for file, each in data.items():
             store.write(f"{PACKS}/{pack}/{file}", each)
-        parts = {file: (len(each), hashlib.sha256(each).hexdigest()) for file, each in data.items()}
+        parts = {file: stated(each) for file, each in data.items()}
         unwanted = ("files", "options", "parts")
         light = [
             [{key: value for key, value in vars(one).items() if key not in unwanted} for one in group]
@@ -93,10 +94,10 @@ class Copies:
         store.write(f"{PACKS}/{pack}.json", sealed({"groups": light, "parts": parts}))
 
 
-def make(origin: Store, target: Path, fields: Path, count: int) -> None:
+def make(origin: str, target: str, place: str, count: str) -> None:
     """Fill a store with campaigns, and make a folder for each."""
-    store, copies = open_store(str(target), create=True), Copies(origin)
-    for start in range(0, count, CAMPAIGNS_OF_A_PACK):
+    store, copies, fields = open_store(target, create=True), Copies(open_store(origin)), Path(place)
+    for start in range(0, int(count), CAMPAIGNS_OF_A_PACK):
         campaigns = []
         for i in range(start, start + CAMPAIGNS_OF_A_PACK):
             folder = fields / f"vehicle-{i % 100:02d}" / f"day-{i:06d}"
@@ -104,7 +105,7 @@ def make(origin: Store, target: Path, fields: Path, count: int) -> None:
             for name in _FILES:
                 (folder / name).touch()
             facts = {str(path): path.stat() for path in (folder / name for name in _FILES)}
-            files = {path: (stat.st_size, stat.st_mtime_ns) for path, stat in facts.items()}
+            files = {path: [stat.st_size, stat.st_mtime_ns] for path, stat in facts.items()}
             campaigns.append((folder.relative_to(fields).as_posix(), files))
         copies.pack(store, campaigns)
 
@@ -148,10 +149,10 @@ def main(origin: str, *counts: str) -> None:
     """Measure every count; print a table with the exponents between the first and the last."""
     folder = Path(tempfile.mkdtemp(prefix="fleet-growth-"))
     found: dict[str, list[tuple[float, float]]] = {}
-    sizes = [int(count) for count in counts]
+    sizes = [int(count) for count in counts]  # made by children: a child's peak is not below its parent's
     for count in sizes:
         fields, url = folder / f"fields-{count}", folder / f"store-{count}"
-        make(open_store(origin), url, fields, count)
+        measured(sys.executable, "-c", _MAKE, origin, str(url), str(fields), str(count))
         files = [path.stat().st_size for path in url.rglob("*") if path.is_file()]
         print(f"{count}: {len(files)} files, {sum(files) / count / 1e3:.1f} kB a campaign", flush=True)
         for name, seconds, megabytes in steps(fields, url, folder):

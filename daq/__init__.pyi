@@ -60,6 +60,7 @@ from .machine import check_logging as check_logging
 from .machine import limit_memory as limit_memory
 from .machine import machine_memory_bytes as machine_memory_bytes
 from .machine import peak_memory_bytes as peak_memory_bytes
+from .machine import reset_peak_memory as reset_peak_memory
 from .notes import Note as Note
 from .notes import RecordingCode as RecordingCode
 from .notes import Severity as Severity

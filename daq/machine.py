@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 from daq.errors import ConfigError
 
 _KIB = 1024
+_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 def machine_memory_bytes() -> int:
@@ -18,13 +21,23 @@ def machine_memory_bytes() -> int:
 
 
 def peak_memory_bytes() -> int:
-    """Return the most that this process has used; 0 where the system does not say (Windows)."""
+    """Return the most that this process has used, since `reset_peak_memory`; 0 where the system does not say."""
+    with suppress(OSError):
+        for line in _STATUS.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * _KIB
     try:
         import resource
     except ImportError:
         return 0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * _KIB
+
+
+def reset_peak_memory() -> None:
+    """Have `peak_memory_bytes` count from now on, where the system can do that (Linux)."""
+    with suppress(OSError):
+        _CLEAR.write_text("5")
 
 
 def limit_memory(most_bytes: int, *, addresses: bool = False) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import PurePath
 from typing import Any
@@ -46,6 +46,17 @@ def _plain_object(value: Any) -> Any:
         if hasattr(value, method):
             return plain(getattr(value, method)())
     raise TypeError(f"{type(value).__name__} has no plain form")
+
+
+def streamed(values: Mapping[str, Any], lists: Mapping[str, Iterable[Any]]) -> Iterator[str]:
+    """Yield a JSON object piece by piece: `values`, which are not empty, and lists that are never whole in memory."""
+    yield to_json(values, indent=None, escaped=True)[:-1]
+    for key, items in lists.items():
+        yield f", {json.dumps(key)}: ["
+        for i, item in enumerate(items):
+            yield (",\n" if i else "") + to_json(item, indent=None, escaped=True)
+        yield "]"
+    yield "}\n"
 
 
 def to_json(value: Any, *, indent: int | None = 2, escaped: bool = False) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 from daq.config import VehicleConfig, load_toml
@@ -66,11 +66,11 @@ def logs_in(folder: Path) -> list[Path]:
     Without any, a folder with vehicle.toml offers its tables of frames and its files of decoded series.
     """
     files = sorted(path for path in folder.iterdir() if path.is_file())
-    logs = [path for path in files if _log_suffix(path) in RUN_SUFFIXES]
-    logs = sorted([*logs, *(path for path in files if _log_suffix(path) == ".txt" and is_frame_log(path))])
+    logs = [path for path in files if _log_suffix(path.name) in RUN_SUFFIXES]
+    logs = sorted([*logs, *(path for path in files if _log_suffix(path.name) == ".txt" and is_frame_log(path))])
     if logs or not (folder / VEHICLE_FILE).is_file():
         return logs
-    return [path for path in files if _log_suffix(path) in SERIES_SUFFIXES and _is_table_of_a_run(path)]
+    return [path for path in files if _log_suffix(path.name) in SERIES_SUFFIXES and _is_table_of_a_run(path)]
 
 
 def _is_table_of_a_run(path: Path) -> bool:
@@ -91,6 +91,12 @@ def holds_runs(folder: Path) -> bool:
     return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
 
 
+@lru_cache(4096)
+def is_run_file(name: str) -> bool:
+    """Return whether a file of this name makes its folder one that names runs or has some."""
+    return name == RUNS_FILE or _log_suffix(name) in RUN_SUFFIXES
+
+
 def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     """Return its folders that hold runs, and what of it may not be read, each by name; raises as `logs_in`."""
     holding: list[Path] = []
@@ -104,8 +110,9 @@ def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return holding, closed
 
 
-def _log_suffix(path: Path) -> str:
-    return Path(path.name.lower().removesuffix(".gz")).suffix
+def _log_suffix(name: str) -> str:
+    before, dot, last = name.lower().removesuffix(".gz").rpartition(".")
+    return dot + last if before else ""
 
 
 def open_runs(

@@ -37,6 +37,8 @@ _ABANDONED_S = 3600.0
 _log = logging.getLogger(__name__)
 _named: set[Path] = set()
 """Folders that are open to all, and were named."""
+_kinds: frozenset[str] | None = None
+"""Kinds of results that are kept; None: all."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,17 @@ def nothing_kept() -> Iterator[None]:
             del os.environ[VARIABLE]
         else:
             os.environ[VARIABLE] = before
+
+
+@contextmanager
+def keeping_only(*kinds: str) -> Iterator[None]:
+    """Have this process keep results of some kinds only; those of other kinds that are there are used."""
+    global _kinds
+    before, _kinds = _kinds, frozenset(kinds)
+    try:
+        yield
+    finally:
+        _kinds = before
 
 
 def kept(kind: str, inputs: object, compute: Callable[[], T]) -> T:
@@ -193,7 +206,7 @@ def _head(name: str, data: bytes | bytearray) -> bytes:
 def put(key: str, value: object) -> None:
     """Keep a value under a name, where that is possible; entries that were not used for longest go."""
     place = folder()
-    if place is None or not key:
+    if place is None or not key or not (_kinds is None or key.partition("-")[0] in _kinds):
         return
     most = limit_bytes()
     try:

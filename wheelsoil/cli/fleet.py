@@ -56,6 +56,7 @@ def fleet_run(
     effects: options.Effects = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read all of the store for damage.")] = False,
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     json: options.Json = False,
 ) -> None:
     """Take every campaign and single-wheel table through processing, fit and diagnosis into a store.
@@ -114,7 +115,8 @@ def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
     if not sys.stderr.isatty():
         for step in steps:
             left = f", {_duration(step.left_s)} left" if step.finished < step.total else ""
-            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.said}{left}")
+            cost = f", {step.cpu_s:.1f} s of CPU, {step.peak_bytes / 1e6:.0f} MB" if step.cpu_s else ""
+            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.said}{cost}{left}")
             yield step
         return
     from rich.console import Console
@@ -152,17 +154,20 @@ def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     holdings = holdings_of(open_store(store))
     manifests = list(holdings.manifests.values())
     failed = {one.campaign: one.fault for one in manifests if one.state == "failed"}
-    rows: Counter[str] = Counter()
+    rows: dict[str, int] = {}
     for one in manifests:
-        rows.update(one.rows)
+        for table, count in one.rows.items():
+            rows[table] = rows.get(table, 0) + count
     facts: dict[str, Any] = {
         "store": store,
         "campaigns": len(manifests),
         "failed": failed,
         "verdicts": dict(Counter(one.verdict for one in manifests if one.verdict).most_common()),
-        "rows": dict(rows),
+        "rows": rows,
         "cpu_s": sum(one.cpu_s for one in manifests),
         "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
+        "longest": max(manifests, key=lambda one: one.cpu_s).campaign if manifests else None,
+        "largest": max(manifests, key=lambda one: one.peak_bytes).campaign if manifests else None,
         "versions": sorted({one.version for one in manifests}),
         "damaged": [vars(one) for one in holdings.damaged],
     }
@@ -177,14 +182,16 @@ def _print_status(facts: Mapping[str, Any]) -> None:
     rows, failed = facts["rows"], facts["failed"]
     verdicts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in facts["verdicts"].items())
     each = facts["cpu_s"] / max(facts["campaigns"], 1)
+    longest = f", longest {facts['longest']}" if facts["longest"] else ""
+    largest = f": {facts['largest']}" if facts["largest"] else ""
     print_pairs(
         [
             ("store", facts["store"]),
             ("campaigns", f"{facts['campaigns']}, {len(failed)} failed"),
             ("verdicts", verdicts or "none"),
             ("rows", ", ".join(f"{name} {count:,}" for name, count in rows.items()) or "none"),
-            ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign"),
-            ("memory", f"{facts['peak_bytes'] / 1e6:.0f} MB at most in a process"),
+            ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign{longest}"),
+            ("memory", f"{facts['peak_bytes'] / 1e6:.0f} MB at most for a campaign{largest}"),
             ("made by", ", ".join(f"wheelsoil {version}" for version in facts["versions"]) or "nobody"),
         ]
     )
@@ -204,8 +211,8 @@ def fleet_sql(
 ) -> None:
     """Ask the store by SQL; docs/fleet.md has ten queries to begin with.
 
-    Tables: campaigns, runs, samples, notes, fits, coefficients, diagnoses, causes, gains, sensors, evidence. Each row
-    has its campaign.
+    Tables: campaigns, runs, samples, notes, fits, coefficients, diagnoses, causes, gains, sensors, evidence; and tasks,
+    which says what each campaign cost. Each row has its campaign.
     """
     from wheelsoil.fleet import ask, open_store, write_answer
 
@@ -291,26 +298,39 @@ def fleet_check(store: StoreUrl, json: options.Json = False) -> None:
 
 @fleet_app.command("diagnose")
 def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
-    """Pool the store's campaigns: what is wrong with which transducer since when, which soils differ.
+    """Pool the store's campaigns: what is wrong with which transducer since when, which soils differ, what changed.
 
     A single campaign does not tell a wrong gain from another soil; many with the same transducer do. Needs
     [transducer] serial in vehicle.toml, and recordings with a date. No recording is read.
     """
     from wheelsoil.fleet import day_of, open_store, pool, pooled_json
-    from wheelsoil.wording.passport_text import left_out_line, passport_line, soil_lines
+    from wheelsoil.wording.passport_text import (
+        change_lines,
+        left_out_line,
+        named_lines,
+        passport_line,
+        soil_lines,
+        trend_lines,
+    )
 
     found = pool(open_store(store))
     if json:
-        print_json(pooled_json(found))
+        for text in pooled_json(found):
+            print(text, end="")
         _set_aside(store, found.damaged)
         return
     for one in found.passports:
         days = [day_of(point.years) for trend in one.trends.values() for point in trend.points]
         print(passport_line(one, min(days, default=""), max(days, default="")))
-    if found.soils:
-        print("soils that differ from their laboratory:")
-        for line in soil_lines(found.soils):
-            print(f"  {line}")
+        if trends := list(trend_lines(one)):
+            print("\n    ".join(("  each as if it alone were wrong:", *trends)))
+    for title, lines in (
+        ("errors of the measurement that a campaign names:", list(named_lines(found.named))),
+        ("soils that differ from their laboratory:", list(soil_lines(found.soils))),
+        ("since the last campaign of the same vehicle or terrain:", list(change_lines(found.changes))),
+    ):
+        if lines:
+            print("\n  ".join((title, *lines)))
     if found.nameless:
         say(left_out_line(found.nameless, "a serial ([transducer] serial in vehicle.toml)"))
     if found.dateless:

@@ -1,4 +1,5 @@
 from .campaign_task import FleetOptions as FleetOptions
+from .changes import Change as Change
 from .engines import is_open_to_others as is_open_to_others
 from .holdings import Holdings as Holdings
 from .holdings import holdings_of as holdings_of
@@ -8,6 +9,7 @@ from .overview import Overview as Overview
 from .overview import overview_of as overview_of
 from .packs import Compacted as Compacted
 from .packs import compact as compact
+from .pooled import NamedError as NamedError
 from .pooled import Pooled as Pooled
 from .pooled import day_of as day_of
 from .pooled import pool as pool

@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes
+from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, open_runs
 from model import one_thread, processes
 from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
-from wheelsoil.cache.store import nothing_kept
+from wheelsoil.cache.store import keeping_only, nothing_kept
 from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
@@ -76,10 +76,11 @@ class _Opened:
 
 
 @one_thread
-def work_on(task: Task, url: str, options: FleetOptions) -> Done:
+def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True) -> Done:
     """Process, fit and diagnose a campaign and write it into the store at `url`, unless it is there.
 
-    What is wrong with a campaign is a result, and written down like one. Nothing is printed.
+    What is wrong with a campaign is a result, and written down like one. Nothing is printed. Results that were kept
+    are used where `cached`; of its own only the diagnosis is kept, which is the dearest and takes the least room.
 
     Raises
     ------
@@ -87,8 +88,10 @@ def work_on(task: Task, url: str, options: FleetOptions) -> Done:
         The store cannot be written.
     """
     store, source = open_store(url), task.source
-    with _ONE_AT_A_TIME, nothing_kept(), processes(1), contextlib.redirect_stderr(io.StringIO()):
+    keeping = keeping_only("diagnosis") if cached else nothing_kept()
+    with _ONE_AT_A_TIME, keeping, processes(1), contextlib.redirect_stderr(io.StringIO()):
         start_s = time.process_time()
+        reset_peak_memory()
         opened = _Opened(content_of(source, "", options))
         try:
             facts = source.facts()

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from io import BytesIO
 from typing import Any
 
-from wheelsoil.fleet.manifests import Part, PartFile
+from wheelsoil.fleet.manifests import TAIL_BYTES, Part, PartFile
 from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.tables import packed_schema_of, schema_of
 
-_TAIL = 1 << 16
-"""Bytes at the end of a file that are read at once: most footers are shorter."""
 _MAGIC = b"PAR1"
 _SHORTEST = 12
 
@@ -40,9 +38,10 @@ def wrong_groups(store: Store, table: str, parts: Sequence[Part], *, thorough: b
             found[part.name] = _all(part, "missing" if size is None else "size")
         else:
             readable.append(part)
-    tails = store.contents([part.files[table].path for part in readable], start=-_TAIL, gone=b"")
+    tails = store.contents([part.files[table].path for part in readable], start=-TAIL_BYTES, gone=b"")
     for part, tail in zip(readable, tails, strict=True):
-        wrong = _wrong_footer(store, table, part, tail)
+        as_written = hashlib.sha256(tail).hexdigest() == part.files[table].tail_sha256
+        wrong = {} if as_written else _wrong_footer(store, table, part, tail)
         if thorough and not wrong:
             wrong = _wrong_data(store, table, part)
         if wrong:
@@ -88,7 +87,7 @@ def _schema(table: str, *, packed: bool) -> Any:
     import pyarrow.parquet as pq
 
     buffer = BytesIO()
-    pq.write_table((packed_schema_of(table) if packed else schema_of(table)).empty_table(), buffer)
+    pq.ParquetWriter(buffer, packed_schema_of(table) if packed else schema_of(table)).close()
     return pq.read_metadata(buffer).schema
 
 
@@ -110,14 +109,13 @@ def _others(footer: Any, table: str, part: Part) -> Iterator[int]:
         yield from range(len(part.groups))
         return
     for group, place in places.items():
-        holding = [one for one in part.groups[group] if one.rows.get(table)]
+        rows, *names = part.held[table][group]
         found = footer.row_group(place)
-        names = {one.campaign for one in holding}
-        if found.num_rows != sum(one.rows[table] for one in holding) or _differs(found.column(0).statistics, names):
+        if found.num_rows != rows or _differs(found.column(0).statistics, names):
             yield group
 
 
-def _differs(statistics: Any, values: set[str]) -> bool:
+def _differs(statistics: Any, values: Collection[str]) -> bool:
     if statistics is None or not statistics.has_min_max:
         return False
     return bool((statistics.min, statistics.max) != (min(values), max(values)))

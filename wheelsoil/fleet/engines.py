@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -99,8 +101,16 @@ def _pooled(
 
 
 def _begin(memory_bytes: int) -> None:
+    """Limit this process's memory, and let it end with the one that started it: killed, that closes no queue."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     if memory_bytes:
         limit_memory(memory_bytes)
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
 
 
 def on_dask(
@@ -167,6 +177,10 @@ def _connected(scheduler: str) -> Any:
     except (OSError, ValueError) as error:
         step = "start one (`dask scheduler`) or check the address; --engine local needs none"
         raise HardwareError.of("there is no Dask scheduler", scheduler, str(error), "tcp://HOST:8786", step) from None
+    except (TypeError, RuntimeError) as error:  # of a configuration without certificates, or that refuses tcp://
+        step = "state ca-file, key and cert of the client under distributed.comm.tls in Dask's configuration"
+        what = "Dask's configuration does not fit the scheduler's address"
+        raise ConfigError.of(what, scheduler, str(error), next_step=step) from None
     try:
         client.wait_for_workers(1, timeout=_CONNECT_S)
         versions = client.run(version)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures, wrong_groups
@@ -19,7 +19,7 @@ from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from pyarrow.dataset import Dataset
+    from pyarrow.dataset import Dataset, Expression
 
 T = TypeVar("T")
 
@@ -53,13 +53,14 @@ class Holdings:
         """What the store has of each campaign, by name; without files and options of those in packs."""
         return dict(sorted((one.campaign, one) for part in self.parts for one in part.manifests))
 
-    def sourced(self) -> dict[str, Manifest]:
-        """Return the manifests with files and options, also of those in packs."""
-        found = {}
+    def sources(self) -> dict[str, Any]:
+        """Return the files and options of each campaign by name, also of those in packs; nothing of those unknown."""
+        found: dict[str, Any] = {}
         for part in self.parts:
-            made_of = self.store.sources(part.name) if part.is_pack else {}
+            of_pack = self.store.sources(part.name) if part.is_pack else {}
             for one in part.manifests:
-                found[one.campaign] = _with_sources(one, made_of.get(one.campaign)) if part.is_pack else one
+                own = {"files": one.files, "options": one.options}
+                found[one.campaign] = of_pack.get(one.campaign, own) if part.is_pack else own
         return found
 
     def datasets(self, table: str) -> list[Dataset]:
@@ -80,6 +81,13 @@ class Holdings:
                 if part.hidden
             ),
         ]
+
+    def where(self, table: str, columns: Sequence[str], wanted: Expression) -> pa.Table:
+        """Return the rows of a table that a condition holds for."""
+        import pyarrow as pa
+
+        found = [each.to_table(columns=list(columns), filter=wanted) for each in self.datasets(table)]
+        return pa.concat_tables(found)
 
     def _dataset(self, table: str, parts: Sequence[Part]) -> Dataset:
         from pyarrow import dataset, fs
@@ -117,13 +125,6 @@ class Holdings:
             pieces += [each.to_table(columns=wanted, use_threads=False) for each in packs.datasets(name)]
         rows = pa.concat_tables(pieces)
         return rows.sort_by("campaign") if packs.parts else rows
-
-
-def _with_sources(one: Manifest, made_of: object) -> Manifest:
-    try:
-        return Manifest.of({**vars(one), **made_of})  # type: ignore[dict-item]
-    except (TypeError, ValueError):
-        return one
 
 
 def _of_campaign(part: Part, rows: pa.Table) -> pa.Table:

@@ -6,7 +6,7 @@ import json
 import os
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -21,21 +21,24 @@ from daq import number
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.pooled import Pooled, day_of, pooled_json, pooled_of
+from wheelsoil.fleet.pooled import TABLES, Pooled, day_of, passports_json, pooled_of, pooled_values
 from wheelsoil.fleet.store import Store
-from wheelsoil.report import Curve, Drawing, Plane, drawn, reach, ticks
-from wheelsoil.to_json import plain
+from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
+from wheelsoil.report import ticks
+from wheelsoil.to_json import streamed
 from wheelsoil.wording.names import plain_name
-from wheelsoil.wording.passport_text import passport_line, soil_lines
+from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
 from wheelsoil.wording.verdict import upper
 
 SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
 """What a single report beside a campaign's runs is called, to be linked."""
 _MOST_BARS = 12
+_MOST_ROWS = 5_000
+"""Campaigns in the page's table and on its map: a browser still sorts them at once."""
+_AT_ONCE = 1_000
 _MAP, _LEAST_KM = (720, 300), 0.1
 _COLOURS = 5
-_MONTHS_A_YEAR = 12
 
 
 @dataclass(frozen=True)
@@ -57,17 +60,24 @@ class Overview:
     made_at: datetime
 
     def numbers(self) -> dict[str, Any]:
-        """Return every number of the page."""
-        return {
+        """Return every number of the page, and the campaigns that are not on it."""
+        return dict(json.loads("".join(self._json())))
+
+    def _json(self) -> Iterator[str]:
+        values = pooled_values(self.pooled) | {
             "schema": SCHEMA,
             "made_at": self.made_at.isoformat(timespec="seconds"),
             "store": self.url,
             "headline": self.headline,
-            "campaigns": plain(json.loads(self.campaigns.to_json(orient="records", date_format="iso"))),
             "causes": {family: {"named": a, "one_of": b} for family, (a, b) in self.causes.items()},
-            "pulls": plain(self.pulls),
-            **{key: value for key, value in plain(pooled_json(self.pooled)).items() if key != "schema"},
+            "pulls": self.pulls,
         }
+        return streamed(values, {"campaigns": self._rows(), "transducers": passports_json(self.pooled)})
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for start in range(0, len(self.campaigns), _AT_ONCE):
+            some = self.campaigns.iloc[start : start + _AT_ONCE]
+            yield from json.loads(some.to_json(orient="records", date_format="iso"))
 
     @property
     def headline(self) -> str:
@@ -78,6 +88,11 @@ class Overview:
             effects = " and ".join(dict.fromkeys(plain_name(e) for one in wrong for e in one.effects[:1]))
             sure = "" if all(one.decision == "named" for one in wrong) else "probably "
             return f"Transducer {serials} is wrong: {sure}{effects}."
+        by_campaigns = [one for one in self.pooled.named if one.is_transducers]
+        if by_campaigns:
+            effects = " and ".join(dict.fromkeys(plain_name(one.effect) for one in by_campaigns))
+            count = len({one.campaign for one in by_campaigns})
+            return f"{count} of {self.done} campaigns name{'s' * (count == 1)} an error of the transducer: {effects}."
         named = {family: a for family, (a, _) in self.causes.items() if a}
         if named:
             most = max(named.values())
@@ -114,7 +129,8 @@ class Overview:
         """Write the page, and its numbers as JSON beside it; return both paths."""
         beside = path.with_suffix(".json")
         path.write_text(self.html(path.parent), encoding="utf-8")
-        beside.write_text(json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        with beside.open("w", encoding="utf-8") as file:
+            file.writelines(self._json())
         return path, beside
 
     def html(self, folder: Path) -> str:
@@ -130,13 +146,16 @@ class Overview:
         bars = sorted(self.causes.items(), key=lambda item: (-item[1][0], -item[1][1]))[:_MOST_BARS]
         return environment.get_template("page.html.j2").render(
             overview=self,
-            rows=[_cells(row, folder) for row in self.campaigns.to_dict("records")],
+            rows=[_cells(row, folder) for row in self.campaigns.head(_MOST_ROWS).to_dict("records")],
             bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
-            passports=[(one, _line(one), _drawing(one)) for one in self.pooled.passports],
+            passports=[(one, _line(one), passport_drawing(one), trend_drawings(one)) for one in self.pooled.passports],
+            named=list(named_lines(self.pooled.named)),
+            changes=list(change_lines(self.pooled.changes)),
             soils=list(soil_lines(self.pooled.soils)),
             pulls=self.pulls,
             chart=_map(self.campaigns),
             error=_errors(self.campaigns),
+            most_points=MOST_POINTS,
             number=number,
             version=__version__,
             script=script,
@@ -147,20 +166,22 @@ class Overview:
 
 def overview_of(store: Store) -> Overview:
     """Return the overview of a store."""
-    found, damaged = read(store, ("campaigns", "diagnoses", "causes", "runs", "evidence"), _overview)
+    found, damaged = read(store, ("diagnoses", "runs", *TABLES), _overview)
     return replace(found, pooled=replace(found.pooled, damaged=damaged))
 
 
 def _overview(holdings: Holdings) -> Overview:
+    from pyarrow import dataset
+
     campaigns = holdings.table("campaigns").to_pandas()
     diagnoses = holdings.table("diagnoses", ["verdict", "R0_base", "R0_extended"]).to_pandas()
-    causes = holdings.table("causes", ["family", "role"]).to_pandas().drop_duplicates()
-    shown = causes[causes["role"].isin(["named", "one_of"])]
+    of_verdicts = dataset.field("role").isin(["named", "one_of"])
+    shown = holdings.where("causes", ("campaign", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
     names = shown.groupby("campaign")["family"].agg(lambda own: ", ".join(map(plain_name, own))).rename("cause")
     grades = holdings.table("runs", ["grade"]).to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
     whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
-    whole = whole.iloc[sorted(range(len(whole)), key=lambda i: _badness(whole.iloc[i].to_dict()))]
+    whole = _worst_first(whole)
     counts = Counter(zip(shown["family"], shown["role"], strict=True))
     families = dict.fromkeys(shown["family"])
     return Overview(
@@ -188,13 +209,12 @@ def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
     return (float(known["R0_base"].median()), float(known["R0_extended"].median())) if len(known) else None
 
 
-def _badness(row: Mapping[Any, Any]) -> tuple[int, float]:
-    """Return what puts the worst first: failed, unexplained, named, one of several; then the largest error."""
-    if row["state"] == "failed":
-        return 0, 0.0
-    order = {"unexplained": 1, "named": 2, "one_of": 3}.get(str(row["verdict"]), 4)
-    error = row["R0_base"]
-    return order, -float(error) if error is not None and error == error else 0.0
+def _worst_first(campaigns: pd.DataFrame) -> pd.DataFrame:
+    """Return failed, unexplained, named, one of several, then the others; each by the largest error."""
+    failed = campaigns["state"] == "failed"
+    order = campaigns["verdict"].map({"unexplained": 1, "named": 2, "one_of": 3}).fillna(4).mask(failed, 0)
+    error = campaigns["R0_base"].astype(float).fillna(0.0).mask(failed, 0.0)
+    return campaigns.iloc[np.lexsort((-error.to_numpy(), order.to_numpy()))]
 
 
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
@@ -231,37 +251,9 @@ def _line(one: Passport) -> str:
     return passport_line(one, *_days(one))
 
 
-def _drawing(one: Passport) -> Drawing | None:
-    """Draw the course of the named parameter, or of a sound one the first: each campaign, and the line through them."""
-    effect = next((each for each in (*one.effects, *one.trends) if each in one.trends), None)
-    if effect is None:
-        return None
-    trend = one.trends[effect]
-    factor, unit = (100.0, "%") if trend.unit == "1" else (1.0, trend.unit)
-    first = min(point.years for point in trend.points)
-    known = [point for point in trend.points if np.isfinite(point.value)]
-    months = np.array([(point.years - first) * _MONTHS_A_YEAR for point in known])
-    value, half = (factor * np.array(each) for each in zip(*((p.value, 1.96 * p.sigma) for p in known), strict=True))
-    along = np.linspace(0.0, max(float(months.max()), 0.1), 40)
-    fitted = factor * np.array([trend.value(first + month / _MONTHS_A_YEAR) for month in along])
-    name = plain_name(effect)
-    curves = [
-        Curve("", along, fitted[:, 0], "model", fitted[:, 1], fitted[:, 2]),
-        Curve("", months, value, "measured", value - half, value + half, points=True),
-    ]
-    last = float(along[-1])
-    plane = Plane(
-        (-0.02 * last, 1.02 * last),
-        reach(value - half, value + half),
-        f"months since {day_of(first)}",
-        f"{name}, {unit}, with 95 % intervals",
-    )
-    return drawn(f"passport-{one.sensor}", f"{one.sensor}: {name}", "", plane, curves, wide=(720, 360, 20))
-
-
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
     """Return the places of campaigns in pixels, by fifths of the pull at slip 0.2; None where no place is known."""
-    known = campaigns.dropna(subset=["latitude_deg", "longitude_deg", "pull_at_slip_0_2_n"])
+    known = campaigns.dropna(subset=["latitude_deg", "longitude_deg", "pull_at_slip_0_2_n"]).head(_MOST_ROWS)
     if known.empty:
         return None
     east = known["longitude_deg"].to_numpy(float) * np.cos(np.radians(known["latitude_deg"].mean())) * 111.32

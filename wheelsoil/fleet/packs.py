@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures
 from wheelsoil.fleet.holdings import Holdings, holdings_of, rows_of_group
-from wheelsoil.fleet.manifests import DONE, PACKS, Manifest, Part, quoted, sealed, sources_path
+from wheelsoil.fleet.manifests import DONE, PACKS, Manifest, Part, quoted, sealed, sources_path, stated
 from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.tables import COLUMNS, packed_schema_of
 
@@ -40,7 +40,8 @@ CAMPAIGNS_OF_A_GROUP = 50
 _LOCK = ".compact.lock"
 _STALE_S = 3600.0
 """A file that no manifest names for so long belongs to no writer."""
-_SOURCES = ("files", "options")
+_ELSEWHERE = ("files", "options", "parts")
+"""Of a manifest, what its pack has in sources.json or for all."""
 
 
 @dataclass(frozen=True)
@@ -66,20 +67,21 @@ def compact(store: Store) -> Compacted:
         holdings = holdings_of(store)
         sound = {one.campaign for part in holdings.parts for one in part.manifests}
         _remove(store, [part for part in holdings.older if {one.campaign for one in part.all} <= sound])
+        store.remove_drafts()
         _sweep(holdings)
         parts = _to_pack(holdings)
         kept = sum(part.is_pack for part in holdings.parts) - sum(part.is_pack for part in parts)
         if not parts:
             return Compacted(0, 0, kept)
-        known = replace(holdings, parts=tuple(parts)).sourced()
+        made_of = replace(holdings, parts=tuple(parts)).sources()
         entries = [(part, group) for part in parts for group in range(len(part.groups))]
         try:
-            written = [_write(store, chunk, known, holdings.newest) for chunk in _chunks(entries)]
+            written = [_write(store, chunk, made_of, holdings.newest) for chunk in _chunks(entries)]
         except failures() as error:
             step = "`wheelsoil fleet run ROOT --store STORE --check` makes anew what is damaged"
             raise ConfigError.of("a file of the store cannot be read", store.url, str(error), next_step=step) from None
         _remove(store, [part for part in parts if part.name not in written])
-        return Compacted(len(known), len(written), kept + len(written))
+        return Compacted(len(made_of), len(written), kept + len(written))
 
 
 @contextmanager
@@ -120,7 +122,7 @@ def _chunks(entries: Sequence[tuple[Part, int]]) -> Iterator[list[tuple[Part, in
 def _write(
     store: Store,
     chunk: Sequence[tuple[Part, int, Manifest]],
-    known: Mapping[str, Manifest],
+    made_of: Mapping[str, Any],
     newest: Mapping[str, int],
 ) -> str:
     """Write one pack; return the name of its manifest."""
@@ -133,12 +135,11 @@ def _write(
         groups.append([_packed(one, newest if not part.is_pack else {}) for part, _, one in some])
     for writer in writers.values():
         writer.close()
-    made_of = {one.campaign: known[one.campaign] for _, _, one in chunk}
     data = {f"{table}.parquet": buffer.getvalue() for table, buffer in buffers.items()}
-    data["sources.json"] = sealed({name: {key: getattr(one, key) for key in _SOURCES} for name, one in made_of.items()})
+    data["sources.json"] = sealed({one.campaign: made_of[one.campaign] for _, _, one in chunk})
     text = json.dumps([[one.campaign, one.content, one.made_at_ns] for group in groups for one in group])
     name = hashlib.sha256(text.encode()).hexdigest()[:16]
-    parts = {file: (len(each), hashlib.sha256(each).hexdigest()) for file, each in data.items()}
+    parts = {file: stated(each) for file, each in data.items()}
     for file, each in data.items():
         store.write(f"{PACKS}/{name}/{file}", each)
     light = [[_light(one) for one in group] for group in groups]
@@ -147,7 +148,7 @@ def _write(
 
 
 def _light(one: Manifest) -> dict[str, Any]:
-    return {key: value for key, value in asdict(one).items() if key not in (*_SOURCES, "parts")}
+    return {key: value for key, value in asdict(one).items() if key not in _ELSEWHERE}
 
 
 def _packed(one: Manifest, newest: Mapping[str, int]) -> Manifest:

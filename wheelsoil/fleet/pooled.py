@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from itertools import chain
 from typing import Any
@@ -20,9 +20,11 @@ from model.diagnosis.pooling import (
     passport_of,
     soil_departure,
 )
+from wheelsoil.fleet.changes import Change, changes_of
 from wheelsoil.fleet.holdings import Holdings, read
 from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
+from wheelsoil.to_json import streamed
 
 _YEAR_S = 365.25 * 86400
 _SURPRISING = 0.01
@@ -30,7 +32,30 @@ _SURPRISING = 0.01
 _AT_ONCE = 5_000
 """Campaigns whose evidence, some 20 kB each, is in memory together; more only if one transducer has more."""
 _ROWS = 256
+TABLES = ("evidence", "campaigns", "causes")
+"""What is read of a store."""
 _LISTS = ("soil", "effects", "parameters", "units", "scales", "neutrals", "one_sided", "about")
+
+
+@dataclass(frozen=True)
+class NamedError:
+    """An error of the measurement that the diagnosis of one campaign names; `serial` and `start` as far as known."""
+
+    campaign: str
+    serial: str
+    start: datetime | None
+    effect: str
+    parameter: str
+    unit: str
+    value: float
+    lower95: float
+    upper95: float
+    probability: float
+
+    @property
+    def is_transducers(self) -> bool:
+        """Whether it is an error of the transducer, and not of speed or wheel."""
+        return self.effect in OF_THE_TRANSDUCER
 
 
 @dataclass(frozen=True)
@@ -45,6 +70,10 @@ class Pooled:
         That differ from their laboratory, the most surprising one first.
     nameless, dateless : tuple of str
         Campaigns without a transducer's serial, or without a date.
+    named : tuple of NamedError
+        By single campaigns, the latest first.
+    changes : tuple of Change
+        Since the last campaign of the same vehicle or terrain.
     damaged : tuple of Damage
         What was set aside.
     """
@@ -53,12 +82,29 @@ class Pooled:
     soils: tuple[SoilDeparture, ...]
     nameless: tuple[str, ...]
     dateless: tuple[str, ...]
+    named: tuple[NamedError, ...] = ()
+    changes: tuple[Change, ...] = ()
     damaged: tuple[Damage, ...] = ()
+
+    @property
+    def transducers(self) -> tuple[str, ...]:
+        """All of them by serial; "" for those without one that a campaign names an error of."""
+        return tuple(sorted({one.sensor for one in self.passports} | self._named_ones))
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """Those that are not sound by their passport, or by what one of their campaigns names."""
+        flagged = {one.sensor for one in self.passports if one.decision != "nothing"}
+        return tuple(sorted(flagged | self._named_ones))
+
+    @property
+    def _named_ones(self) -> set[str]:
+        return {one.serial for one in self.named if one.is_transducers}
 
 
 def pool(store: Store) -> Pooled:
-    """Pool what the store's table ``evidence`` has; no recording is read."""
-    found, damaged = read(store, ("evidence",), pooled_of)
+    """Pool what the store's tables have; no recording is read."""
+    found, damaged = read(store, TABLES, pooled_of)
     return replace(found, damaged=damaged)
 
 
@@ -82,7 +128,25 @@ def pooled_of(holdings: Holdings) -> Pooled:
             far += [soil for soil in soils if soil.p_value < surprising]
     ordered = [passports[serial] for serial in sorted(passports)]
     far.sort(key=lambda soil: (soil.p_value, soil.campaign))
-    return Pooled(tuple(ordered), tuple(far), nameless, dateless)
+    return Pooled(tuple(ordered), tuple(far), nameless, dateless, _named(holdings), changes_of(holdings))
+
+
+def _named(holdings: Holdings) -> tuple[NamedError, ...]:
+    from pyarrow import dataset
+
+    columns = [one.name for one in fields(NamedError) if one.name not in ("serial", "start", "effect")]
+    wanted = (dataset.field("role") == "named") & (dataset.field("kind") == "measurement")
+    wanted = wanted & dataset.field("value").is_valid()
+    rows = holdings.where("causes", (*columns, "family"), wanted).to_pylist()
+    if not rows:
+        return ()
+    campaigns = holdings.table("campaigns", ("transducer", "start")).to_pylist()
+    known = {row["campaign"]: (row["transducer"] or "", row["start"]) for row in campaigns}
+    found = []
+    for row in rows:
+        serial, start = known.get(row["campaign"], ("", None))
+        found.append(NamedError(serial=serial, start=start, effect=row.pop("family"), **row))
+    return tuple(sorted(found, key=lambda one: (-(one.start.timestamp() if one.start else 0.0), one.campaign)))
 
 
 def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
@@ -140,16 +204,38 @@ def day_of(years: float) -> str:
     return datetime.fromtimestamp(years * _YEAR_S, UTC).date().isoformat()
 
 
-def pooled_json(found: Pooled) -> dict[str, Any]:
-    """Return it as plain mappings, dates as texts; sizes a year become sizes a month."""
+def pooled_json(found: Pooled) -> Iterator[str]:
+    """Yield it as JSON text, piece by piece; dates are texts, sizes a year become sizes a month."""
+    return streamed(pooled_values(found), {"transducers": passports_json(found)})
+
+
+def passports_json(found: Pooled) -> Iterator[dict[str, Any]]:
+    """Yield the transducers as plain mappings, with a point for each campaign."""
+    return map(_passport_json, found.passports)
+
+
+def pooled_values(found: Pooled) -> dict[str, Any]:
+    """Return all but the transducers as plain mappings."""
     return {
         "schema": "wheelsoil/fleet-diagnosis/1",
-        "transducers": [_passport_json(one) for one in found.passports],
         "soils_off_laboratory": [vars(one) for one in found.soils],
+        "named_by_campaigns": [_named_json(one) for one in found.named],
+        "changes": [_change_json(one) for one in found.changes],
         "without_serial": list(found.nameless),
         "without_date": list(found.dateless),
         "damaged": [vars(one) for one in found.damaged],
     }
+
+
+def _named_json(one: NamedError) -> dict[str, Any]:
+    return {**vars(one), "start": one.start.isoformat() if one.start else None}
+
+
+def _change_json(one: Change) -> dict[str, Any]:
+    pull = one.pull and {**vars(one.pull), "beyond": one.pull.is_beyond}
+    dates = {"start": one.start.isoformat(), "start_before": one.start_before.isoformat()}
+    own = {key: value for key, value in vars(one).items() if key != "pull"}
+    return {**own, **dates, "pull_at_slip_0_2": pull}
 
 
 def _passport_json(one: Passport) -> dict[str, Any]:

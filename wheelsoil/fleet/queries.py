@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMATS = (".parquet", ".csv")
+TASKS = "tasks"
+"""The table of what each campaign cost, which is made of the manifests."""
 _CLOSED = (
     "timezone = 'UTC'",
     "autoinstall_known_extensions = false",
@@ -34,6 +36,7 @@ _CLOSED = (
     "lock_configuration = true",
 )
 """What a connection is set to before the query: the last one keeps the query from changing the others."""
+_NAMES = ", ".join((*COLUMNS, TASKS))
 _EXPLAIN = re.compile(
     r"""^(?P<gap>\s|--[^\n]*(\n|$)|/\*.*?\*/)*explain\b(\s*\([^()]*\)|\s*analyze\b)*""", re.IGNORECASE | re.DOTALL
 )
@@ -61,8 +64,8 @@ def ask(store: Store, sql: str) -> Answer:
         import duckdb
     except ImportError:
         raise not_installed("queries", "duckdb", store.url, "sql") from None
-    named = {word.lower() for word in re.findall(r"\w+", sql)} & COLUMNS.keys()
-    tables = tuple(named) or tuple(COLUMNS)
+    named = {word.lower() for word in re.findall(r"\w+", sql)} & {*COLUMNS, TASKS}
+    tables = tuple(named - {TASKS}) if named else tuple(COLUMNS)
     holdings = holdings_of(store, tables)
     try:
         return Answer(_answer(holdings, tables, sql), holdings.damaged)
@@ -70,7 +73,7 @@ def ask(store: Store, sql: str) -> Answer:
         unread = isinstance(error, duckdb.IOException | duckdb.InvalidInputException)
         found = holdings_of(store, tables, thorough=True) if unread else holdings
         if found.damaged == holdings.damaged:
-            step = f"tables: {', '.join(COLUMNS)}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
+            step = f"tables: {_NAMES}; `wheelsoil fleet sql STORE 'describe runs'` lists columns"
             raise ConfigError.of("the query cannot be answered", sql, _first(error), next_step=step) from None
     try:
         return Answer(_answer(found, tables, sql), found.damaged)
@@ -81,7 +84,7 @@ def ask(store: Store, sql: str) -> Answer:
 def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
     import duckdb
 
-    with _connected(holdings, tables) as connection:
+    with _connected(holdings, tables, sql) as connection:
         try:
             kinds = _kinds(connection, sql)
             if kinds != ["SELECT"]:
@@ -90,7 +93,7 @@ def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
                 raise ConfigError.of("the store is only read", sql, found, "one SELECT", step)
             return connection.sql(sql).to_arrow_table()
         except duckdb.PermissionException as error:
-            step = f"ask for the store's tables: {', '.join(COLUMNS)}"
+            step = f"ask for the store's tables: {_NAMES}"
             what = "a query reads the store and nothing else"
             raise ConfigError.of(what, sql, _first(error), next_step=step) from None
 
@@ -114,12 +117,30 @@ def _kind(statement: Any) -> str:
         return "a statement of another kind"
 
 
+def _tasks(holdings: Holdings) -> pa.Table:
+    import pyarrow as pa
+
+    known = [one for part in holdings.parts for one in part.manifests]
+    columns = {
+        "campaign": pa.array([one.campaign for one in known], pa.string()),
+        "content": pa.array([one.content for one in known], pa.string()),
+        "state": pa.array([one.state for one in known], pa.string()),
+        "cpu_s": pa.array([one.cpu_s for one in known], pa.float64()),
+        "peak_memory_bytes": pa.array([one.peak_bytes for one in known], pa.int64()),
+        "made_at": pa.array([one.made_at_ns // 1000 or None for one in known], pa.timestamp("us", tz="UTC")),
+        "version": pa.array([one.version for one in known], pa.string()),
+    }
+    return pa.table(columns)
+
+
 @contextmanager
-def _connected(holdings: Holdings, tables: Iterable[str]) -> Iterator[Any]:
-    """Yield a connection that knows some tables, and that cannot be opened for anything else."""
+def _connected(holdings: Holdings, tables: Iterable[str], sql: str) -> Iterator[Any]:
+    """Yield a connection that knows some tables, `tasks` if it is named, and cannot be opened for anything else."""
     import duckdb
 
     with duckdb.connect(":memory:") as connection:
+        if TASKS in sql.lower():
+            connection.register(TASKS, _tasks(holdings))
         for table in tables:
             whole, *partly = holdings.datasets(table)
             if not partly:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, holds_runs
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, is_run_file
 from daq.series import column_names
 
 _REPORTS = (".html", ".pdf", ".json", ".md", ".png", ".svg")
 """Files of a campaign's folder that are made of its runs."""
 _TABLE_COLUMNS = {"slip", "vertical_load_n", "drawbar_pull_n"}
 
-Facts = dict[str, tuple[int, int]]
+Facts = dict[str, list[int]]
 """Size and time of change (ns) of files, by their path."""
+Beside = tuple[tuple[str, int, int], ...]
+"""Name, size and time of change (ns) of files in one folder."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,29 @@ class Source:
         if self.is_table:
             beside = (self.folder / name for name in (VEHICLE_FILE, TERRAIN_FILE))
             return facts_of([Path(self.path), *(path for path in beside if path.is_file())])
-        with os.scandir(self.folder) as entries:
-            return facts_of(Path(entry.path) for entry in entries if entry.is_file() and _may_matter(entry.name))
+        with os.scandir(self.path) as entries:
+            return self.placed(_beside(filter(_is_file, entries)))
+
+    def placed(self, files: Beside) -> Facts:
+        """Return the facts of files in a campaign's folder by their path."""
+        folder = self.path.rstrip(os.sep) + os.sep
+        return {folder + name: [size, changed_ns] for name, size, changed_ns in files}
 
 
+def _is_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # a link to itself
+        return False
+
+
+def _beside(entries: Iterable[os.DirEntry[str]]) -> Beside:
+    """Return the facts of a campaign's files but reports; OSError if there is one that cannot be seen."""
+    seen = ((entry.name, entry.stat()) for entry in entries if _may_matter(entry.name))
+    return tuple((name, stat.st_size, stat.st_mtime_ns) for name, stat in seen)
+
+
+@lru_cache(4096)
 def _may_matter(name: str) -> bool:
     return not name.startswith(".") and not name.lower().endswith(_REPORTS)
 
@@ -61,28 +83,34 @@ def _may_matter(name: str) -> bool:
 def facts_of(files: Iterable[Path]) -> Facts:
     """Return size and time of change of files; OSError if there is one that cannot be seen."""
     seen = ((str(file), file.stat()) for file in files)
-    return {path: (stat.st_size, stat.st_mtime_ns) for path, stat in seen}
+    return {path: [stat.st_size, stat.st_mtime_ns] for path, stat in seen}
 
 
-def find_sources(roots: Sequence[Path]) -> list[Source]:
+def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     """Return every campaign folder and single-wheel table in some folders, however deep, by name.
 
     A folder that holds runs is a campaign, and is not searched further. A table is a CSV file with the columns slip,
     vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin with a dot are left out.
+
+    Returns
+    -------
+    mapping Source -> facts
+        Of the files in a campaign's folder but reports; None of a table, or where one cannot be seen.
 
     Raises
     ------
     ConfigError
         There is none in a root, or two have the same name.
     """
-    faults, found = [], []
+    faults: list[Fault] = []
+    found: dict[Source, Beside | None] = {}
     for root in map(Path, roots):
-        own = list(_sources_in(root.absolute()))
+        own = dict(_sources_in(str(root.absolute())))
         if not own:
             step = "name a folder that has campaigns in it, however deep: recordings or logs with vehicle.toml"
             what = "there is no campaign" if root.is_dir() else "there is no such folder"
             faults.append(Fault(what, str(root), next_step=step))
-        found += own
+        found |= own
     by_name: dict[str, set[str]] = {}
     for source in found:
         by_name.setdefault(source.name, set()).add(source.path)
@@ -92,24 +120,37 @@ def find_sources(roots: Sequence[Path]) -> list[Source]:
             faults.append(Fault("two campaigns have the same name", name, ", ".join(sorted(paths)), next_step=step))
     if faults:
         raise ConfigError(*faults)
-    return sorted(set(found), key=lambda source: source.name)
+    return {source: found[source] for source in sorted(found, key=lambda source: source.name)}
 
 
-def _sources_in(root: Path) -> Iterator[Source]:
-    for path, folders, files in os.walk(root):
-        folder = Path(path)
-        name = folder.relative_to(root).as_posix() if folder != root else root.name
-        if holds_runs(folder):
-            folders.clear()
-            yield Source(name, path)
+def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
+    waiting = [root]
+    while waiting:
+        folder = waiting.pop()
+        try:
+            with os.scandir(folder) as listed:
+                entries = list(listed)
+        except OSError:
             continue
-        folders[:] = sorted(each for each in folders if not each.startswith("."))
-        if TERRAIN_FILE not in files:
+        below = folder.removeprefix(root).strip(os.sep).replace(os.sep, "/")
+        files = list(filter(_is_file, entries))
+        if any(is_run_file(entry.name) for entry in files):
+            yield Source(below or Path(root).name, folder), _seen(files)
             continue
-        for file in sorted(each for each in files if each.endswith(".csv")):
-            if _is_table(folder / file):
-                stem = file.removesuffix(".csv")
-                yield Source(stem if folder == root else f"{name}/{stem}", str(folder / file))
+        visible = (entry for entry in entries if not entry.name.startswith("."))
+        waiting += [entry.path for entry in visible if entry.is_dir(follow_symlinks=False)]
+        names = {entry.name for entry in files}
+        for name in sorted(names if TERRAIN_FILE in names else ()):
+            if name.endswith(".csv") and _is_table(Path(folder, name)):
+                stem = name.removesuffix(".csv")
+                yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
+
+
+def _seen(files: Iterable[os.DirEntry[str]]) -> Beside | None:
+    try:
+        return _beside(files)
+    except OSError:
+        return None
 
 
 def _is_table(path: Path) -> bool:

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from daq import ConfigError, machine_memory_bytes
 from model import available_cores
 from wheelsoil import __version__
+from wheelsoil.cache import folder
 from wheelsoil.fleet.campaign_task import Done, FleetOptions, Task, content_of, work_on
 from wheelsoil.fleet.engines import Lost, in_processes, on_dask
 from wheelsoil.fleet.holdings import holdings_of
 from wheelsoil.fleet.manifests import DONE, Damage, Manifest
-from wheelsoil.fleet.roots import Source, facts_of, find_sources
+from wheelsoil.fleet.roots import Beside, Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import Store, open_store
+from wheelsoil.fleet.store import Store, open_store, uncollected
 
 Engine = Literal["local", "dask"]
 
@@ -92,6 +94,8 @@ class Step:
     ----------
     finished, failed, total : int
         So far, and of this call.
+    cpu_s, peak_bytes : float, int
+        What this one cost; 0 if it was not worked on.
     left_s : float
         Estimated, by how long those took that are finished.
     """
@@ -102,6 +106,8 @@ class Step:
     finished: int
     failed: int
     total: int
+    cpu_s: float
+    peak_bytes: int
     left_s: float
 
 
@@ -153,19 +159,28 @@ def plan_fleet(
     ConfigError
         See `find_sources` and `open_store`.
     """
-    options, shard = options or FleetOptions(), shard or Shard()
-    found = tuple(source for source in find_sources(roots) if shard.has(source))
+    with uncollected():
+        return _planned(roots, url, options or FleetOptions(), shard or Shard(), retry_failed, thorough)
+
+
+def _planned(
+    roots: Sequence[Path], url: str, options: FleetOptions, shard: Shard, retry_failed: bool, thorough: bool
+) -> Plan:
+    found = {source: files for source, files in find_sources(roots).items() if shard.has(source)}
     store = open_store(url, create=True)
     holdings = holdings_of(store, thorough=thorough)
-    known = holdings.sourced()
+    known, made_of = holdings.manifests, holdings.sources()
+    chosen = json.loads(json.dumps(asdict(options)))
 
-    def is_there(source: Source) -> bool:
+    def is_there(source: Source, files: Beside | None) -> bool:
         manifest = known.get(source.name)
         if manifest is None or (retry_failed and manifest.state == "failed"):
             return False
-        return _as_now(source, manifest, options)
+        made = made_of[source.name]
+        here = manifest.version == __version__ and isinstance(made, dict) and made.get("options") == chosen
+        return here and _as_now(source, files, made.get("files"))
 
-    todo = tuple(source for source in found if not is_there(source))
+    todo = tuple(source for source, files in found.items() if not is_there(source, files))
     left = {source.name for source in found} - {source.name for source in todo}
     failed = {name: known[name].fault for name in sorted(left) if known[name].state == "failed"}
     older: dict[str, tuple[str, ...]] = {}
@@ -174,21 +189,19 @@ def plan_fleet(
             older[one.campaign] = (*older.get(one.campaign, ()), part.name)
     contents = {name: one.content for name, one in known.items()}
     items = tuple(Task(one, older.get(one.name, ()), contents.get(one.name, "")) for one in todo)
-    return Plan(store, found, items, failed, options, holdings.damaged)
+    return Plan(store, tuple(found), items, failed, options, holdings.damaged)
 
 
-def _as_now(source: Source, manifest: Manifest, options: FleetOptions) -> bool:
-    if manifest.version != __version__ or _tuples(manifest.options) != asdict(options):
+def _as_now(source: Source, files: Beside | None, made_of: object) -> bool:
+    """Return whether a campaign's files are those that its rows were made of."""
+    if not (made_of and isinstance(made_of, dict)):
         return False
     try:
-        there = facts_of(map(Path, manifest.files))
-        return bool(there) and there == manifest.files and source.facts().keys() <= there.keys()
+        now = source.facts() if files is None else source.placed(files)
+        elsewhere = facts_of(Path(path) for path in made_of if path not in now)
     except OSError:
         return False
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    return now | elsewhere == made_of
 
 
 def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
@@ -199,11 +212,12 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     ConfigError, HardwareError
         The store cannot be written; see `wheelsoil.fleet.engines.on_dask`. What is finished is in the store.
     """
+    plan.store.remove_drafts()
     begin_s, failed = time.monotonic(), 0
     todo = {source.name for source in plan.todo}
     withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
     plan.store.withdraw(name for name in withdrawn if name.startswith(DONE))
-    task = partial(work_on, url=plan.store.url, options=plan.options)
+    task = partial(work_on, url=plan.store.url, options=plan.options, cached=folder() is not None)
     for finished, (item, result) in enumerate(_results(task, plan, workers), 1):
         source = item.source
         done = _given_up(plan, item, result) if isinstance(result, Lost) else result
@@ -217,8 +231,11 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
             finished=finished,
             failed=failed,
             total=len(plan.todo),
+            cpu_s=manifest.cpu_s,
+            peak_bytes=manifest.peak_bytes,
             left_s=(time.monotonic() - begin_s) / finished * left,
         )
+    plan.store.remove_drafts()
 
 
 def _results(task: partial[Done], plan: Plan, workers: Workers) -> Iterator[tuple[Task, Done | Lost]]:

@@ -6,6 +6,7 @@
     STORE/TABLE/campaign=NAME/CONTENT.parquet      rows of one campaign; its name is the partition
     STORE/done/NAME.CONTENT.json                   the manifest: this campaign is whole
     STORE/packs/                                   many campaigns together (`wheelsoil.fleet.packs`)
+    STORE/drafts/                                  files that are being written
 
 CONTENT is a hash of everything the rows depend on, so that who writes a campaign a second time writes the same files.
 A file that no manifest names belongs to a campaign that is not finished: queries do not see it.
@@ -13,10 +14,12 @@ A file that no manifest names belongs to a campaign that is not finished: querie
 
 from __future__ import annotations
 
-import hashlib
+import gc
 import json
 import os
+import platform
 import stat
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -38,6 +41,7 @@ from wheelsoil.fleet.manifests import (
     part_of,
     single_of,
     sources_path,
+    stated,
     unsealed,
 )
 from wheelsoil.fleet.tables import COLUMNS
@@ -47,6 +51,8 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 SCHEMA = "wheelsoil/store/1"
+DRAFTS, _DRAFT = "drafts", ".draft"
+_ABANDONED_S = 3600.0
 _HEAD = "store.json"
 _AT_ONCE = 200
 
@@ -104,7 +110,7 @@ class Store:
         While a campaign's new rows replace older ones there are two for a moment. A single part counts more than a
         pack, of two the newer file; of two packs the one in which the campaign is newer.
         """
-        with _reached(self.url):
+        with _reached(self.url), uncollected():
             self.files.invalidate_cache()
             singles, damaged, older = self._singles()
             packs, unread = self._packs()
@@ -226,7 +232,7 @@ class Store:
         """Write a campaign: its tables, then its manifest; then remove the older manifests of it, and their files."""
         with _reached(self.url):
             made = {table: encoded(rows) for table, rows in tables.items()}
-            parts = {table: (len(data), hashlib.sha256(data).hexdigest()) for table, data in made.items()}
+            parts = {table: stated(data) for table, data in made.items()}
             manifest = replace(manifest, parts=parts, made_at_ns=time.time_ns())
             for table, file in part_of(manifest).files.items():
                 self._write(f"{self.root}/{file.path}", made[table])
@@ -270,6 +276,13 @@ class Store:
         limit = time.time() - seconds
         return [name.removeprefix(f"{self.root}/") for name, one in found.items() if _seconds(_changed(one)) <= limit]
 
+    def remove_drafts(self) -> None:
+        """Remove files over which their writers were killed."""
+        for draft in Path(self.root, DRAFTS).glob(f"*{_DRAFT}") if self.is_local else ():
+            with suppress(OSError, ValueError):
+                if _is_abandoned(draft):
+                    draft.unlink()
+
     def write(self, path: str, data: bytes) -> None:
         """Write a whole file or nothing, at a place below the store."""
         with _reached(self.url):
@@ -291,7 +304,7 @@ class Store:
     def _write(self, path: str, data: bytes, *, once: bool = False) -> None:
         """Write a whole file or nothing; of two that write one `once`, the first wins."""
         if self.is_local:
-            _write_beside_and_rename(Path(path), data)
+            _write_and_rename(Path(self.root, DRAFTS), Path(path), data)
             return
         try:
             self.files.pipe_file(path, data, mode="create" if once else "overwrite")
@@ -340,7 +353,7 @@ def open_store(url: str, *, create: bool = False) -> Store:
             if not create:
                 step = "`wheelsoil fleet run ROOT --store STORE` makes one"
                 raise ConfigError.of("there is no store", url, f"no {_HEAD}", next_step=step)
-            if files.exists(store.root) and files.ls(store.root):
+            if files.exists(store.root) and any(not str(name).endswith(f"/{DRAFTS}") for name in _names_in(store)):
                 step = "name an empty or a new folder"
                 raise ConfigError.of("the folder is no store, and not empty", url, next_step=step)
             store._write(head, _head(), once=True)
@@ -358,6 +371,10 @@ def open_store(url: str, *, create: bool = False) -> Store:
     return store
 
 
+def _names_in(store: Store) -> list[str]:
+    return [one["name"] for one in store.files.ls(store.root, detail=True)]
+
+
 def _head() -> bytes:
     return json.dumps({"schema": SCHEMA, "made_by": f"wheelsoil {__version__}"}).encode()
 
@@ -369,6 +386,18 @@ def _schema_in(head: bytes) -> str | None:
     except (ValueError, LookupError, TypeError):
         return None
     return found if isinstance(found, str) else None
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Pause the search for cyclic garbage, which looks at each of a million new values again and again."""
+    before = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if before:
+            gc.enable()
 
 
 @contextmanager
@@ -413,15 +442,35 @@ def _changed(entry: Mapping[str, Any]) -> Any:
     return entry.get("mtime") or entry.get("LastModified") or 0
 
 
-def _write_beside_and_rename(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
+def _write_and_rename(drafts: Path, path: Path, data: bytes) -> None:
+    for folder in (drafts, path.parent):
+        folder.mkdir(parents=True, exist_ok=True)
+    draft = drafts / f"{platform.node()}.{os.getpid()}.{threading.get_ident()}{_DRAFT}"
+    for last in (False, True):
+        try:
+            with draft.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            draft.replace(path)
+            return
+        except FileNotFoundError:  # another machine of the same name took it for abandoned
+            if last:
+                raise
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
+
+
+def _is_abandoned(draft: Path) -> bool:
+    """Return whether the writer of a draft has ended; of another machine's, whether it is old."""
+    machine, pid, _ = draft.name.removesuffix(_DRAFT).rsplit(".", 2)
+    if machine != platform.node() or os.name != "posix":
+        return time.time() - draft.stat().st_mtime > _ABANDONED_S
     try:
-        with draft.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
-    except BaseException:
-        draft.unlink(missing_ok=True)
-        raise
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False

@@ -6,13 +6,16 @@ from collections.abc import Iterator, Sequence
 
 from daq import number
 from model.diagnosis.pooling import Passport, SoilDeparture, Trend
-from wheelsoil.wording.names import SOIL_LETTERS, plain_name
+from wheelsoil.fleet import Change, NamedError, day_of
+from wheelsoil.wording.names import SOIL_LETTERS, chance, plain_name
 
 _Z95 = 1.96
 _MONTHS = 12
 _LIKELY = 0.5
 _NAMED = 6
 """Campaigns that a line names, more are counted."""
+ZEROS_AND_GAINS = tuple(f"{of}_{kind}" for of in ("drawbar_pull", "torque", "load") for kind in ("zero", "gain"))
+_WHAT = {"wheel_radius_m": "wheel radius, m,"}
 
 
 def passport_line(one: Passport, first: str, last: str) -> str:
@@ -54,8 +57,66 @@ def _course(one: Passport, effect: str) -> str:
     return f"{plain_name(effect)} drifts by {_size(slope, trend)} a month ({_size(low, trend)} to {_size(high, trend)})"
 
 
-def _size(value: float, trend: Trend) -> str:
+def trend_lines(one: Passport) -> Iterator[str]:
+    """Yield each zero and gain of a transducer with its 95 % intervals."""
+    for effect in ZEROS_AND_GAINS:
+        trend = one.trends.get(effect)
+        if trend is None:
+            continue
+        slope = ""
+        if len({point.years for point in trend.points}) > 1:
+            a_month, sigma = (size / _MONTHS for size in trend.per_year)
+            slope = f"; {_interval(a_month, sigma, trend)} a month"
+        yield f"{plain_name(effect)}: {_interval(*trend.at, trend)} on {day_of(trend.middle)}{slope}"
+
+
+def _interval(value: float, sigma: float, trend: Trend) -> str:
+    low, high = value - _Z95 * sigma, value + _Z95 * sigma
+    return f"{_size(value, trend)} ({_size(low, trend)} to {_size(high, trend)})"
+
+
+def _size(value: float, trend: Trend | NamedError) -> str:
     return f"{100 * value:.2f} %" if trend.unit == "1" else f"{number(value, 3)} {trend.unit}"
+
+
+def named_lines(named: Sequence[NamedError]) -> Iterator[str]:
+    """Yield the errors of the measurement that single campaigns name."""
+    for one in named:
+        places = (one.serial or "transducer without serial") if one.is_transducers else "not the transducer's"
+        day = f", {one.start:%Y-%m-%d}" if one.start else ""
+        low, high = _size(one.lower95, one), _size(one.upper95, one)
+        size = f"{_size(one.value, one)} ({low} to {high})"
+        yield f"{one.campaign} ({places}{day}): {plain_name(one.effect)} {size}, {chance(one.probability)}"
+
+
+def change_lines(changes: Sequence[Change]) -> Iterator[str]:
+    """Yield what changed since the last campaign of each vehicle and terrain."""
+    for one in changes:
+        said = "; ".join(_changed(one)) or "the same within the intervals"
+        yield (
+            f"{one.of} {one.name}: {one.campaign} ({one.start:%Y-%m-%d}) after {one.before} "
+            f"({one.start_before:%Y-%m-%d}): {said}"
+        )
+
+
+def _changed(one: Change) -> Iterator[str]:
+    if one.pull is not None:
+        before, now = number(one.pull.before_n, 3), number(one.pull.now_n, 3)
+        if one.pull.is_beyond:
+            half = number(one.pull.half95_n or 0.0, 2)
+            yield f"drawbar pull at slip 0.2 from {before} to {now} N, beyond their intervals (± {half} N)"
+        elif one.pull.half95_n is None and before != now:
+            yield f"drawbar pull at slip 0.2 from {before} to {now} N, without an interval"
+    for what, (before, now) in one.differs.items():
+        yield f"{_WHAT.get(what, what)} {_as_text(before)} → {_as_text(now)}"
+
+
+def _as_text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(plain_name, value)) or "none"
+    if isinstance(value, float):
+        return number(value, 3)
+    return plain_name(str(value)) if value else "not stated"
 
 
 def soil_lines(soils: Sequence[SoilDeparture]) -> Iterator[str]:

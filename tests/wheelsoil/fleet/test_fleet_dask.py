@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -21,17 +22,18 @@ _ENV = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s"}
 
 
 @contextmanager
-def cluster(workers: int = 2) -> Iterator[tuple[str, list[Program]]]:
+def cluster(workers: int = 2, tls: Mapping[str, str] | None = None) -> Iterator[tuple[str, list[Program]]]:
     """A scheduler's address, and its workers."""
-    address = f"tcp://127.0.0.1:{free_port()}"
+    address = f"{'tls' if tls else 'tcp'}://127.0.0.1:{free_port()}"
+    env = _ENV | dict(tls or {})
     dask = (sys.executable, "-m", "dask")
     with ExitStack() as stack:
         scheduler = stack.enter_context(
-            running(*dask, "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", env=_ENV)
+            running(*dask, "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", env=env)
         )
         scheduler.line_with("Scheduler at")
         options = ("--nthreads", 1, "--no-dashboard", "--no-nanny")
-        found = [stack.enter_context(running(*dask, "worker", address, *options, env=_ENV)) for _ in range(workers)]
+        found = [stack.enter_context(running(*dask, "worker", address, *options, env=env)) for _ in range(workers)]
         for worker in found:
             worker.line_with("Registered to")
         yield address, found
@@ -54,6 +56,41 @@ def _survives(fleet: Path, whole: Path, folder: Path) -> None:
     for name, table in rows_of(whole).items():
         assert rows_of(folder / "s")[name].equals(table), name
         assert len(list((folder / "s" / name).rglob("*.parquet"))) == len(list((whole / name).rglob("*.parquet")))
+
+
+def _certificates(folder: Path) -> dict[str, str]:
+    """Return the configuration of Dask's three parts by a certificate that signs itself."""
+    key, cert = folder / "key.pem", folder / "cert.pem"
+    made = ("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2")
+    subprocess.run(
+        ["openssl", *made, "-subj", "/CN=fleet", "-keyout", key, "-out", cert], check=True, capture_output=True
+    )
+    place = "DASK_DISTRIBUTED__COMM__"
+    found = {f"{place}REQUIRE_ENCRYPTION": "true", f"{place}TLS__CA_FILE": str(cert)}
+    for part in ("SCHEDULER", "WORKER", "CLIENT"):
+        found |= {f"{place}TLS__{part}__KEY": str(key), f"{place}TLS__{part}__CERT": str(cert)}
+    return found
+
+
+@pytest.mark.slow
+def test_a_scheduler_by_tls_works_for_those_with_a_certificate(fleet: Path, store: Path, tmp_path: Path) -> None:
+    for name in ("own", "other"):
+        (tmp_path / name).mkdir()
+    own, other = (_certificates(tmp_path / name) for name in ("own", "other"))
+    with cluster(1, own) as (address, _):
+        call = ("fleet", "run", fleet / "bench", "--store", tmp_path / "s", "--engine", "dask", "--scheduler")
+        plain = address.replace("tls", "tcp")
+        none: dict[str, str] = {}
+        cases = [(none, address, 2), (own, plain, 2), (other, address, 4), (none, plain, 4)]
+        for env, to, code in cases:
+            with running(*WHEELSOIL, *call, to, env=_ENV | env) as refused:
+                refused.line_with("there is no Dask scheduler" if code == 4 else "Dask's configuration does not fit")
+                assert refused.process.wait(60) == code and "Traceback" not in "".join(refused.read)
+        assert not contents(tmp_path / "s")
+        with running(*WHEELSOIL, *call, address, env=_ENV | own) as client:
+            client.line_with("1/1 wheel: done")
+            assert client.process.wait(60) == 0
+    assert rows_of(tmp_path / "s")["diagnoses"]["sentence"] == rows_of(store)["diagnoses"]["sentence"][3:4]
 
 
 def test_a_killed_worker_and_a_killed_client_change_no_row(fleet: Path, store: Path, tmp_path: Path) -> None:

@@ -1,0 +1,122 @@
+"""What campaigns say of their transducers over the days, by themselves, and against the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from cli_support import ok
+
+from model.diagnosis.pooling import Point
+from wheelsoil.fleet import Change, Store, open_store, overview_of, pool
+from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet.tables import schema_of
+from wheelsoil.fleet.trend_figures import averaged
+
+BEGIN = datetime(2026, 5, 4, 8, tzinfo=UTC)
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Store:
+    """Return a store without campaigns."""
+    return open_store(str(tmp_path / "s"), create=True)
+
+
+def _put(store: Store, name: str, day: int | None, causes: Mapping[str, Any] | None = None, **own: Any) -> None:
+    """Write a campaign of a day, with a cause."""
+    start = None if day is None else BEGIN + timedelta(days=day)
+    row = {"content": name, "state": "done", "path": "", "start": start, **own}
+    rows: dict[str, list[dict[str, Any]]] = {"campaigns": [row]}
+    if causes:
+        rows["causes"] = [{"content": name, "role": "named", **causes}]
+    tables = {table: pa.Table.from_pylist(each, schema_of(table)) for table, each in rows.items()}
+    counts = {table: len(each) for table, each in tables.items()}
+    verdict = "named" if causes else "nothing_detectable"
+    store.put(Manifest(name, name, row["state"], verdict=verdict, rows=counts), tables)
+
+
+def _error(family: str, kind: str = "measurement") -> dict[str, Any]:
+    value = {"parameter": "offset", "unit": "N m", "value": 12.0, "lower95": 10.0, "upper95": 14.0}
+    return {"family": family, "kind": kind, "probability": 0.98, **value}
+
+
+def test_a_campaign_that_names_an_error_of_the_transducer_counts(empty: Store, tmp_path: Path) -> None:
+    _put(empty, "a", 0, _error("torque_zero"), transducer="WFT-9")
+    _put(empty, "b", 1, _error("speed_bias"), transducer="WFT-8")
+    _put(empty, "c", 2, _error("slope", "physical"), transducer="WFT-7")
+    _put(empty, "d", None, _error("load_zero"))
+    found = pool(empty)
+    assert [one.campaign for one in found.named] == ["b", "a", "d"]
+    assert found.wrong == found.transducers == ("", "WFT-9")
+    overview = overview_of(empty)
+    assert overview.headline == "2 of 4 campaigns name an error of the transducer: torque zero and load zero."
+    assert "2 <small>of 2 wrong</small>" in overview.html(tmp_path)
+    said = ok("fleet", "diagnose", empty.url).out
+    assert "a (WFT-9, 2026-05-04): torque zero 12 N m (10 N m to 14 N m), 98.0 %" in said
+    assert "b (not the transducer's, 2026-05-05): speed bias" in said
+    assert "d (transducer without serial): load zero" in said
+    named = ok("fleet", "diagnose", empty.url, "--json").json["named_by_campaigns"]
+    assert [(one["campaign"], one["value"]) for one in named] == [("b", 12.0), ("a", 12.0), ("d", 12.0)]
+
+
+def _changes(store: Store) -> dict[tuple[str, str], Change]:
+    return {(one.of, one.name): one for one in pool(store).changes}
+
+
+def test_the_last_campaign_is_compared_with_the_one_before_it(empty: Store) -> None:
+    def pull(value: float, half: float) -> dict[str, float]:
+        edges = zip(("lower95", "upper95"), (value - half, value + half), strict=True)
+        return {"pull_at_slip_0_2_n": value} | {f"pull_at_slip_0_2_{edge}_n": each for edge, each in edges}
+
+    _put(empty, "first", 0, vehicle="V", terrain="clay", **pull(100.0, 3.0))
+    _put(empty, "then", 3, vehicle="V", terrain="sand", transducer="A", **pull(100.0, 3.0))
+    _put(empty, "same time", 9, vehicle="V", terrain="clay", transducer="B", **pull(93.0, 4.0))
+    _put(empty, "last", 9, _error("torque_zero"), vehicle="V", terrain="clay", transducer="B", **pull(94.0, 4.0))
+    _put(empty, "no date", None, vehicle="V", terrain="clay")
+    _put(empty, "failed", 20, vehicle="V", terrain="clay", state="failed")
+    _put(empty, "other", 4, vehicle="W", terrain="loam")
+    found = _changes(empty)
+    assert set(found) == {("vehicle", "V"), ("terrain", "clay")}, "sand, loam and W were met once"
+    vehicle, terrain = found["vehicle", "V"], found["terrain", "clay"]
+    assert (vehicle.campaign, vehicle.before) == ("same time", "then")
+    assert (terrain.campaign, terrain.before) == ("same time", "first")
+    assert vehicle.differs == {"transducer": ("A", "B"), "terrain": ("sand", "clay")}
+    assert terrain.pull is not None and terrain.pull.is_beyond and terrain.pull.half95_n == pytest.approx(5.0)
+    _put(empty, "nearer", 10, vehicle="W", terrain="clay", **pull(95.0, 4.0))
+    again = _changes(empty)["terrain", "clay"]
+    assert again.pull is not None and not again.pull.is_beyond
+    assert again.differs["vehicle"] == ("V", "W")
+    said = ok("fleet", "diagnose", empty.url).out
+    assert "terrain clay: nearer (2026-05-14) after same time (2026-05-13): vehicle V → W" in said
+
+
+def test_averaged_points_keep_what_is_known() -> None:
+    random = np.random.default_rng(1)
+    points = [Point(str(i), *random.uniform(0.5, 2.0, 3)) for i in range(143)]
+    few = averaged(points, 20)
+    assert averaged(points[:20], 20) == sorted(points[:20], key=lambda point: point.years) and len(few) == 20
+
+    def known(of: list[Point]) -> tuple[float, float]:
+        weight = np.array([point.sigma**-2.0 for point in of])
+        return float(weight.sum()), float(weight @ [point.value for point in of])
+
+    assert known(few) == pytest.approx(known(points))
+    assert [point.years for point in few] == sorted(point.years for point in few)
+
+
+def test_each_zero_and_gain_is_shown_over_the_days(store: Path, tmp_path: Path) -> None:
+    said = ok("fleet", "diagnose", store).out
+    passports = pool(open_store(str(store))).passports
+    for one in passports:
+        for effect, trend in one.trends.items():
+            if effect.endswith(("_zero", "_gain")):
+                assert said.count(f"    {effect.replace('_', ' ')}: ") == len(passports)
+                assert f"{100 * trend.at[0]:.2f} %" in said or trend.unit != "1"
+    ok("fleet", "report", store, "-o", tmp_path / "fleet.html")
+    html = (tmp_path / "fleet.html").read_text()
+    assert html.count('<div class="trends">') == len(passports) and html.count("load gain, %") == len(passports)

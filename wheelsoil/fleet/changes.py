@@ -1,0 +1,121 @@
+"""What changed from the last but one to the last campaign of the same vehicle or terrain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from math import hypot
+from typing import Any, Literal
+
+from wheelsoil.fleet.holdings import Holdings
+
+_PULL = "pull_at_slip_0_2_n"
+_COLUMNS = ("state", "vehicle", "transducer", "terrain", "start", "wheel_radius_m", "tread", _PULL)
+_EDGES = ("pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
+_COMPARED = ("vehicle", "transducer", "terrain", "wheel_radius_m", "tread", "verdict", "causes")
+
+
+@dataclass(frozen=True)
+class PullChange:
+    """Drawbar pull at slip 0.2 of both campaigns, N.
+
+    `half95_n` is half the 95 % interval of the difference; None where one has no interval.
+    """
+
+    before_n: float
+    now_n: float
+    half95_n: float | None
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether they differ by more than the interval."""
+        return self.half95_n is not None and abs(self.now_n - self.before_n) > self.half95_n
+
+
+@dataclass(frozen=True)
+class Change:
+    """The last campaign of a vehicle or a terrain, and the one before it.
+
+    Attributes
+    ----------
+    of, name : "vehicle" or "terrain", str
+    start, start_before : datetime
+    differs : mapping what -> (before, now)
+        Vehicle, transducer, terrain, wheel, verdict and causes that are not the same.
+    pull : PullChange or None
+        None where one of them has no pull at slip 0.2.
+    """
+
+    of: Literal["vehicle", "terrain"]
+    name: str
+    campaign: str
+    before: str
+    start: datetime
+    start_before: datetime
+    differs: dict[str, tuple[Any, Any]]
+    pull: PullChange | None
+
+
+def changes_of(holdings: Holdings) -> tuple[Change, ...]:
+    """Return what changed since the last campaign of each vehicle and each terrain, the latest first.
+
+    Campaigns without a date, and those that failed, do not count.
+    """
+    dated = [row for row in _rows(holdings) if row["start"] is not None and row["state"] == "done"]
+    dated.sort(key=lambda row: (row["start"], row["campaign"]))
+    kinds: tuple[Literal["vehicle", "terrain"], ...] = ("vehicle", "terrain")
+    pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
+    shown = {row["campaign"] for _, *pair in pairs for row in pair}
+    causes = _causes(holdings, shown)
+    known = (one for part in holdings.parts for one in part.manifests)
+    verdicts = {one.campaign: one.verdict for one in known if one.campaign in shown}
+    found = []
+    for of, before, now in pairs:
+        for row in (before, now):
+            row["verdict"] = verdicts[row["campaign"]]
+            row["causes"] = causes.get(row["campaign"], ())
+        differs = {what: (before[what], now[what]) for what in _COMPARED if before[what] != now[what]}
+        names = now["campaign"], before["campaign"], now["start"], before["start"]
+        found.append(Change(of, now[of], *names, differs, _pull(before, now)))
+    return tuple(sorted(found, key=lambda one: one.start, reverse=True))
+
+
+def _rows(holdings: Holdings) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = holdings.table("campaigns", (*_COLUMNS, *_EDGES)).to_pylist()
+    return rows
+
+
+def _last_two(dated: Iterable[dict[str, Any]], of: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return the last campaign of each vehicle or terrain and the latest of an earlier time."""
+    last: dict[str, dict[str, Any]] = {}
+    before: dict[str, dict[str, Any]] = {}
+    for row in dated:
+        if not row[of]:
+            continue
+        if row[of] in last and last[row[of]]["start"] < row["start"]:
+            before[row[of]] = last[row[of]]
+        last[row[of]] = row
+    return [(before[name], last[name]) for name in last if name in before]
+
+
+def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the families of the verdicts of some campaigns."""
+    import pyarrow as pa
+    from pyarrow import dataset
+
+    wanted = dataset.field("campaign").isin(pa.array(sorted(campaigns), pa.string()))
+    wanted = wanted & dataset.field("role").isin(["named", "one_of"])
+    found: dict[str, dict[str, None]] = {}
+    for row in holdings.where("causes", ("campaign", "family"), wanted).to_pylist():
+        found.setdefault(row["campaign"], {})[row["family"]] = None
+    return {campaign: tuple(families) for campaign, families in found.items()}
+
+
+def _pull(before: Mapping[str, Any], now: Mapping[str, Any]) -> PullChange | None:
+    if before[_PULL] is None or now[_PULL] is None:
+        return None
+    edges = [[row[edge] for edge in _EDGES] for row in (before, now)]
+    known = all(edge is not None for pair in edges for edge in pair)
+    half = hypot(*((high - low) / 2 for low, high in edges)) if known else None
+    return PullChange(before[_PULL], now[_PULL], half)
