@@ -35,7 +35,7 @@ class Needs:
     two_loads, both_directions, several_passes, several_runs : what the runs must differ in
     pressures : the inflation pressure must be stated
     standstill, braking : the wheel must stand with released brakes, or be braked, for some time
-    lifted_shows : a reading of the lifted wheel in all of `channels` serves as well as a standstill
+    zero_of : role whose zero it is: a reading of the lifted wheel serves as well as a standstill
     largest_slip : the driven wheel must reach more than this slip; 0: it need not be driven
     lugs : it cannot be on a tyre that is declared smooth
     """
@@ -48,7 +48,7 @@ class Needs:
     several_runs: bool = False
     pressures: bool = False
     standstill: bool = False
-    lifted_shows: bool = False
+    zero_of: str = ""
     braking: bool = False
     largest_slip: float = 0.0
     lugs: bool = False

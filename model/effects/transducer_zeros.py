@@ -35,7 +35,7 @@ class DrawbarPullZero(Effect):
             "stationary bridge offset, or 1 deg of tilt at 8 kN (140 N)",
         ),
     )
-    needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True, lifted_shows=True)
+    needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True, zero_of="drawbar_pull")
     at_standstill = True
     stage = 4
 
@@ -57,7 +57,7 @@ class TorqueZero(Effect):
     source = _SOURCE
     shows = ("driving_torque",)
     parameters = (Parameter("offset_nm", "N m", 0.0, 40.0, -1000.0, 1000.0, 60.0, "0.5 to 1 % of a 10 kN m range"),)
-    needs = Needs(channels=("driving_torque",), standstill=True, lifted_shows=True)
+    needs = Needs(channels=("driving_torque",), standstill=True, zero_of="driving_torque")
     at_standstill = True
     stage = 4
 
@@ -90,7 +90,7 @@ class LoadZero(Effect):
             "1 to 2 % of a 25 kN range, or outboard weight taken off twice (75 kg: 740 N)",
         ),
     )
-    needs = Needs(two_loads=True)
+    needs = Needs(two_loads=True, zero_of="vertical_load")
     stage = 4
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

@@ -230,6 +230,5 @@ def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
             yield Note(LackCode.CHANNEL_UNUSED, values={"role": channel})
         elif channel not in coverage.channels:
             yield Note(LackCode.CHANNEL_MISSING, values={"role": channel})
-    read = needs.lifted_shows and coverage.lifted.issuperset(needs.channels)
-    if needs.standstill and not coverage.standstill and not read:
+    if needs.standstill and not coverage.standstill and needs.zero_of not in coverage.lifted:
         yield Note(LackCode.NOT_AT_STANDSTILL)

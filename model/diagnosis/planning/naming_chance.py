@@ -127,9 +127,10 @@ class Outlook:
     def _allowed(self, code: StepCode) -> FloatArray:
         """Return the probability above which each family may be named after a step, shape (families,)."""
         least = np.full(len(self.listed.families), self.name_at / self.adequate)
+        zeros = {effect.name for effect in EFFECTS.values() if effect.needs.zero_of}
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
-            lifted = code is StepCode.LIFTED_ZERO and _lifted_shows(family)
+            lifted = code is StepCode.LIFTED_ZERO and family in zeros
             if why is not None and not lifted and code not in _SETTLES.get(why.code, ()):
                 least[i] = SHOWN_AT / self.adequate if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
         return least
@@ -157,10 +158,6 @@ class Outlook:
             if family in chances and family not in exempt and is_physical(family):
                 found[:, i] = chances[family] > self.name_at
         return found
-
-
-def _lifted_shows(family: str) -> bool:
-    return any(e.name == family and e.needs.lifted_shows for e in EFFECTS.values())
 
 
 def outlook(

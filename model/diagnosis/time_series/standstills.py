@@ -16,6 +16,7 @@ import numpy as np
 from daq import REACTIONS, ROLES, BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Corrected
+from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from processing import ProcessedRun, Standstill
 
@@ -25,7 +26,6 @@ _CUT_S = 0.8
 """Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first
 tooth of its ring, and forces are there before."""
 _AT_AN_END_S = 0.3
-_ZEROS = {"drawbar_pull": "drawbar_pull_zero", "driving_torque": "torque_zero", "vertical_load": "load_zero"}
 _Z95 = 1.96
 NO_LOAD_N = 1e-9
 """On a lifted wheel."""
@@ -237,7 +237,7 @@ def _without_load(
 def corrected_zeros(runs: Sequence[ProcessedRun]) -> tuple[Corrected, ...]:
     """Return the zeros of the lifted wheel that were taken off, by the family that each would be."""
     found = []
-    for role, family in _ZEROS.items():
+    for role, family in {e.needs.zero_of: e.name for e in EFFECTS.values() if e.needs.zero_of}.items():
         zeros = [zero for run in runs if (zero := run.quality.zeros.get(role)) and zero.is_known]
         if not zeros:
             continue
