@@ -37,6 +37,7 @@ from .config import UncertaintySection as UncertaintySection
 from .config import VehicleConfig as VehicleConfig
 from .config import VehicleSection as VehicleSection
 from .config import WheelSection as WheelSection
+from .config import contradict as contradict
 from .config import load_toml as load_toml
 from .config import parse_mapping as parse_mapping
 from .config import parse_toml as parse_toml

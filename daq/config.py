@@ -345,7 +345,7 @@ class StaticTest(Section):
     applied_n: Finite | None = None
     lever_m: Positive | None = None
     applied_nm: Finite | None = None
-    applied_share: NonNegative = 0.005
+    applied_share: Annotated[float, Field(ge=0, le=0.05)] = 0.005
     drawbar_pull_n: Finite | None = None
     drawbar_pull_sigma_n: Positive | None = None
     driving_torque_nm: Finite | None = None
@@ -370,8 +370,11 @@ class StaticTest(Section):
             raise ValueError('what is applied is 0: test = "lifted"')
         for channel, (reading, _) in self.readings.items():
             force = self.applied[channel]
-            if force and abs(reading + force) < _TURNED * abs(force):
-                raise ValueError("the reading has the other sign than what was applied: positive as the role has it")
+            if force and not _LEAST <= reading / force <= _MOST:
+                raise ValueError(
+                    f"the reading {reading:g} is {reading / force:.3g} times what was applied; check unit and sign "
+                    "(positive as the role has it), or apply a force that is large beside the zero"
+                )
         return self
 
     @property
@@ -397,11 +400,16 @@ class StaticTest(Section):
         }
 
 
-_SURE, _DRIFT = 5.0, 0.02
-"""One-sigmas, and a share of what is applied, beyond which two readings contradict each other; zeros may drift."""
-_TURNED = 0.3
-"""Share of a force within which a reading is minus that force."""
+SURE = 5.0
+"""One-sigmas beyond which two readings contradict each other."""
+_LEAST, _MOST = 0.5, 1.5
+"""Shares of a known force between which a reading of it is believed."""
 _MOST_STATIC = 100
+
+
+def contradict(one: float, sigma: float, other: float, of_other: float) -> bool:
+    """Return whether two readings of one quantity are further apart than `SURE` one-sigmas."""
+    return abs(one - other) > SURE * hypot(sigma, of_other)
 
 
 class RunsConfig(Section):
@@ -410,15 +418,18 @@ class RunsConfig(Section):
     run: Annotated[tuple[RunInfo, ...], Field(max_length=MOST_RUNS)] = ()
     static: Annotated[tuple[StaticTest, ...], Field(max_length=_MOST_STATIC)] = ()
 
-    @model_validator(mode="after")
-    def _agree(self) -> Self:
-        for (i, one), (j, other) in combinations(enumerate(self.static, 1), 2):
+    @field_validator("static")
+    @classmethod
+    def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:
+        for (i, one), (j, other) in combinations(enumerate(static), 2):
             for channel in one.readings.keys() & other.readings.keys():
                 (a, by), (b, of_other) = one.readings[channel], other.readings[channel]
-                most = max(_SURE * hypot(by, of_other), _DRIFT * abs(one.applied[channel]))
-                if one.test != "lifted" and one.applied == other.applied and abs(a - b) > most:
-                    raise ValueError(f"[[static]] {i} and {j} contradict each other: {a:g} and {b:g} under one force")
-        return self
+                if one.applied == other.applied and contradict(a, by, b, of_other):
+                    raise ValueError(
+                        f"tests {i} and {j} contradict each other: {a:g} and {b:g} under one force, "
+                        f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
+                    )
+        return static
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:

@@ -126,6 +126,11 @@ def read_series(path: Path, layout: SeriesSection | None = None) -> Series:
         return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
 
 
+def _stem(path: Path) -> str:
+    """Return the name of a file without its suffixes, as a topic: a dot would part it from a signal."""
+    return Path(path.name.removesuffix(".gz")).stem.replace(".", "_")
+
+
 def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tuple[Series, list[SeriesReport]]:
     """Open several files of one run as one series; a topic is called after its file.
 
@@ -134,7 +139,7 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
     if len(paths) == 1:
         one = read_series(paths[0], layout)
         return one, [one.report]
-    opened = [(path.name.partition(".")[0], read_series(path, layout)) for path in paths]
+    opened = [(_stem(path), read_series(path, layout)) for path in paths]
     topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
 
     report = SeriesReport(", ".join(map(str, paths)), "files")

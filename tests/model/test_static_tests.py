@@ -99,7 +99,9 @@ def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> 
         ({"test": "lifted", "driving_torque_nm": 3.0, "driving_torque_sigma_nm": 1.0, "applied_n": 5.0}, "only lifted"),
         (TORQUE | {"driving_torque_nm": 10000.0, "lever_m": None}, "applied_nm or applied_n with lever_m"),
         (TORQUE | {"driving_torque_nm": 10000.0, "applied_nm": 900.0}, "applied_nm or applied_n with lever_m"),
-        (TORQUE | {"driving_torque_nm": -10000.0}, "the other sign"),
+        (TORQUE | {"driving_torque_nm": -10000.0}, "-1 times what was applied; check unit and sign"),
+        (TORQUE | {"driving_torque_nm": 10.0}, "0.001 times"),
+        (TORQUE | {"driving_torque_nm": 10000.0, "applied_share": 0.5}, "applied_share"),
         (PULL, "goes together"),
     ],
 )
@@ -110,5 +112,5 @@ def test_a_static_test_that_lacks_something_is_refused_with_what(wrong: dict, to
 
 def test_two_static_tests_that_contradict_each_other_are_named_with_their_sizes() -> None:
     readings = [{**TORQUE, "driving_torque_nm": size} for size in (10000.0, 11000.0)]
-    with pytest.raises(ConfigError, match=r"1 and 2 contradict each other: 10000 and 11000"):
+    with pytest.raises(ConfigError, match=r"0 and 1 contradict each other: 10000 and 11000"):
         parse_mapping({"static": readings}, RunsConfig, "runs.toml")

@@ -54,7 +54,7 @@ def test_without_a_standstill_there_is_no_such_shape(seen: tuple[Samples, Linear
     none = samples.rests.run < 0
     rests = replace(samples.rests, run=samples.rests.run[none])
     measured = {channel: values[none] for channel, values in samples.rests.measured.items()}
-    never = replace(samples, rests=replace(rests, measured=measured))
+    never = replace(samples, rests=replace(rests, measured=measured, lifted_sigma={}, applied={}))
     assert Shape(Kind.ZERO_WITH_LOAD, "dp") in basis(samples, linear).catch_all.by_rank
     assert not zeros(basis(never, linear))
     unread = {**samples.rests.measured, "t": np.full(len(samples.rests), np.nan)}

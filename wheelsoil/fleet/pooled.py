@@ -165,10 +165,11 @@ def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
 
 def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator[tuple[str, Observation]]:
     """Yield the campaigns of some transducers, with "" for one without a serial or a date."""
+    import pyarrow as pa
     from pyarrow import dataset
 
     serial = dataset.field("transducer")
-    wanted = serial.isin([one for one in serials if one is not None])
+    wanted = serial.isin(pa.array([one for one in serials if one is not None], pa.string()))
     wanted = wanted | serial.is_null() if None in serials else wanted
     alike: dict[tuple[Any, ...], tuple[Any, ...]] = {}  # what most campaigns have in common is held once
     scanned = (

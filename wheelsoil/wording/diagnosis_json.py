@@ -44,6 +44,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "free_form": None if free is None else {"family": free[0], "over": free[1]},
         "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
+        **({"static": [one.model_dump(exclude_none=True) for one in found.static]} if found.static else {}),
         **({"corrected": [vars(one) for one in found.corrected]} if found.corrected else {}),
         **({"laboratory": _laboratory(found)} if found.grounds.refuted_soil or found.grounds.soil_instead else {}),
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),

@@ -129,6 +129,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _linearisation(diagnosis, width),
         _proposal(diagnosis, width),
         _corrected(diagnosis, width),
+        _static(diagnosis, width),
         *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
@@ -377,6 +378,18 @@ def _corrected(diagnosis: Diagnosis, width: int) -> list[str]:
         text = f"{plain_name(one.name)} {number(one.value, 3)} {one.unit} ({low} to {high}), {', '.join(one.source)}"
         lines += wrapped(text, width, "  ", "    ")
     return ["Taken off before, by the lifted wheel (95 %)", *lines] if lines else []
+
+
+def _static(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = []
+    for one in diagnosis.static:
+        read = []
+        for channel, (reading, sigma) in one.readings.items():
+            known = f" of {number(force, 4)}" if (force := one.applied[channel]) else ""
+            unit = OUTPUTS[channel].unit_text
+            read.append(f"{OUTPUTS[channel].name} {number(reading, 4)}{known} {unit}, one-sigma {number(sigma, 2)}")
+        lines += wrapped(f"{plain_name(one.test)}: {'; '.join(read)}", width, "  ", "    ")
+    return ["Static tests, taken as data", *lines] if lines else []
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:

@@ -11,6 +11,8 @@ import numpy as np
 
 from daq import (
     OUTPUTS,
+    REACTIONS,
+    ROLES,
     ConfigError,
     Fault,
     Note,
@@ -20,6 +22,7 @@ from daq import (
     SoilSection,
     VehicleConfig,
     WheelSection,
+    contradict,
     load_toml,
     nearest,
 )
@@ -185,6 +188,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     terrain = first.terrain if soil_name is None else None
     soil = known_soil(soil_name, terrain)
     declared = first.vehicle.wheel
+    _check_static(first, [run for _, run in members])
     return Campaign(
         name=Path(folder).resolve().name if folder else soil.name or _LOOSE,
         runs=tuple(run for _, run in members),
@@ -196,6 +200,34 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
         static=first.static,
     )
+
+
+def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
+    """Refuse readings of the lifted wheel that contradict the zero that was taken off the runs, and wheel axes."""
+    where = f"{run.path.parent / RUNS_FILE}, [[static]]"
+    if run.static and run.vehicle.transducer.frame == "wheel":
+        raise ConfigError.of(
+            "static tests of a transducer that reads in wheel axes",
+            where,
+            "",
+            "readings in vehicle axes",
+            "take the tests out: a force that turns with the wheel is no zero of the drawbar pull",
+        )
+    for number, test in enumerate(run.static):
+        for channel, (reading, sigma) in test.readings.items():
+            role = REACTIONS[channel].role
+            known = [zero for one in members if (zero := one.quality.zeros.get(role)) and zero.is_known]
+            if test.test != "lifted" or not known:
+                continue
+            offset, of_zero = known[0].offset, known[0].systematic_sigma
+            if contradict(reading, sigma, offset, of_zero):
+                raise ConfigError.of(
+                    f"test {number} reads another zero of {ROLES[role].name} than {', '.join(known[0].recordings)}",
+                    where,
+                    f"{reading:g} and {offset:.4g} {ROLES[role].unit_text}",
+                    "the same within five sigmas",
+                    "take out the wrong one; beside a zero_file a lifted reading adds nothing",
+                )
 
 
 def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:

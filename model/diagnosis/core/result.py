@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError, Note, frame_of_rows
+from daq import OUTPUTS, ROLES, DataError, Note, StaticTest, frame_of_rows
 from model.diagnosis.core.average import Average
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.plot_data import PlotData
@@ -360,6 +360,8 @@ class Diagnosis:
         Of driven runs under "one_of", where it was asked for.
     corrected : tuple of Corrected
         What is decided already: zeros of the lifted wheel.
+    static : tuple of StaticTest
+        Readings by hand that were taken as data.
     """
 
     verdict: Verdict
@@ -384,6 +386,7 @@ class Diagnosis:
     linearisation: Linearisation | None = None
     average: Average | None = None
     corrected: tuple[Corrected, ...] = ()
+    static: tuple[StaticTest, ...] = ()
 
     @property
     def stated(self) -> tuple[tuple[Cause, Note | None], ...]:

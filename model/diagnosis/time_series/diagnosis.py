@@ -216,6 +216,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         information=linearised.information(factor),
         linearisation=linearised.linearisation,
         average=average,
+        static=tuple(test for data in linearised.campaigns for test in data.campaign.static),
         corrected=corrected_zeros([run for data in linearised.campaigns for run in data.campaign.runs]),
     )
 
