@@ -45,7 +45,7 @@ LOG_FORMATS = (
     LogFormat("BusMaster text", (".log", ".txt"), read_busmaster),
 )
 _CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER = LOG_FORMATS
-LOG_SUFFIXES = tuple(suffix for known in LOG_FORMATS for suffix in known.suffixes)
+LOG_SUFFIXES = tuple(dict.fromkeys(suffix for known in LOG_FORMATS for suffix in known.suffixes))
 """Suffixes of logs; each may be followed by ``.gz``, except for MF4."""
 
 _MAGIC: tuple[tuple[bytes, LogFormat | str], ...] = (

@@ -322,7 +322,9 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
             "the folder holds no run",
             str(folder),
             found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
-            expected="recordings or logs (" + ", ".join(RUN_SUFFIXES) + "), or a runs.toml that names them",
+            expected="recordings or logs ("
+            + ", ".join(RUN_SUFFIXES)
+            + "), a runs.toml that names them, or vehicle.toml beside files of decoded series",
             next_step=f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}",
         )
         collected.errors.append(ConfigError(fault))
