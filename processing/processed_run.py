@@ -130,7 +130,7 @@ class AppliedZero:
     lifted : bool
         Whether the wheel was lifted, in each; else it stood, and the ground's force was taken out by what is known.
     of_role : bool
-        Whether offset and role are one quantity: vehicle axes, or a torque. In wheel axes what stays is what turns.
+        Whether offset and role are one quantity: in vehicle axes. In wheel axes what stays of a force is what turns.
     """
 
     offset: float

@@ -103,19 +103,8 @@ def standstills_of(
             if not load > 0:
                 continue
             i = (inside.start + inside.stop) // 2
-            row = {
-                "run": float(index),
-                "load": load,
-                "clock": float(clock[i]),
-                "x": float(x[i]),
-                "direction": -1.0 if run.run.direction == "back" else 1.0,
-                "pass": float(run.run.pass_number),
-                "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
-                "duration": (inside.stop - inside.start) / run.rate_hz,
-                "angle": float(angle[i]),
-                "bracketed": 0.0,
-                **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
-            }
+            row = _row(run, index, load, float(clock[i]), float(x[i]))
+            row |= {"duration": (inside.stop - inside.start) / run.rate_hz, "angle": float(angle[i])}
             for c in channels:
                 values = getattr(run, REACTIONS[c].field)[inside]
                 row |= {
@@ -203,6 +192,23 @@ def _static(
             yield _without_load(run, driven, clocks, positions, readings, channels) | applied
 
 
+def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> dict[str, float]:
+    """Return what every standstill has, whatever it reads."""
+    return {
+        "run": float(index),
+        "load": load,
+        "clock": clock,
+        "x": x,
+        "direction": -1.0 if run.run.direction == "back" else 1.0,
+        "pass": float(run.run.pass_number),
+        "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
+        "duration": 0.0,
+        "angle": 0.0,
+        "bracketed": 0.0,
+        **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
+    }
+
+
 def _of_applied(channel: str) -> str:
     return f"{channel} applied"
 
@@ -215,19 +221,7 @@ def _without_load(
     readings: Mapping[str, tuple[float, float]],
     channels: tuple[str, ...],
 ) -> dict[str, float]:
-    row = {
-        "run": float(index),
-        "load": NO_LOAD_N,
-        "clock": float(clocks[index][0]),
-        "x": float(positions[index][0]),
-        "direction": -1.0 if run.run.direction == "back" else 1.0,
-        "pass": float(run.run.pass_number),
-        "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
-        "duration": 0.0,
-        "angle": 0.0,
-        "bracketed": 0.0,
-        **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
-    }
+    row = _row(run, index, NO_LOAD_N, float(clocks[index][0]), float(positions[index][0]))
     for c in channels:
         reading, sigma = readings.get(c, (np.nan, np.nan))
         row |= {c: reading, f"{c} spread": np.nan, f"{c} sigma": sigma}

@@ -288,7 +288,7 @@ class RunGrams:
         Cross products of each run's own shapes.
     measured : int array, shape (runs,)
         Which channels each run has, a bit for each.
-    static : array, shape (m, m), or 0
+    static : array, shape (m, m)
         Of what the lifted wheel read.
     """
 
@@ -298,7 +298,7 @@ class RunGrams:
     constants: FloatArray
     own: tuple[OwnGram, ...]
     measured: IndexArray
-    static: FloatArray | float
+    static: FloatArray
 
 
 _SAME_S = 1e-6
@@ -332,7 +332,7 @@ def whitened_rows(
         yield rows, found.log_determinants + log_determinants[first:last]
     if lifted.any():
         rows = resting[:, lifted].reshape(1, -1, resting.shape[-1])
-        yield rows, np.log(variance[:, lifted]).sum(keepdims=True)[0]
+        yield rows, np.array([np.log(variance[:, lifted]).sum()])
 
 
 def run_grams(
@@ -354,7 +354,7 @@ def run_grams(
         matrices.append(varying[:, :shared, :shared].copy())
         log_determinants.append(log_dets + np.linalg.slogdet(inner)[1])
         means.append(solved)
-    static: FloatArray | float = 0.0
+    static = np.zeros((shared, shared))
     lifted = samples.rests.lifted
     if lifted.any():
         static = matrices.pop()[0]
@@ -457,7 +457,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
     matrices, order, own, form = [], [], [], []
-    static: FloatArray | float = 0.0
+    static = np.zeros((width, width))
     soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
     for name, _, columns, grams in parts:
         turn = np.zeros((columns.shared, width))
@@ -470,7 +470,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
         soil_at, basis_at = soil_at + q, basis_at + b
         matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
-        static = static + (turn.T @ grams.static @ turn if np.ndim(grams.static) else 0.0)
+        static += turn.T @ grams.static @ turn
         order.append(columns.catch_all.order + rank)
         form.append(columns.catch_all.form)
         for one in grams.own:

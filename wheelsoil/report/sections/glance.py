@@ -332,7 +332,7 @@ def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
             tells = f"right name: {named}; {tells}"
         cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
         reason = f"Separates {parted}; {tells}{cost}."
-        written = f" Write {key_text(run)}." if key_text(run) else ""
+        written = f" Write {key}." if (key := key_text(run)) else ""
         ranked.append(Step(upper(step_text(run)), reason + written if parted else written.strip()))
     return [*first, *ranked][:_STEPS]
 
