@@ -11,12 +11,13 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import Note
+from daq import Note, VehicleConfig
 from model.diagnosis.core.result import (
     Adequacy,
     BarredCause,
     Candidate,
     Cause,
+    Diagnosis,
     Finding,
     Grounds,
     ParameterEstimate,
@@ -24,16 +25,17 @@ from model.diagnosis.core.result import (
     SoilInstead,
 )
 from model.diagnosis.core.shapes import Rows
+from model.effects import EFFECTS
 from model.notes import LackCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.diagnosis_text import diagnosis_lines, gain_text, stages_lines, wrapped
+from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 
 VERDICTS = tuple(SENTENCES)
 
 
-def text_of(*args, **kwargs) -> str:
-    return "\n".join(diagnosis_lines(*args, **kwargs))
+def text_of(found: Diagnosis, width: int = 96, *, verbose: bool = True) -> str:
+    return "\n".join(diagnosis_lines(found, VehicleConfig(), width, verbose=verbose))
 
 
 def squeezed(text: str) -> str:
@@ -42,10 +44,36 @@ def squeezed(text: str) -> str:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 @pytest.mark.parametrize("width", [80, 100])
-def test_it_fits_and_the_sentence_comes_first(verdict, width):
-    lines = diagnosis_lines(diagnosis(verdict), width)
-    assert max(map(len, lines)) <= width
-    assert squeezed("\n".join(lines)).startswith(SENTENCES[verdict])
+def test_the_verdict_and_the_next_step_stand_in_the_first_six_lines(verdict, width):
+    found = diagnosis(verdict)
+    whole, brief = (diagnosis_lines(found, VehicleConfig(), width, verbose=verbose) for verbose in (True, False))
+    assert max(map(len, [*whole, *brief])) <= width
+    said, left = " ".join(brief[:6]), squeezed("\n".join(brief))
+    assert said.startswith(headline_of(found)) and " Next: " in said
+    assert all(detail in left for detail in details_of(found))
+    assert set(brief) - set(whole) <= {*wrapped(gain_text(found.gain), width), brief[-1]}
+    assert len(brief) < len(whole) and "--verbose" in brief[-1]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "family", "step"),
+    [
+        (
+            "named",
+            "torque_zero",
+            "name its file in vehicle.toml.\n  wheelsoil zero",
+        ),
+        ("named", "slip_sinkage", "Next: save the recommended model"),
+        ("unexplained", "", "Next: look at what is wrong"),
+        ("nothing_detectable", "", "Next: no further run is asked for"),
+    ],
+)
+def test_no_verdict_ends_without_a_next_step(verdict, family, step):
+    found = replace(diagnosis(verdict), next_run=(), not_identifiable={})
+    if family:
+        kind = EFFECTS[family].kind if family in EFFECTS else "physical"
+        found = replace(found, causes=(replace(found.causes[0], name=family, kind=kind, parameters=()),))
+    assert step in text_of(found, 100)
 
 
 def test_of_a_bench_table_the_mean_of_the_rows_is_said():
@@ -148,7 +176,8 @@ def test_what_is_not_there_is_not_spoken_of():
         candidates=(),
         sets=(),
     )
-    assert squeezed(text_of(bare)) == sentence_of(bare)
+    text = f"{headline_of(bare)} Next: no further run is asked for; see the minimum detectable effect. "
+    assert squeezed(text_of(bare)) == text + " ".join(details_of(bare))
 
 
 @given(st.floats(0, 1) | st.just(np.nan))
@@ -159,7 +188,8 @@ def test_no_probability_is_written_as_certain(probability):
 
 @given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=300), st.integers(20, 200))
 def test_any_sentence_fits(sentence, width):
-    lines = diagnosis_lines(replace(diagnosis(), causes=(replace(diagnosis().causes[0], name=sentence),)), width)
+    found = replace(diagnosis(), causes=(replace(diagnosis().causes[0], name=sentence),))
+    lines = text_of(found, width).splitlines()
     assert max(map(len, lines)) <= max(80, min(width, 100))
 
 

@@ -79,7 +79,7 @@ def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) 
             value, text = expected[key]
             assert shown == {(value, text.removesuffix(" %"))}, key
     with recording_figures() as terminal:
-        diagnosis_lines(found)
+        diagnosis_lines(found, material.vehicle, verbose=True)
     assert all(value == expected[key][0] for key, value in terminal.items())
     viewed = {key: (one["value"], one["text"]) for key, one in shown_of(found)["figures"].items()}
     assert all(shown == expected[key] for key, shown in viewed.items())

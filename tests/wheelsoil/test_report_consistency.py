@@ -17,7 +17,7 @@ from wheelsoil.report.content import Panels, Section, Step, Steps, Table, Text
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.evidence import gain
-from wheelsoil.report.sections.glance import glance, next_step
+from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.misfit import misfit
 from wheelsoil.report.sections.planning import detectable
 from wheelsoil.report.sections.verdict import Ranking, verdict
@@ -147,7 +147,7 @@ def test_an_error_that_grows_is_said_to_grow(material):
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):
     found = replace(diagnosis("unexplained"), next_run=())
-    step = next_step(replace(material, diagnosed=found), {})
+    step = glance.build(replace(material, diagnosed=found)).numbers["next_step"]
     assert "no further run" not in step
     assert "do not rely on the model there" in step
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError
+from daq import ConfigError, VehicleConfig
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
@@ -69,6 +69,9 @@ def diagnose_command(
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Also probabilities, residuals, detectable sizes, further steps.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Report the error of the simulation, its cause, and the gain when the model is extended by that cause.
@@ -104,11 +107,13 @@ def diagnose_command(
     if tables:
         options.refuse_two_sources(paths, tables, choice, (), "diagnose")
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
-        benches = tuple(map(bench_of, read_benches(tables, wheels, rename=rename, where=where)))
+        read = read_benches(tables, wheels, rename=rename, where=where)
+        benches = tuple(map(bench_of, read))
         if paired:
             _compare(benches, settings, json=json)
         else:
-            _diagnose(benches, settings, output, force=force, json=json)
+            show = _shown(VehicleConfig(wheel=read[0].wheel_section), verbose=verbose, json=json)
+            _diagnose(benches, settings, output, show, force=force)
         return
     files = Files(
         options.one_file(vehicle),
@@ -127,11 +132,15 @@ def diagnose_command(
         _print_plan(found, target, json=json)
         return
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
-    campaigns = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
-    _diagnose(campaigns, replace(settings, average=output is not None), output, force=force, json=json)
+    processed = options.processed_for("diagnose", paths, files, by_hand)
+    show = _shown(processed[0][0].vehicle, verbose=verbose, json=json)
+    campaigns = campaigns_of(paths, processed, soil)
+    _diagnose(campaigns, replace(settings, average=output is not None), output, show, force=force)
 
 
-def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
+def _diagnose(
+    given: Given, settings: DiagnosisOptions, output: Path | None, show: Callable[[Diagnosis], None], *, force: bool
+) -> None:
     from wheelsoil.report.inputs import command_line
     from wheelsoil.workflows.diagnosis import diagnose_given
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
@@ -144,7 +153,7 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
         for path, model in written:
             path.write_text(model_toml(model), encoding="utf-8")
     finally:
-        _print(diagnosis, json=json)
+        show(diagnosis)
     for path, model in written:
         none = "it has no effect, because no cause is named"
         said = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
@@ -185,15 +194,19 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _print(diagnosis: Diagnosis, *, json: bool) -> None:
-    from wheelsoil.wording.diagnosis_json import diagnosis_json
-    from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
+def _shown(vehicle: VehicleConfig, *, verbose: bool, json: bool) -> Callable[[Diagnosis], None]:
+    """Return what prints a diagnosis."""
 
-    width = terminal_width()
-    if json:
-        print_json(diagnosis_json(diagnosis))
-    else:
-        for line in diagnosis_lines(diagnosis, width):
-            print(line)
-    for line in stages_lines(diagnosis, width):
-        say(line)
+    def show(diagnosis: Diagnosis) -> None:
+        from wheelsoil.wording.diagnosis_json import diagnosis_json
+        from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
+
+        width = terminal_width()
+        if json:
+            print_json(diagnosis_json(diagnosis))
+        else:
+            print("\n".join(diagnosis_lines(diagnosis, vehicle, width, verbose=verbose)))
+        for line in stages_lines(diagnosis, width):
+            say(line)
+
+    return show

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError
+from daq import ConfigError, VehicleConfig
 from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
 from wheelsoil.console import computing, print_json, print_pairs, progress, say, terminal_width
 
@@ -51,7 +51,7 @@ def demo_command(
     _check_folder(output)
     options = _campaign(seed, runs, duration)
     hidden = draw_hidden(seed, options.wheel)
-    first, found, page, numbers = _simulate_to_report(output, replace(options, effects=hidden.effects))
+    first, found, vehicle, page, numbers = _simulate_to_report(output, replace(options, effects=hidden.effects))
     opened = open_envelope(hidden, found)
     if json:
         print_json(
@@ -72,8 +72,8 @@ def demo_command(
     before = f"From forces alone. {sentence_of(first)}"
     after = f"With {options.rut} readings of the rut's depth, by a ruler to 5 mm:"
     hidden_said = f"Hidden effect. {opened.sentence} {_CAVEAT}"
-    paragraphs = [wrap(before, width), [*wrap(after, width), *diagnosis_lines(found, width)], wrap(hidden_said, width)]
-    for paragraph in paragraphs:
+    told = [*wrap(after, width), *diagnosis_lines(found, vehicle, width)]
+    for paragraph in (wrap(before, width), told, wrap(hidden_said, width)):
         say("\n".join(["", *paragraph]))
     print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
@@ -93,10 +93,13 @@ def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
     )
 
 
-def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Diagnosis, Path, Path]:
+def _simulate_to_report(
+    output: Path, options: SimulationOptions
+) -> tuple[Diagnosis, Diagnosis, VehicleConfig, Path, Path]:
     """Run everything from frames to the report.
 
-    Returns the diagnosis from forces alone, that with rut readings, and the paths of the report's page and numbers.
+    Returns the diagnosis from forces alone, that with rut readings, the vehicle, and the paths of the report's page and
+    numbers.
     """
     from processing import ProcessOptions
     from wheelsoil.simulation.campaign import simulate_campaign
@@ -124,7 +127,7 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     with _step("write the report"):
         report = report_of_processed(processed, choices, process_options, campaign=fit, diagnosed=Diagnosed(found))
         page, numbers = report.write(output / "report.html")
-    return first, found, page, numbers
+    return first, found, processed[0][0].vehicle, page, numbers
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.mending import Step
 from wheelsoil.workflows.key_figures import KeyFigure
 
 _DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
@@ -137,15 +138,6 @@ class Tiles:
 
     tiles: Sequence[Tile]
     small: bool = False
-
-
-@dataclass(frozen=True)
-class Step:
-    """A thing to do next, why, and the command or the lines of a file to paste."""
-
-    what: str
-    why: str = ""
-    paste: str = ""
 
 
 @dataclass(frozen=True)

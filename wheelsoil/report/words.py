@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 
 from wheelsoil.report.figures import STYLES
 from wheelsoil.wording.names import letter as letter
+from wheelsoil.wording.names import listed as listed
 from wheelsoil.wording.names import named_with_unit as named_with_unit
 from wheelsoil.wording.numbers import measured as measured
 from wheelsoil.wording.numbers import number as number
@@ -40,8 +40,3 @@ def interval(low: float, high: float, digits: int = 3) -> str:
 def unit(text: str) -> str:
     """Return a unit as people write it; a plain number has none."""
     return "" if text == "1" else re.sub(r"\^\(?([\dn+-]+)\)?", lambda power: power[1].translate(_POWERS), text)
-
-
-def listed(names: Sequence[str], joint: str = "and") -> str:
-    """Return "a, b and c"."""
-    return " ".join([", ".join(names[:-1]), joint, names[-1]]) if len(names) > 1 else "".join(names)

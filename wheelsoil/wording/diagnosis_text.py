@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
+from daq import OUTPUTS, ROLES, Note, Use, VehicleConfig, number, table_lines
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, NextRun
 from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.mending import next_steps, step_of
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -21,7 +22,7 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, refusal_words, sentence_of
+from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, refusal_words
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
@@ -40,6 +41,7 @@ NO_GAIN = "No cause was chosen for any of the held-out runs, so that there is no
 NOT_IDENTIFIABLE = "Detectable, not identifiable"
 NOT_DETECTABLE = "Not detectable"
 
+_REST = "Probabilities, residuals, detectable sizes and further steps: --verbose."
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
 _MOST_SETS = 5
@@ -107,21 +109,29 @@ def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShar
     return [one for one in shares if one.percent > 0]
 
 
-def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
-    """Return a diagnosis as lines of text.
+def diagnosis_lines(
+    diagnosis: Diagnosis, vehicle: VehicleConfig, width: int = 96, *, verbose: bool = False
+) -> list[str]:
+    """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
     Parameters
     ----------
+    vehicle : VehicleConfig
+        What the next step may have to change.
     width : int
         Of the terminal, in characters; held between 80 and 100.
+    verbose : bool
+        Everything: probabilities, residuals, detectable sizes, further steps.
     """
     width = limited(width)
-    parts = (
-        wrapped(sentence_of(diagnosis), width),
-        _causes(diagnosis, width),
+    head = [*wrapped(headline_of(diagnosis), width), *_first_step(diagnosis, vehicle, width)]
+    details = wrapped(" ".join(details_of(diagnosis)), width)
+    causes, inconsistent = _causes(diagnosis, width), _inconsistent(diagnosis, width)
+    notes = _notes(texts_of(diagnosis.notes), width)
+    whole = (
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
-        _inconsistent(diagnosis, width),
+        inconsistent,
         _soils(diagnosis, width),
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
@@ -133,9 +143,19 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
-        _notes(texts_of(diagnosis.notes), width),
+        notes,
     )
+    worth = wrapped(gain_text(diagnosis.gain), width) if diagnosis.gain is not None else []
+    brief = (worth, inconsistent, notes, wrapped(_REST, width))
+    parts = (head, details, causes, *(whole if verbose else brief))
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
+
+
+def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig, width: int) -> list[str]:
+    step = (next_steps(diagnosis, vehicle) or [step_of(diagnosis)])[0]
+    said = f"{step.what.rstrip('.')}. {step.why}"
+    text = wrapped(f"Next: {said[0].lower()}{said[1:]}".rstrip(), width)
+    return [*text, *_indented(step.paste.splitlines())]
 
 
 def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:

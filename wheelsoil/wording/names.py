@@ -145,3 +145,13 @@ def place_text(place: Shape | Rows) -> str:
     before = f"{place.campaign}: " if place.campaign else ""
     ends = [f"{end:.2g}" for end in place.range or ()]
     return before + _TEXTS[Kind(place.kind)].format(*ends, run=place.run)
+
+
+def listed(names: Sequence[str], joint: str = "and") -> str:
+    """Return "a, b and c"."""
+    return " ".join([", ".join(names[:-1]), joint, names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def upper(text: str) -> str:
+    """Return a text that begins with a capital."""
+    return f"{text[:1].upper()}{text[1:]}"

@@ -20,7 +20,17 @@ from model.diagnosis import (
     ParameterEstimate,
     Reduction,
 )
-from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, letter, parameter_name, place_text, plain_name
+from wheelsoil.wording.names import (
+    SOIL_LETTERS,
+    chance,
+    family_of,
+    letter,
+    listed,
+    parameter_name,
+    place_text,
+    plain_name,
+    upper,
+)
 from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.numbers import estimate
 
@@ -77,9 +87,9 @@ def headline_of(found: Diagnosis) -> str:
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
     if found.verdict == "named":
-        said = f"{_listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
+        said = f"{listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
     elif found.verdict == "one_of" and len(names) > 1:
-        said = f"{_either(names).capitalize()}: these data cannot separate them"
+        said = f"{listed(names, 'or').capitalize()}: these data cannot separate them"
     elif found.verdict == "one_of":
         said = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
@@ -119,10 +129,6 @@ def _form_and_size(cause: Cause) -> str:
     return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
 
 
-def _either(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} or {names[-1]}"
-
-
 def laboratory_words(found: Diagnosis) -> list[str]:
     """Return the sentence that the laboratory's soil is refuted; empty where it is not, or nothing explains the data.
 
@@ -144,7 +150,7 @@ def laboratory_words(found: Diagnosis) -> list[str]:
         + (f" ({chance(p)})" if p is not None else "")
         for campaign, name, sigmas, p in (*of_runs, *of_tables)
     ]
-    return _sentences([f"the laboratory's soil does not hold here: {_listed(off)} its value"] if off else [])
+    return _sentences([f"the laboratory's soil does not hold here: {listed(off)} its value"] if off else [])
 
 
 def prior_words(found: Diagnosis) -> list[str]:
@@ -155,12 +161,12 @@ def prior_words(found: Diagnosis) -> list[str]:
     first = shifts[0]
     times = "three times as large" if first.factor > 1 else "a third as large"
     families = [plain_name(one) for one in first.families]
-    other = {"named": f"{_listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
+    other = {"named": f"{listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
         first.verdict, ""
     )
     other = other or VERDICT_WORDS[first.verdict]
     turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
-    more = f"; it also depends on that of {_listed([plain_name(one) for one in turned])}" if turned else ""
+    more = f"; it also depends on that of {listed([plain_name(one) for one in turned])}" if turned else ""
     return [
         f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is {times}, "
         f"it is {other}{more}."
@@ -226,7 +232,7 @@ def form_error_words(used: Sequence[FormUsed]) -> list[str]:
     taken = [one for one in used if one.share is not None]
     if not taken:
         return []
-    sizes = _listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
+    sizes = listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
     share = f"{100 * (taken[0].share or 0.0):.3g} % of load, load x radius and radius ({sizes})"
     if taken[0].basis == "given":
         said = f"The error of form of a right model is given as {share}"
@@ -242,7 +248,7 @@ def _in_unit(size: float, channel: str) -> str:
 
 
 def _verdict_of_table(found: Diagnosis) -> list[str]:
-    channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
+    channels = listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
     onward = [f"Next: {step_text(found.next_run[0])}."] if found.next_run else []
     if found.verdict == "named":
@@ -280,7 +286,7 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
         return [f"{said}{named}", *onward]
     if found.verdict == "unexplained":
         left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
-        tried = _listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
+        tried = listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
         where = [f"The most probable set, {tried}, is off most in {_findings(left)}."] if left else []
         if found.adequacy is not None:
             where.insert(0, f"{adequacy_words(found.adequacy).capitalize()}.")
@@ -324,7 +330,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
             said.append(f"None is sure enough for a name{why}")
     together = [one for one in found.sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
     if together:
-        pairs = [f"{_listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
+        pairs = [f"{listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
         said.append(f"Several may act together: {'; '.join(pairs)}")
     if barred is not None:
         said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
@@ -346,11 +352,11 @@ def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[s
     said = []
     if open_:
         each = [f"{plain_name(f)} ({chance(chances[f])})" for f in open_]
-        said.append(f"{upper(_listed(each))} would fit almost as well")
+        said.append(f"{upper(listed(each))} would fit almost as well")
     if closed:
         each = [f"{plain_name(f)} ({chance(chances.get(f, 0.0))})" for f in closed]
         verb = "has a similar signature, but is" if len(each) == 1 else "have similar signatures, but are"
-        said.append(f"{upper(_listed(each))} {verb} separable in these data")
+        said.append(f"{upper(listed(each))} {verb} separable in these data")
     return said
 
 
@@ -371,7 +377,7 @@ def refusal_words(found: Diagnosis) -> str:
         why = note_text(found.grounds.barred)
     elif found.adequacy is not None:
         why = adequacy_words(found.adequacy)
-    name = _listed([plain_name(one) for one in best]) or "no cause"
+    name = listed([plain_name(one) for one in best]) or "no cause"
     return f"Best of the library, refused: {name}. Reason: {why}."
 
 
@@ -395,7 +401,7 @@ def unexplained_words(
     why : Note, optional
         What leaves them unexplained where lack of fit does not.
     """
-    tried = f", not even {_listed([plain_name(f) for f in best])}," if best else ""
+    tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
     said = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: {adequacy_words(judged)}"
     ]
@@ -405,9 +411,9 @@ def unexplained_words(
         said.append(f"It is off most in {_findings(left.worst, sigmas=False)}")
     if left.rms:
         each = [f"{x:.3g} {ROLES[role].unit_text} of {ROLES[role].name}" for role, x in left.rms.items()]
-        said.append(f"What is left like this is, rms over all samples, {_listed(each)}")
+        said.append(f"What is left like this is, rms over all samples, {listed(each)}")
     if soils:
-        one, other = (_listed(runs) for runs in soils)
+        one, other = (listed(runs) for runs in soils)
         said.append(
             f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
         )
@@ -433,7 +439,7 @@ def nothing_words(
         for name, d in sizes.items()
     ]
     if shown:
-        examples = _listed(shown[:_MOST_EXAMPLES])
+        examples = listed(shown[:_MOST_EXAMPLES])
         said.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
     if wrong:
         said.append(f"The largest residual is in {_findings(wrong[:1])}")
@@ -447,7 +453,7 @@ def want_words(not_identifiable: Mapping[str, Note]) -> list[str]:
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     return [
-        f"{upper(_listed(families))} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}."
+        f"{upper(listed(families))} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}."
         for why, families in by_reason.items()
     ]
 
@@ -500,7 +506,7 @@ def gain_words(gain: Gain | None, first: str = "") -> str:
             verb = "falls " if fell >= 0 else "grows "
             verb = "" if not stays and (fell >= 0) == (size > 0) else verb
             said.append(f"{'that ' if verb else ''}of {OUTPUTS[channel].name} {verb}by {abs(fell):.0f} %")
-    return _listed(said)
+    return listed(said)
 
 
 def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
@@ -523,15 +529,6 @@ def adequacy_words(judged: Adequacy) -> str:
     if judged.measure == "probability":
         return f"something that the library does not have acts with a probability of {chance(judged.statistic)}"
     return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
-
-
-def upper(text: str) -> str:
-    """Return a text that begins with a capital."""
-    return f"{text[:1].upper()}{text[1:]}"
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
 
 
 def _number(x: float) -> str:

@@ -18,8 +18,7 @@ from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.to_json import plain
-from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name
-from wheelsoil.wording.verdict import upper
+from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name, upper
 from wheelsoil.workflows.cause_cost import Cost, costs_of
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.last_report import Change, changes_since

@@ -10,18 +10,18 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure
-from wheelsoil.report.content import Block, Contents, Drawing, Step, Steps, Text, Tile, Tiles, section
+from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
-from wheelsoil.report.words import listed, number, signed
+from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import COVERED
-from wheelsoil.wording.mending import MENDED, mending_of, missing_step
-from wheelsoil.wording.names import CALIBRATED, chance, family_of, page_unit, plain_name
-from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
+from wheelsoil.wording.mending import Step, next_steps, step_of
+from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
+from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
@@ -317,67 +317,25 @@ def _again(grades: dict[str, Grade]) -> str:
 
 
 def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
-    found = material.diagnosed
-    poor = any(grade.level == "poor" for grade in grades.values())
-    first = [] if poor or found is None else _mending(material, found)
-    if not first and (found is None or not found.next_run or poor):
-        first = [_first_step(material, grades)]
-    if found is None:
-        return first
-    ranked = []
-    for run in found.next_run[:_STEPS]:
-        parted = listed([plain_name(name) for name in run.separates])
-        tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
-        if named := naming_text(run):
-            tells = f"right name: {named}; {tells}"
-        cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
-        reason = f"Separates {parted}; {tells}{cost}."
-        written = f" Write {key}." if (key := key_text(run)) else ""
-        ranked.append(Step(upper(step_text(run)), reason + written if parted else written.strip()))
-    return [*first, *ranked][:_STEPS]
+    """Return the next steps: repair what spoils runs, then what the diagnosis asks for."""
+    found, first = material.diagnosed, _before_diagnosis(material, grades)
+    onward = next_steps(found, material.vehicle) if found is not None else []
+    return ([*first, *onward] or [step_of(found)] if found is not None else first)[:_STEPS]
 
 
-def _mending(material: ReportInputs, found: Diagnosis) -> list[Step]:
-    """Return how to remove the named measurement causes, and what makes those identifiable that are not yet."""
-    named = found.causes if found.verdict == "named" else ()
-    mended = [mending_of(one, material.vehicle) for one in named if one.name in MENDED or one.kind == "measurement"]
-    missing = missing_step(found) if mended or not found.next_run else None
-    steps = [*mended, *([missing] if missing is not None else [])]
-    return [Step(f"{one.what}.", paste=one.paste) for one in steps]
-
-
-def _first_step(material: ReportInputs, grades: dict[str, Grade]) -> Step:
-    """Return the step that the verdict asks for; what stands in backticks is to be pasted."""
-    what, *pasted = next_step(material, grades).split("`")
-    return Step(upper(what.strip()), paste="".join(pasted[:1]))
-
-
-def upper(text: str) -> str:
-    """Return a text that begins with a capital."""
-    return f"{text[0].upper()}{text[1:]}"
-
-
-def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
-    """Return the next step: repair what spoils runs, else what the verdict asks for."""
+def _before_diagnosis(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
         said = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
-        return f"look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor."
+        return [Step(f"Look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor.")]
     if material.campaign is None and not material.tables:
-        return "see below why the runs could not be fitted."
-    found = material.diagnosed
-    if found is None and material.no_diagnosis:
-        return "see below why there is no diagnosis."
-    if found is None:
-        return "Diagnose the runs: it says what the model gets wrong, and why. `wheelsoil diagnose FOLDER`"
-    if found.verdict == "unexplained":
-        return (
-            "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
-            "Check zeros, signs and configuration first, and whether all runs are on one soil."
-        )
-    if found.verdict == "named":
-        return "Save the recommended model for fit, simulate and report. `wheelsoil diagnose FOLDER -o model.toml`"
-    return "no further run is asked for; see the minimum detectable effect."
+        return [Step("See below why the runs could not be fitted.")]
+    if material.diagnosed is not None:
+        return []
+    if material.no_diagnosis:
+        return [Step("See below why there is no diagnosis.")]
+    said = "Diagnose the runs: it says what the model gets wrong, and why."
+    return [Step(said, paste="wheelsoil diagnose FOLDER")]
 
 
 def header_facts(material: ReportInputs) -> list[tuple[str, str]]:

@@ -31,11 +31,11 @@ from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, biases, recommended_causes
-from wheelsoil.report.sections.glance import caution_text, upper
+from wheelsoil.report.sections.glance import caution_text
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.names import CALIBRATED, family_of, page_unit, parameter_name, plain_name
+from wheelsoil.wording.names import CALIBRATED, family_of, page_unit, parameter_name, plain_name, upper
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
