@@ -17,7 +17,10 @@ MOST = 5
 FOLDERS = ("benchmarks", "dbc", "docs", "recordings", "studies", "tests")
 GENERATED = {
     "benchmarks/results.md",
-    *(f"docs/{name}.md" for name in ("blind_results", "growth_results", "mutants", "paper", "recovery")),
+    *(
+        f"docs/{name}.md"
+        for name in ("blind_results", "growth_results", "health_codes", "mutants", "paper", "recovery")
+    ),
 }
 MOST_WORDS, MOST_OF_A_DECISION, MOST_LINES_OF_README = 50_000, 450, 95
 

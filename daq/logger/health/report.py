@@ -8,58 +8,8 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 from daq.clock import ClockFit
+from daq.logger.health.codes import CODES
 from daq.sources.can_source import BusStatus
-
-NEXT_STEPS = {
-    "bus_down": "ip link set {bus} up; check the adapter and its cable: recording continues by itself when it is back",
-    "bus_off": "check bit rate, wiring and termination; ip link set {bus} type can restart-ms 100",
-    "bus_returned": "check the plug and the adapter of {bus}, and repeat the run if it fell into it",
-    "bus_silent": "check power and plugs of the senders on {bus}, and its bit rate: ip -details link show {bus}",
-    "bus_error_passive": "check wiring, termination (60 ohm between the lines) and the bit rate of {bus}",
-    "bus_error_warning": "check wiring, termination (60 ohm between the lines) and the bit rate of {bus}",
-    "bus_no_ack": "check the plug of {bus}, and that another node is on and not listen-only",
-    "bus_errors": "check wiring, screen and termination of {bus}; take nodes off one by one",
-    "controller_overflow": "use an adapter with deeper buffers; end other programs",
-    "kernel_drops": "sudo sysctl net.core.rmem_max=8388608, or raise receive_buffer_kb in [logger]; end other programs",
-    "queue_drops": "record to a faster disk, or raise queue_mb in [logger]",
-    "unknown_frames": "wheelsoil doctor vehicle.toml; give {bus} their DBC, or list it in [health] may_carry_unknown",
-    "dbc_does_not_fit": "wheelsoil doctor vehicle.toml; check which DBC belongs to {bus}: "
-    "the frames are recorded all the same",
-    "source_stuck": "take the adapter out and put it in again, or restart the logger",
-    "message_missing": "check the sender and its plug; if it may be silent, list it in [health] may_be_silent",
-    "counter_jump": "look for drops of the bus; else check telemetry and gateway of the sender",
-    "counter_repeated": "restart the sender",
-    "frames_doubled": "look for two senders of this identifier, and for a loop between buses",
-    "frames_missing": "look for drops of the bus; else check the sender",
-    "rate_changed": "check the set-up of the sender",
-    "role_unusable": "correct [signals] in vehicle.toml",
-    "health_name_unknown": "correct [health] in vehicle.toml",
-    "signal_stuck": "check the sensor and its cable; if it may stay the same, list it in [health] may_be_constant",
-    "signal_constant": "check the sensor; if it may stay the same, list it in [health] may_be_constant",
-    "signal_saturated": "check the measuring range of the sensor, its zero and its cable",
-    "signal_out_of_range": "check the sensor; if the DBC is wrong, list the signal in [health] may_leave_range",
-    "signal_not_available": "wait until the sender is ready; then check its sensor",
-    "transducer_status": "wait until the transducer is ready; for a fault see its manual",
-    "wheel_speed_zero": "check the wheel speed sensor, unless the wheel is braked to a stop",
-    "ground_speed_zero": "check the receiver, unless the wheel is lifted or slips wholly",
-    "gnss_no_fix": "check the antenna and the view of the sky; the run has no ground speed meanwhile",
-    "gnss_clock_residual": "look at the load of the bus and at the receiver's output rate",
-    "gnss_clock_drift": "check that gnss_time names the receiver's UTC; times between runs are fitted anyhow",
-    "disk_low": "free the disk or record elsewhere: recording ends by itself at disk_reserve_mb",
-    "queue_filling": "end other programs that write; record to a faster disk",
-    "inspection_skipped": "end other programs; lower decoded_rate_hz in [logger]",
-    "inspection_failed": "restart the logger when there is time, and report the text",
-    "file_gone": "look for the file, and repeat the run if it is gone; "
-    "leave the folder alone while it is recorded into",
-    "inspection_stuck": "restart the logger when there is time, and report it",
-    "cpu_busy": "lower decoded_rate_hz in [logger]; give buses only the DBCs they need",
-    "clock_stepped": "let the clock settle before the logger is started: chronyc waitsync",
-}
-"""Code of a reason -> what to do; ``{bus}`` is the bus of the reason.
-
-The levels, the meaning with its thresholds and the usual cause of each code are in docs/health.md.
-"""
-
 
 STAYS_NS = 3_000_000_000
 """A reason is kept this long after it last held, with its level."""
@@ -82,7 +32,7 @@ class Reason:
     Attributes
     ----------
     code : str
-        A key of `NEXT_STEPS`, e.g. ``"signal_stuck"``; stable, for programs and for docs/health.md.
+        A key of `daq.logger.health.codes.CODES`, e.g. ``"signal_stuck"``; stable, for programs.
     where : str
         The bus, the message or the signal, e.g. ``"can0: WFT_Forces.Fz"``.
     what : str
@@ -270,7 +220,7 @@ class HealthReport:
 
 def reason(code: str, level: Level, where: str, what: str, *, bus: str = "", next_step: str = "") -> Reason:
     """Return a reason; without a next step the code's own, with the name of the bus put in."""
-    return Reason(code, level, where, what, next_step or NEXT_STEPS[code].format(bus=bus or where))
+    return Reason(code, level, where, what, next_step or CODES[code].next_step.format(bus=bus or where))
 
 
 def worst(reasons: Iterable[Reason]) -> Level:
