@@ -49,6 +49,7 @@ from .errors import HardwareError as HardwareError
 from .errors import RecordingError as RecordingError
 from .errors import WheelsoilError as WheelsoilError
 from .errors import every_error_as as every_error_as
+from .errors import near_names as near_names
 from .errors import nearest as nearest
 from .errors import not_installed as not_installed
 from .formatting import file_name as file_name

@@ -156,12 +156,16 @@ def shortened(found: str) -> str:
     return found if len(found) <= _LONGEST_FOUND else f"{found[:_LONGEST_FOUND]}... ({len(found):,} characters)"
 
 
+def near_names(name: str, known: Iterable[str]) -> list[str]:
+    """Return up to three known names that are spelled nearly so, the nearest first."""
+    return difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.5)
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list."""
     names = sorted(set(known))
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    if close:
-        return "nearest: " + ", ".join(close)
+    if close := near_names(name, names):
+        return f"nearest: {', '.join(close)}"
     if not names:
         return "there are none"
     listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 
-from daq.errors import nearest
+from daq.errors import near_names
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 EARTH_RADIUS_M = 6_371_008.8
@@ -170,8 +170,8 @@ def explain_unknown(text: str, quantities: Collection[Quantity]) -> tuple[str, s
         return f"has no unit, where {wanted} is needed", known
     if other is not None:
         return f"measures {other.quantity.label} ({text!r}), where {wanted} is needed", known
-    close = nearest(_normalized(text), [name for q in quantities for name in _spellings(q)])
-    hint = f" ({close})" if close.startswith("nearest") else ""
+    close = near_names(_normalized(text), [name for q in quantities for name in _spellings(q)])
+    hint = f" (nearest: {', '.join(close)})" if close else ""
     return f"has the unknown unit {text!r}{hint}", known
 
 

@@ -20,6 +20,7 @@ from daq.can.databases import load_database, shipped_dbc
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.bus_health import bits_on_wire
+from daq.logger.health.message_health import grouped_reasons
 from daq.logger.health.monitor import HealthMonitor, statuses
 from daq.logger.health.report import Board, HostStatus, Level, Recent, Since, reason
 from daq.logger.health.watched_messages import SATURATED_RUN, SignalValues
@@ -197,6 +198,13 @@ def test_reasons_come_worst_first() -> None:
         reason("bus_silent", Level.RED, "can0", "is so"),
     ]
     assert [one.where for one in Board().update(0, some)] == ["can0", "can1", "host"]
+
+
+def test_two_buses_whose_names_begin_alike_stay_two() -> None:
+    buses = ("ff15::1", "ff15::2")
+    lost = [reason("counter_jump", Level.RED, bus, "lost 3", name=f"M{i}") for bus in buses for i in range(5)]
+    grouped = grouped_reasons(lost, frozenset())
+    assert [(one.bus, one.where) for one in grouped] == [(bus, f"{bus}: several messages") for bus in buses]
 
 
 def test_growth_and_duration() -> None:

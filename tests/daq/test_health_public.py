@@ -28,7 +28,7 @@ def monitored(log: Path, dbcs: dict[str, Path], signals: dict[str, str], **healt
 
 
 def reason_places(result: HealthRun) -> set[tuple[str, str]]:
-    return {(one.code, one.where.partition(":")[0]) for one in result.reasons}
+    return {(one.code, one.bus) for one in result.reasons}
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, nearest
+from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, near_names
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
@@ -79,8 +79,9 @@ def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:
 
 def presets_near(name: str) -> str:
     """Return the presets for a message about an unknown one: those of a similar name first, then all."""
-    close = nearest(name, SOILS)
-    return f"{close}; presets: {', '.join(SOILS)}" if close.startswith("nearest") else close
+    close = near_names(name, SOILS)
+    near = f"nearest: {', '.join(close)}; " if close else ""
+    return f"{near}presets: {', '.join(SOILS)}"
 
 
 def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:

@@ -59,29 +59,29 @@ def message_health(
     return state, found
 
 
-def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[str]) -> list[Reason]:
-    """Combine reasons of one code and bus where there are many; those at places in `kept` stay separate.
+def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[tuple[str, str]]) -> list[Reason]:
+    """Combine reasons of one code and bus where there are many; messages (bus, name) in `kept` stay separate.
 
     Losses of several messages of one bus at the same time have one cause, and are reported once.
     """
     result: list[Reason] = []
     groups: dict[tuple[str, str], list[Reason]] = {}
     for one in reasons:
-        if one.where in kept and one.code not in _TOGETHER:
+        if (one.bus, one.name) in kept and one.code not in _TOGETHER:
             result.append(one)
         else:
-            groups.setdefault((one.code, one.where.partition(":")[0]), []).append(one)
+            groups.setdefault((one.code, one.bus), []).append(one)
     for (code, bus), group in groups.items():
         together = code in _TOGETHER
         if len(group) <= (1 if together else _NAMED_MOST):
             result += group
             continue
         group.sort(key=lambda one: -one.level)
-        names, most = [one.where.partition(": ")[2] for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
+        names, most = [one.name for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
         more = ", ..." if len(names) > most else ""
         what = f"{len(group)} messages: {', '.join(names[:most])}{more}; the first {group[0].what}"
-        where = f"{bus}: several messages" if together else f"{bus}: {len(group)} messages"
-        result.append(reason(code, worst(group), where, what, bus=bus))
+        name = "several messages" if together else f"{len(group)} messages"
+        result.append(reason(code, worst(group), bus, what, name=name))
     return result
 
 
@@ -89,11 +89,11 @@ def _silence(one: WatchedMessage, now_ns: int, started_ns: int) -> list[Reason]:
     flow, level = one.flow, Level.RED if one.roles else Level.AMBER
     if flow.silent(now_ns):
         what = f"has not come for {flow.age_s(now_ns):.1f} s, usually every {flow.period_s:.3g} s"
-        return [reason("message_missing", level, one.where, what, bus=one.bus)]
+        return [reason("message_missing", level, one.bus, what, name=one.name)]
     if one.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
         roles = ", ".join(reference.role for reference in one.roles.values())
         what = f"has not come since the start {(now_ns - started_ns) * 1e-9:.0f} s ago, and carries {roles}"
-        return [reason("message_missing", level, one.where, what, bus=one.bus)]
+        return [reason("message_missing", level, one.bus, what, name=one.name)]
     return []
 
 
@@ -108,20 +108,20 @@ def _losses(one: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Re
         least = "at least " if flow.wrapped else ""
         share = f"{lost} of {came + lost} frames in 10 s"
         what = f"lost {least}{share}, by its {flow.counter_name}; {least}{flow.counter_lost} so far"
-        found.append(reason("counter_jump", level, one.where, what, bus=one.bus))
+        found.append(reason("counter_jump", level, one.bus, what, name=one.name))
     if count_missing and missing > _MISSING_SHARE * came:
         what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"
-        found.append(reason("frames_missing", Level.AMBER, one.where, what, bus=one.bus))
+        found.append(reason("frames_missing", Level.AMBER, one.bus, what, name=one.name))
     if repeated >= _REPEATED_LEAST and repeated > _REPEATED_SHARE * came:
         level = Level.RED if one.roles else Level.AMBER
         what = f"its {flow.counter_name} stood still in {repeated} of {came} frames in 10 s"
-        found.append(reason("counter_repeated", level, one.where, what, bus=one.bus))
+        found.append(reason("counter_repeated", level, one.bus, what, name=one.name))
     elif repeated >= _DOUBLED_LEAST:
         what = f"{repeated} of {came} frames in 10 s came twice, by its {flow.counter_name}"
-        found.append(reason("frames_doubled", Level.AMBER, one.where, what, bus=one.bus))
+        found.append(reason("frames_doubled", Level.AMBER, one.bus, what, name=one.name))
     if changed:
         usual = f"comes every {flow.period_s:.3g} s now" if flow.period_s == flow.period_s else "comes irregularly now"
-        found.append(reason("rate_changed", Level.AMBER, one.where, f"{usual}, which is not as before", bus=one.bus))
+        found.append(reason("rate_changed", Level.AMBER, one.bus, f"{usual}, which is not as before", name=one.name))
     return found
 
 
@@ -155,17 +155,19 @@ class Motion:
             if abs(speed) > MOVING_MPS:
                 self.moved_s[role] += elapsed_s
 
-    def reasons(self, now_ns: int, where: Mapping[str, str]) -> list[Reason]:
-        """Return the contradictions; `where` has the signal of each role, as people read it."""
+    def reasons(self, now_ns: int, roles: Mapping[str, SignalRef]) -> list[Reason]:
+        """Return the contradictions of the speeds of these roles."""
         found = []
         stands = self.rim_mps == 0 and abs(self.ground_mps) > _CONTRADICTED_MPS
         if self._since.held_s("wheel", now_ns, stands) > _STANDING_S:
             what = f"is exactly 0 while the ground speed is {self.ground_mps:.1f} m/s"
-            found.append(reason("wheel_speed_zero", Level.AMBER, where["wheel_speed"], what))
+            of = roles["wheel_speed"]
+            found.append(reason("wheel_speed_zero", Level.AMBER, of.bus, what, name=of.name))
         spins = self.ground_mps == 0 and abs(self.rim_mps) > _CONTRADICTED_MPS
         if self._since.held_s("ground", now_ns, spins) > _ALL_SLIP_S:
             what = f"is exactly 0 while the rim runs at {self.rim_mps:.1f} m/s"
-            found.append(reason("ground_speed_zero", Level.AMBER, where["ground_speed"], what))
+            of = roles["ground_speed"]
+            found.append(reason("ground_speed_zero", Level.AMBER, of.bus, what, name=of.name))
         return found
 
 
@@ -242,7 +244,7 @@ def _role_reasons(
     is_saturated: bool,
 ) -> list[Reason]:
     signal, values, role = one.message.by_name[reference.signal], one.values, reference.role
-    value, where = float(values.last[row]), f"{one.bus}: {reference.name}"
+    value, name = float(values.last[row]), reference.name
     unit = f" {signal.unit}" if signal.unit else ""
     if math.isnan(value):
         return []
@@ -251,29 +253,33 @@ def _role_reasons(
     if role == "transducer_status":
         if value != 0:
             shown = f"{value:g}, {label!r}" if label else f"{value:g}"
-            found.append(reason("transducer_status", Level.AMBER, where, f"the transducer says {shown}, not 0"))
+            found.append(
+                reason("transducer_status", Level.AMBER, one.bus, f"the transducer says {shown}, not 0", name=name)
+            )
         return found
     if math.isnan(_in_si(reference, value)):
         if role not in _OF_GNSS or scene.has_fix:
             meaning = f" ({label})" if label else ""
-            found.append(reason("signal_not_available", Level.AMBER, where, f"the sender has no value{meaning}"))
+            found.append(
+                reason("signal_not_available", Level.AMBER, one.bus, f"the sender has no value{meaning}", name=name)
+            )
         return found
     if stuck_s:
         usual_s = float(values.longest_ns[row]) * 1e-9
         what = f"{value:g}{unit} for {stuck_s:.1f} s, before never longer than {usual_s:.2g} s the same"
-        found.append(reason("signal_stuck", Level.AMBER, where, what))
+        found.append(reason("signal_stuck", Level.AMBER, one.bus, what, name=name))
     elif _constant(role, row, one, scene):
         what = f"{value:g}{unit} since the start, although the vehicle has moved"
-        found.append(reason("signal_constant", Level.AMBER, where, what))
+        found.append(reason("signal_constant", Level.AMBER, one.bus, what, name=name))
     if is_saturated:
         what = f"{value:g}{unit} is the end of what its bits hold; {values.saturated[row]} samples so far"
-        found.append(reason("signal_saturated", Level.RED, where, what))
+        found.append(reason("signal_saturated", Level.RED, one.bus, what, name=name))
     elif is_out:
         what = (
             f"{value:g}{unit}, the DBC's range is {signal.minimum:g} to {signal.maximum:g}; "
             f"{values.out_of_range[row]} samples so far"
         )
-        found.append(reason("signal_out_of_range", Level.AMBER, where, what))
+        found.append(reason("signal_out_of_range", Level.AMBER, one.bus, what, name=name))
     return found
 
 

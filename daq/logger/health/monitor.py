@@ -84,8 +84,8 @@ class HealthMonitor:
         self._identifier = Identifier(
             [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]
         )
-        self._where = {role: f"{one.bus}: {one.name}" for role, one in roles.items()}
-        self._role_messages = frozenset(one.where for one in self._watched if one.roles)
+        self._roles = roles
+        self._role_messages = frozenset((one.bus, one.name) for one in self._watched if one.roles)
         described = {one.bus for one in self._watched}
         self._buses = {
             bus.channel: BusWatch(
@@ -173,7 +173,7 @@ class HealthMonitor:
         if not has_fix:
             values.pop("ground_speed", None)
         self._motion.take(now_ns, values)
-        found += self._motion.reasons(now_ns, self._where)
+        found += self._motion.reasons(now_ns, self._roles)
         signals = self._report_signals(Scene(now_ns, self._health, self._motion, has_fix), found)
         reasons = self._board.update(now_ns, found)
         return HealthReport(
@@ -266,9 +266,8 @@ def statuses(report: HealthReport) -> list[DiagnosticStatus]:
     known["host"] = _host(report.host)
     placed: dict[str, list[Reason]] = {name: [] for name in known}
     for one in report.reasons:
-        bus, _, rest = one.where.partition(": ")
-        name = f"{bus}/{rest}" if rest else bus
-        placed[next((place for place in (name, bus) if place in placed), "host")].append(one)
+        places = (f"{one.bus}/{one.name}", one.bus, "host")
+        placed[next(place for place in places if place in placed)].append(one)
     return [_status(name, values, placed[name]) for name, values in known.items()]
 
 

@@ -33,17 +33,23 @@ class Reason:
     ----------
     code : str
         A key of `daq.logger.health.codes.CODES`, e.g. ``"signal_stuck"``; stable, for programs.
-    where : str
-        The bus, the message or the signal, e.g. ``"can0: WFT_Forces.Fz"``.
+    bus : str
+        Or what else it is about: ``"host"``, ``"gnss"``, ``"recording"``, ...
+    name : str
+        Message or signal of the bus, e.g. ``"WFT_Forces.Fz"``; empty where it is about the whole.
     what : str
         One sentence with numbers.
+    where : str
+        Bus and name as people read them, e.g. ``"can0: WFT_Forces.Fz"``.
     """
 
     code: str
     level: Level
-    where: str
+    bus: str
+    name: str
     what: str
     next_step: str
+    where: str
 
 
 @dataclass(frozen=True)
@@ -218,9 +224,10 @@ class HealthReport:
     losses: Mapping[str, int] = field(default_factory=dict)
 
 
-def reason(code: str, level: Level, where: str, what: str, *, bus: str = "", next_step: str = "") -> Reason:
+def reason(code: str, level: Level, bus: str, what: str, *, name: str = "", next_step: str = "") -> Reason:
     """Return a reason; without a next step the code's own, with the name of the bus put in."""
-    return Reason(code, level, where, what, next_step or CODES[code].next_step.format(bus=bus or where))
+    step = next_step or CODES[code].next_step.format(bus=bus)
+    return Reason(code, level, bus, name, what, step, f"{bus}: {name}" if name else bus)
 
 
 def worst(reasons: Iterable[Reason]) -> Level:

@@ -236,11 +236,6 @@ class WatchedMessage:
             for name in self.names
         ]
 
-    @property
-    def where(self) -> str:
-        """The message as people read it."""
-        return f"{self.bus}: {self.name}"
-
     def listed(self, names: tuple[str, ...], signal: str = "") -> bool:
         """Whether the message, or this signal of it, is in a list of ``[health]``."""
         return self.name in names or (bool(signal) and f"{self.name}.{signal}" in names)

@@ -40,9 +40,10 @@ def detectable(material: ReportInputs) -> Contents:
     radius = wheel.radius_m if wheel else float("nan")
     plausible = {key: _plausible(key, least.parameter, radius) for key, least in found.items()}
     shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
+    never = [key for key in found if family_of(key) in material.diagnosis.not_identifiable]
     rows = [
         [
-            form_name(effect_name(key)) + (" *" if family_of(key) in material.diagnosis.not_identifiable else ""),
+            form_name(effect_name(key)) + (" *" if key in never else ""),
             letter(least.parameter),
             number(least.value) if isfinite(least.value) else "at no size",
             number(plausible[key]),
@@ -54,7 +55,7 @@ def detectable(material: ReportInputs) -> Contents:
     note = (
         "Smallest size: found in half of such campaigns, if it is the only cause; the soil is re-calibrated beside it."
     )
-    if any(row[0].endswith(" *") for row in rows):
+    if never:
         note += f" * {NOT_IDENTIFIABLE[0].lower()}{NOT_IDENTIFIABLE[1:]}: see the candidates."
     blocks: list[Block] = [Table("Minimum detectable effect", head, rows, note, left=2)]
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}

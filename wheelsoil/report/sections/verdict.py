@@ -42,6 +42,7 @@ _STOPS = {
 }
 """What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
 
+_CONVERGED = ("converged_step", "converged_cost")
 _MIN_BLOCKS = 6
 _CONFIDENCE = 0.95
 _RANKED = "dp"
@@ -199,7 +200,7 @@ def _ended(ranking: Ranking) -> Text:
     if reason == "nothing_to_fit":
         return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
     said = _STOPS.get(reason, reason.replace("_", " "))
-    kind = "good" if reason.startswith("converged") else "warning"
+    kind = "good" if reason in _CONVERGED else "warning"
     advice = "" if ended(ranking.best) else f" {NOT_AT_AN_END[0].upper()}{NOT_AT_AN_END[1:]}."
     return Text(f"Gauss–Newton stopped after {count} iterations: {said}.{advice}", kind)
 
