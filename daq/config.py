@@ -335,6 +335,10 @@ class RunInfo(Section):
         return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
+_STATIC_KEYS = (("drawbar_pull_n", "drawbar_pull_sigma_n"), ("driving_torque_nm", "driving_torque_sigma_nm"))
+"""Keys of a reading and of its one-sigma."""
+
+
 class StaticTest(Section):
     """``[[static]]``: what the transducer read with the wheel lifted, alone or under a known pull or torque.
 
@@ -353,9 +357,10 @@ class StaticTest(Section):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        for name, (reading, sigma) in self._pairs().items():
+        for (key, sigma_key), (reading, sigma) in zip(_STATIC_KEYS, self._pairs(), strict=True):
             if (reading is None) != (sigma is None):
-                raise ValueError(f"a reading of the {name} goes together with its one-sigma")
+                known, missing = (key, sigma_key) if sigma is None else (sigma_key, key)
+                raise ValueError(f"{missing} is missing: a reading and its one-sigma go together, and {known} is given")
         if not self.readings:
             raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
         given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
@@ -364,8 +369,14 @@ class StaticTest(Section):
         if self.test == "known_pull" and (given != {"applied_n"} or self.drawbar_pull_n is None):
             raise ValueError("a known pull needs applied_n alone, and the reading drawbar_pull_n")
         whole = given in ({"applied_n", "lever_m"}, {"applied_nm"})
+        if self.test == "known_torque" and len(given) == 3:
+            raise ValueError("a known torque is given twice: applied_nm, or applied_n with lever_m, not both")
         if self.test == "known_torque" and (self.driving_torque_nm is None or not whole):
-            raise ValueError("a known torque needs driving_torque_nm, and applied_nm or applied_n with lever_m")
+            lacks = {"applied_n": "lever_m", "lever_m": "applied_n"}.get("".join(given))
+            missing = f"; {lacks} is missing" if lacks else ""
+            raise ValueError(
+                f"a known torque needs driving_torque_nm, and applied_nm or applied_n with lever_m{missing}"
+            )
         if self.test != "lifted" and not any(self.applied.values()):
             raise ValueError('what is applied is 0: test = "lifted"')
         for channel, (reading, _) in self.readings.items():
@@ -389,15 +400,12 @@ class StaticTest(Section):
         """Reading and one-sigma, of the force that is known too, by channel."""
         return {
             channel: (reading, hypot(sigma, self.applied_share * self.applied[channel]))
-            for channel, (reading, sigma) in zip(("dp", "t"), self._pairs().values(), strict=True)
+            for channel, (reading, sigma) in zip(("dp", "t"), self._pairs(), strict=True)
             if reading is not None and sigma is not None
         }
 
-    def _pairs(self) -> dict[str, tuple[float | None, float | None]]:
-        return {
-            "drawbar pull": (self.drawbar_pull_n, self.drawbar_pull_sigma_n),
-            "driving torque": (self.driving_torque_nm, self.driving_torque_sigma_nm),
-        }
+    def _pairs(self) -> list[tuple[float | None, float | None]]:
+        return [(getattr(self, key), getattr(self, sigma_key)) for key, sigma_key in _STATIC_KEYS]
 
 
 SURE = 5.0

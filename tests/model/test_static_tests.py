@@ -95,14 +95,14 @@ def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> 
     ("wrong", "told"),
     [
         ({"test": "lifted"}, "give a reading"),
-        ({"test": "lifted", "driving_torque_nm": 3.0}, "one-sigma"),
+        ({"test": "lifted", "driving_torque_nm": 3.0}, "driving_torque_sigma_nm is missing"),
         ({"test": "lifted", "driving_torque_nm": 3.0, "driving_torque_sigma_nm": 1.0, "applied_n": 5.0}, "only lifted"),
-        (TORQUE | {"driving_torque_nm": 10000.0, "lever_m": None}, "applied_nm or applied_n with lever_m"),
-        (TORQUE | {"driving_torque_nm": 10000.0, "applied_nm": 900.0}, "applied_nm or applied_n with lever_m"),
+        (TORQUE | {"driving_torque_nm": 10000.0, "lever_m": None}, "lever_m is missing"),
+        (TORQUE | {"driving_torque_nm": 10000.0, "applied_nm": 900.0}, "is given twice"),
         (TORQUE | {"driving_torque_nm": -10000.0}, "-1 times what was applied; check unit and sign"),
         (TORQUE | {"driving_torque_nm": 10.0}, "0.001 times"),
         (TORQUE | {"driving_torque_nm": 10000.0, "applied_share": 0.5}, "applied_share"),
-        (PULL, "goes together"),
+        (PULL, "go together"),
     ],
 )
 def test_a_static_test_that_lacks_something_is_refused_with_what(wrong: dict, told: str) -> None:

@@ -26,9 +26,8 @@ from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
-from wheelsoil.wording.verdict import upper
 
 SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
