@@ -7,13 +7,14 @@ import logging
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.database_limits import MOST_BITS, of_bits, of_length, too_long
+from daq.can.signal_places import misplaced
 from daq.config import VehicleConfig
 from daq.errors import DatabaseError, Fault, every_error_as, nearest, shortened
 from daq.limits import LARGEST_DBC_BYTES, LONGEST_MESSAGE_BYTES
@@ -268,13 +269,13 @@ def _read(path: Path) -> bytes:
         raise DatabaseError.of("the DBC file cannot be read", path, str(error)) from None
 
 
-def _parse(text: str, *, strict: bool, kind: str = "dbc") -> tuple[Any, str]:
-    """Return cantools' database, or None and its complaint."""
+def _parse(text: str, kind: str = "dbc") -> tuple[Any, str]:
+    """Return cantools' database, or None and its complaint; where signals lie is looked at by `misplaced`."""
     from daq.can.library import database, errors
 
     logging.getLogger("cantools").addHandler(_SILENT)
     try:
-        return database.load_string(text, kind, strict=strict), ""
+        return database.load_string(text, kind, strict=False), ""
     except errors.UnsupportedDatabaseFormatError as error:
         return None, str(error.e_dbc or error)
 
@@ -293,8 +294,9 @@ def _too_long(text: str, kind: str = "dbc") -> list[BadLine]:
 
 def _parse_strict(text: str, where: str, kind: str) -> Any:
     bad = _too_long(text, kind)
-    parsed, complaint = (None, "") if bad else _parse(text, strict=True, kind=kind)
-    if parsed is not None:
+    parsed, complaint = (None, "") if bad else _parse(text, kind)
+    complaint = complaint or next(_misplaced(parsed), "")
+    if parsed is not None and not complaint:
         return parsed
     bad = bad or (bad_lines(text, complaint) if kind == "dbc" else [])
     if not bad:
@@ -312,10 +314,7 @@ def _parse_strict(text: str, where: str, kind: str) -> Any:
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
     left_out = _too_long(text)
     text = without(text, left_out)
-    parsed, complaint = _parse(text, strict=True)
-    if parsed is not None:
-        return parsed, [f"excluded {line}" for line in left_out]
-    parsed, complaint = _parse(text, strict=False)
+    parsed, complaint = _parse(text)
     while parsed is None and text.strip():
         bad = bad_lines(text, complaint)
         if not bad:
@@ -323,25 +322,17 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
             raise DatabaseError.of(what, where, complaint, next_step="correct the file")
         left_out += bad
         text = without(text, bad)
-        parsed, complaint = _parse(text, strict=False)
+        parsed, complaint = _parse(text)
     if parsed is None or (left_out and not parsed.messages):
         what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
         raise DatabaseError.of("nothing is left of this DBC", where, what)
     notes = [f"excluded {line}" for line in sorted(left_out, key=lambda line: line.number)]
-    return parsed, notes + _let_pass(parsed)
+    return parsed, [*notes, *(f"let pass: {told.rstrip('.')}" for told in _misplaced(parsed))]
 
 
-def _let_pass(parsed: Any) -> list[str]:
-    """Return what a strict load would have refused beyond syntax: one note for each message it is found in."""
-    from daq.can.library import errors
-
-    notes = []
-    for message in parsed.messages:
-        try:
-            message.refresh(strict=True)
-        except errors.Error as error:
-            notes.append(f"let pass: {str(error).rstrip('.')}")
-    return notes
+def _misplaced(parsed: Any) -> Iterator[str]:
+    """Yield the first misplaced signal of every message."""
+    return filter(None, map(misplaced, parsed.messages if parsed is not None else ()))
 
 
 def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> tuple[list[Message], list[str]]:

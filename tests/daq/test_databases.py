@@ -7,8 +7,12 @@ from pathlib import Path
 
 import cantools.database
 import pytest
+from cantools.database import errors
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from daq.can.databases import load_database, load_for_vehicle, messages_by_bus, shipped_dbc
+from daq.can.signal_places import misplaced
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError
 from daq.units import Quantity, find_unit
@@ -119,6 +123,33 @@ def test_overlapping_signals_are_refused_and_let_pass_leniently() -> None:
     database = load_database(content, "a.dbc", lenient=True)
     assert "overlapping" in database.left_out[0]
     assert len(database.messages[0].signals) == 2
+
+
+@st.composite
+def laid_out(draw: st.DrawFn) -> str:
+    """A message of a few signals, some of them multiplexed, that may overlap or reach beyond it."""
+    length, many = draw(st.integers(0, 8)), draw(st.booleans())
+    lines = [' SG_ Which M : 0|4@1+ (1,0) [0|0] "" A'] if many else []
+    for i in range(draw(st.integers(1, 5))):
+        start, bits = draw(st.integers(0, 70)), draw(st.integers(1, 20))
+        case = draw(st.sampled_from(["", " m0", " m1"])) if many else ""
+        lines.append(f' SG_ S{i}{case} : {start}|{bits}@{draw(st.sampled_from("01"))}+ (1,0) [0|0] "" A')
+    return "\n".join(['VERSION ""', "BU_: A", f"BO_ 5 M: {length} A", *lines, ""])
+
+
+@given(laid_out())
+@example('VERSION ""\nBU_: A\nBO_ 5 M: 8 A\n SG_ S0 : 7|8@0+ (1,0) [0|0] "" A\n SG_ S1 : 8|8@1+ (1,0) [0|0] "" A\n')
+def test_signals_are_misplaced_where_cantools_says_so(text: str) -> None:
+    [message] = cantools.database.load_string(text, "dbc", strict=False).messages
+    said = ""
+    try:
+        message.refresh(strict=True)
+    except errors.Error as error:
+        said = str(error)
+    told = misplaced(message)
+    assert bool(told) == bool(said)
+    if said:
+        assert told.split(" in message")[0].split(" and ")[0] == said.split(" in message")[0].split(" and ")[0]
 
 
 def test_an_identifier_twice_is_refused_and_the_last_wins_leniently() -> None:
