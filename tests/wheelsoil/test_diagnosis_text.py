@@ -46,7 +46,11 @@ def squeezed(text: str) -> str:
 @pytest.mark.parametrize("width", [80, 100])
 def test_the_verdict_and_the_next_step_stand_in_the_first_six_lines(verdict, width):
     found = diagnosis(verdict)
-    whole, brief = (diagnosis_lines(found, VehicleConfig(), width, verbose=verbose) for verbose in (True, False))
+    check = ("Braking, drawbar pull: the median residual is -573 N",)
+    whole, brief = (
+        diagnosis_lines(found, VehicleConfig(), width, checks=check, verbose=verbose) for verbose in (True, False)
+    )
+    assert f"  {check[0]}" in whole and f"  {check[0]}" in brief
     assert max(map(len, [*whole, *brief])) <= width
     said, left = " ".join(brief[:6]), squeezed("\n".join(brief))
     assert said.startswith(headline_of(found)) and " Next: " in said

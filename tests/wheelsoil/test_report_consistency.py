@@ -15,6 +15,7 @@ from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Step, Steps, Table, Text
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import checks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.evidence import gain
 from wheelsoil.report.sections.glance import glance
@@ -143,6 +144,14 @@ def test_an_error_that_grows_is_said_to_grow(material):
     worse = replace(found.gain, reduction_percent=-38.0, interval95=(-75.0, -4.6))
     said = text(gain.build(replace(material, diagnosed=replace(found, gain=worse))))
     assert "grows by 38.0 % with the extension (95 %: 4.60 to 75.0 %)" in said.replace("…", "to")
+
+
+def test_the_terminal_says_to_check_what_the_report_says(material):
+    one = diagnosis("named")
+    seen = one.plot_data[0]
+    off = replace(one, plot_data=(replace(seen, extended={c: x + 300.0 for c, x in seen.extended.items()}),))
+    told = glance.build(replace(material, diagnosed=off)).numbers["cautions"]
+    assert told == checks_of(off) != []
 
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):

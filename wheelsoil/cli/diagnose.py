@@ -198,6 +198,7 @@ def _shown(vehicle: VehicleConfig, *, verbose: bool, json: bool) -> Callable[[Di
     """Return what prints a diagnosis."""
 
     def show(diagnosis: Diagnosis) -> None:
+        from wheelsoil.report import checks_of
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
@@ -205,7 +206,8 @@ def _shown(vehicle: VehicleConfig, *, verbose: bool, json: bool) -> Callable[[Di
         if json:
             print_json(diagnosis_json(diagnosis))
         else:
-            print("\n".join(diagnosis_lines(diagnosis, vehicle, width, verbose=verbose)))
+            lines = diagnosis_lines(diagnosis, vehicle, width, checks=checks_of(diagnosis), verbose=verbose)
+            print("\n".join(lines))
         for line in stages_lines(diagnosis, width):
             say(line)
 

@@ -7,3 +7,4 @@ from .drawing import Plane as Plane
 from .drawing import drawn as drawn
 from .drawing import reach as reach
 from .drawing import ticks as ticks
+from .recommendation import checks_of as checks_of

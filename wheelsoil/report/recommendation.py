@@ -12,7 +12,8 @@ from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
 from model.diagnosis import Cause, Diagnosis
 from model.fit import CampaignFit
 from wheelsoil.report.figures import EDGES, Bins, binned, style
-from wheelsoil.wording.names import CALIBRATED, LABORATORY, plain_name
+from wheelsoil.report.words import number, signed
+from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES = 10
@@ -198,6 +199,21 @@ def biases(one: Recommendation) -> list[Bias]:
             bias = _bias(one, channel, driving=driving)
             found += [bias] if bias else []
     return found
+
+
+def caution_text(bias: Bias) -> str:
+    """Return a bias of the recommended model in words."""
+    factor, unit = page_unit(bias.channel)
+    low, high = (number(factor * size, 2) for size in bias.size)
+    size = f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+    slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
+    side = "Driving" if bias.driving else "Braking"
+    return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}."
+
+
+def checks_of(found: Diagnosis) -> list[str]:
+    """Return where the model that a diagnosis of runs recommends is off, in words; empty for tables."""
+    return [caution_text(bias) for bias in biases(of_diagnosis(found))] if found.plot_data else []
 
 
 def _bias(one: Recommendation, channel: str, *, driving: bool) -> Bias | None:

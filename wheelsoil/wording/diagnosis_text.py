@@ -110,7 +110,12 @@ def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShar
 
 
 def diagnosis_lines(
-    diagnosis: Diagnosis, vehicle: VehicleConfig, width: int = 96, *, verbose: bool = False
+    diagnosis: Diagnosis,
+    vehicle: VehicleConfig,
+    width: int = 96,
+    *,
+    checks: Iterable[str] = (),
+    verbose: bool = False,
 ) -> list[str]:
     """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
@@ -120,6 +125,8 @@ def diagnosis_lines(
         What the next step may have to change.
     width : int
         Of the terminal, in characters; held between 80 and 100.
+    checks : iterable of str
+        Where the recommended model is off.
     verbose : bool
         Everything: probabilities, residuals, detectable sizes, further steps.
     """
@@ -127,11 +134,12 @@ def diagnosis_lines(
     head = [*wrapped(headline_of(diagnosis), width), *_first_step(diagnosis, vehicle, width)]
     details = wrapped(" ".join(details_of(diagnosis)), width)
     causes, inconsistent = _causes(diagnosis, width), _inconsistent(diagnosis, width)
-    notes = _notes(texts_of(diagnosis.notes), width)
+    to_check, notes = _notes("To check", checks, width), _notes("Notes", texts_of(diagnosis.notes), width)
     whole = (
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
         inconsistent,
+        to_check,
         _soils(diagnosis, width),
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
@@ -146,7 +154,7 @@ def diagnosis_lines(
         notes,
     )
     worth = wrapped(gain_text(diagnosis.gain), width) if diagnosis.gain is not None else []
-    brief = (worth, inconsistent, notes, wrapped(_REST, width))
+    brief = (worth, inconsistent, to_check, notes, wrapped(_REST, width))
     parts = (head, details, causes, *(whole if verbose else brief))
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
@@ -424,9 +432,9 @@ def _step(run: NextRun) -> str:
     return f"{step_text(run)}: {worth_text(run)}{parted}{written}"
 
 
-def _notes(notes: Iterable[str], width: int) -> list[str]:
+def _notes(title: str, notes: Iterable[str], width: int) -> list[str]:
     lines = [line for note in notes for line in wrapped(note, width, "  ", "    ")]
-    return ["Notes", *lines] if lines else []
+    return [title, *lines] if lines else []
 
 
 def _indented(lines: Iterable[str]) -> list[str]:

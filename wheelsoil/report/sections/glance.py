@@ -14,7 +14,7 @@ from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, binned
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, load_shift
+from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, caution_text, load_shift
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
 from wheelsoil.report.words import number, signed
@@ -294,16 +294,6 @@ def _cautions(material: ReportInputs) -> list[Bias]:
         return biases(material.recommendation)
     except DataError:
         return []
-
-
-def caution_text(bias: Bias) -> str:
-    """Return a bias of the recommended model in words."""
-    factor, unit = page_unit(bias.channel)
-    low, high = (number(factor * size, 2) for size in bias.size)
-    size = f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
-    slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
-    side = "Driving" if bias.driving else "Braking"
-    return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}."
 
 
 def _again(grades: dict[str, Grade]) -> str:

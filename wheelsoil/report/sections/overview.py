@@ -30,8 +30,7 @@ from wheelsoil.report.content import (
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Recommendation, biases, recommended_causes
-from wheelsoil.report.sections.glance import caution_text
+from wheelsoil.report.recommendation import Recommendation, biases, caution_text, recommended_causes
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
