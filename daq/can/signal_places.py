@@ -56,9 +56,9 @@ def _place(
 def _bits(signal: Any) -> int:
     """Return a number with the signal's bits set; bit 0 is the lowest one of the first byte."""
     if signal.byte_order != "big_endian":
-        return ((1 << signal.length) - 1) << signal.start
-    first = 8 * (signal.start // 8) + 7 - signal.start % 8  # counted from the highest bit of the first byte
-    last = first + signal.length - 1
+        return ((1 << int(signal.length)) - 1) << int(signal.start)
+    first = 8 * (int(signal.start) // 8) + 7 - int(signal.start) % 8  # counted from the highest bit of the first byte
+    last = first + int(signal.length) - 1
     whole = (1 << 8 * (last // 8 + 1)) - (1 << 8 * (first // 8))  # all of the bytes that it touches
     before = ((1 << first % 8) - 1) << 8 * (first // 8) + 8 - first % 8
     behind = ((1 << 7 - last % 8) - 1) << 8 * (last // 8)

@@ -26,7 +26,7 @@ def test_a_vehicle_that_is_well_ends_with_0(vehicle: Path) -> None:
         result = ok("doctor", vehicle, *options(vehicle.parent))
     assert "pass  DBC coverage" in result.out
     assert "\nfail" not in result.out
-    assert result.out.splitlines()[-1].endswith(" 0 fail")
+    assert result.out.splitlines()[0].startswith("ready to log: ") and ", 0 fail" in result.out
     assert "listening for 0.5 s" in result.err
     assert not (vehicle.parent / "runs").exists()
 
@@ -47,6 +47,10 @@ def test_a_faulty_file_is_a_failed_check_and_a_missing_one_is_usage(vehicle: Pat
     vehicle.write_text("[[bus]]\nchanel = 1\n")
     result = invoke("doctor", vehicle, *options(vehicle.parent))
     assert result.code == 1
+    assert result.out.startswith("not ready to log: ")
+    assert "\nNext: " in result.out
+    steps = [line for line in result.out.splitlines() if line.startswith(" ")]
+    assert max(map(len, steps)) <= 96 and "\x1b" not in result.out
     assert "nearest: channel" in result.out
     assert "pass  folder" in result.out
     missing = invoke("doctor", vehicle.parent / "none.toml")

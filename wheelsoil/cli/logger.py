@@ -6,7 +6,7 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +15,7 @@ import typer
 
 from daq import ConfigError, DataError, Fault, HardwareError, check_logging
 from wheelsoil.cli import options
-from wheelsoil.console import print_json, print_pairs, printable_addresses, say
+from wheelsoil.console import folded, print_json, print_pairs, printable_addresses, say, terminal_width
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
@@ -59,19 +59,39 @@ def doctor_command(
     if json:
         print_json({"schema": "wheelsoil/doctor/1", "ready": not count["fail"], "count": count, "lines": lines})
     else:
-        _print(lines)
-        print(", ".join(f"{number} {verdict}" for verdict, number in count.items()))
+        _print(lines, count)
     if count["fail"]:
         raise typer.Exit(1)
 
 
-def _print(lines: list[Line]) -> None:
+_COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
+
+
+def _print(lines: list[Line], count: Mapping[str, int]) -> None:
+    """Print whether it is ready and the first step, then every check; in colour on a terminal."""
+    first = next((line for kind in ("fail", "warn") for line in lines if line.verdict.value == kind), None)
+    counted = ", ".join(f"{number} {verdict}" for verdict, number in count.items())
+    typer.echo(f"{'not ready' if count['fail'] else 'ready'} to log: {counted}")
+    if first is not None and first.next_step:
+        _fold("Next: ", first.next_step)
+    typer.echo()
     width = max(len(line.check) for line in lines)
     for line in lines:
-        where = f"{line.where}: " if line.where else ""
-        print(f"{line.verdict.value}  {line.check.ljust(width)}  {where}{line.found}")
+        verdict = line.verdict.value
+        found = f"{line.where}: {line.found}" if line.where else line.found
+        _fold(f"{verdict}  {line.check.ljust(width)}  ", found, verdict)
         if line.next_step:
-            print(f"{' ' * (width + 8)}-> {line.next_step}")
+            _fold(f"{'':{width + 8}}-> ", line.next_step)
+
+
+def _fold(margin: str, text: str, verdict: str = "") -> None:
+    """Print a text behind a margin that begins with a verdict, within the width."""
+    head, *more = folded(text, terminal_width() - len(margin))
+    begin = typer.style(verdict, _COLOURS[verdict]) if verdict else ""
+    line = f"{begin}{margin.removeprefix(verdict)}{head}"
+    typer.echo(line, color=False if os.environ.get("NO_COLOR") else None)
+    for line in more:
+        typer.echo(f"{'':{len(margin)}}{line}")
 
 
 def log_command(
