@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from cli_support import Result, invoke, ok
+from view_client import viewing
 
 import model.diagnosis
 import model.fit
@@ -99,13 +100,22 @@ def test_a_second_report_is_the_first(
 
 
 @pytest.mark.slow
-def test_a_report_takes_the_diagnosis_that_there_is(
+def test_a_report_and_the_page_take_the_diagnosis_that_there_is(
     place: Path, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ok("diagnose", campaign)
     monkeypatch.setattr(model.diagnosis, "diagnose", lambda *_: pytest.fail("diagnosed again"), raising=False)
     done = ok("report", campaign, "-o", tmp_path / "report.html")
     assert "diagnosed again" not in done.out + done.err + (tmp_path / "report.json").read_text()
+    assert kinds(place)["diagnosis"] == 1
+    told = json.loads((tmp_path / "report.json").read_text())["sections"]["glance"]["sentence"]
+    with viewing(campaign) as view:
+        [there] = view.until(lambda found: found[0]["diagnosis"]["state"] != "none", "the kept diagnosis on the page")
+        assert (there["diagnosis"]["state"], there["diagnosis"]["sentence"]) == ("done", told)
+        view.post("/api/choose", campaign="c1", choice={"min_speed_mps": 0.7})
+        assert view.settled()[0]["diagnosis"]["state"] == "none"
+        view.post("/api/choose", campaign="c1", choice={})
+        view.until(lambda found: found[0]["diagnosis"]["state"] == "done", "it again, with the choice that it is of")
     assert kinds(place)["diagnosis"] == 1
 
 

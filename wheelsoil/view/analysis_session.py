@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -43,7 +45,7 @@ class Processing:
     """A thread that hands waiting runs to a helper process.
 
     `lock` guards the state of the campaigns, `zero` stands in for the zero files that the vehicles name, `folder` is
-    for the processed runs.
+    for the processed runs, and `whole` is called with a campaign whose runs are all processed.
     """
 
     def __init__(
@@ -53,8 +55,10 @@ class Processing:
         helper: Helper,
         zero: Path | None,
         folder: Path,
+        whole: Callable[[ViewedCampaign], None],
     ) -> None:
         self._campaigns, self._lock, self._helper, self._zero, self._folder = campaigns, lock, helper, zero, folder
+        self._whole = whole
         self._preferred: ViewedRun | None = None
         self._news = threading.Event()
         self._closed = False
@@ -129,7 +133,9 @@ class Processing:
             if run.file is not None:
                 run.file.unlink(missing_ok=True)
             run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
-            run.update_state(next(campaign.options for campaign in self._campaigns if run in campaign.runs))
+            campaign = next(one for one in self._campaigns if run in one.runs)
+            run.update_state(campaign.options)
+            self._whole(campaign)
 
 
 class UnknownKeyError(ConfigError):
@@ -150,7 +156,8 @@ class AnalysisSession:
         self._started = token_hex(8)
         self._scratch = TemporaryDirectory(prefix="wheelsoil-view-", ignore_cleanup_errors=True)
         self._quick, self._slow = Helper("quick helper"), Helper("slow helper")
-        self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
+        folder = Path(self._scratch.name)
+        self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, folder, self._recall)
 
     def close(self) -> None:
         """End the helpers and delete their files; pending requests fail. Calling it again has no effect."""
@@ -313,8 +320,26 @@ class AnalysisSession:
                 if run.state != "processing":
                     run.update_state(campaign.options)
             entry = campaign_entry(campaign, self.files)
+            self._recall(campaign)
         self._processing.wake()
         return entry
+
+    def _recall(self, campaign: ViewedCampaign) -> None:
+        """Have the diagnosis of a campaign stand there if all its runs are processed and it is kept from before."""
+        mine = campaign.diagnosis
+        if campaign.pending or mine.state != "none":
+            return
+        with suppress(WheelsoilError):
+            members, choices = campaign.members(), campaign.choice.fit_choices()
+            asked = self._quick.ask(jobs.kept_diagnosis, members, self.paths, self.files.soil, choices)
+            asked.add_done_callback(lambda _: self._put_kept(campaign, mine, asked))
+
+    def _put_kept(self, campaign: ViewedCampaign, mine: DiagnosisOnPage, asked: Future[dict[str, Any] | None]) -> None:
+        if asked.cancelled() or asked.exception() is not None or asked.result() is None:
+            return
+        with self.lock:
+            if campaign.diagnosis is mine:
+                mine.found, mine.state, mine.share = asked.result(), "done", 1.0
 
     def _discard_results(self, campaign: ViewedCampaign, changed: set[str]) -> None:
         """Discard the results of another choice, and cancel the computations for it."""

@@ -25,7 +25,13 @@ from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import reduction_in, refusal_words, sentences_of, size_text
-from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
+from wheelsoil.workflows.diagnosis import (
+    Processed,
+    campaigns_of,
+    diagnose_campaigns,
+    diagnosis_options,
+    known_diagnosis,
+)
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.key_figures import figures_of_diagnosis
 from wheelsoil.workflows.runs import process_runs
@@ -150,9 +156,20 @@ def diagnose_members(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
 ) -> dict[str, Any]:
     """Return the diagnosis as `diagnose --json` prints it, with its sentences; see `diagnose_campaigns` for errors."""
-    processed = _taken(members, "diagnose")
-    options = diagnosis_options(choices.reading)
-    diagnosis = diagnose_campaigns(campaigns_of(paths, processed, soil), options)
+    campaigns = campaigns_of(paths, _taken(members, "diagnose"), soil)
+    return _on_page(diagnose_campaigns(campaigns, diagnosis_options(choices.reading)))
+
+
+def kept_diagnosis(
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+) -> dict[str, Any] | None:
+    """Return what `diagnose_members` returns if it is kept from before; else None, without computing it."""
+    campaigns = campaigns_of(paths, _taken(members, "diagnose"), soil)
+    diagnosis = known_diagnosis(campaigns, diagnosis_options(choices.reading))
+    return None if diagnosis is None else _on_page(diagnosis)
+
+
+def _on_page(diagnosis: Diagnosis) -> dict[str, Any]:
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown_of(diagnosis))
     return found
 

@@ -266,6 +266,12 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     return _with_remarks(found, campaigns)
 
 
+def known_diagnosis(campaigns: Sequence[Campaign], options: DiagnosisOptions) -> Diagnosis | None:
+    """Return what `diagnose_campaigns` returns, where it is kept; else None, without computing it."""
+    found: Diagnosis | None = known("diagnosis", (tuple(campaigns), options))
+    return None if found is None else _with_remarks(found, campaigns)
+
+
 def bench_of(files: BenchFiles) -> Bench:
     """Return the rows of a bench table as a diagnosis takes them."""
     table = files.rows
