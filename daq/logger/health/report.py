@@ -46,9 +46,11 @@ NEXT_STEPS = {
     "gnss_clock_residual": "look at the load of the bus and at the receiver's output rate",
     "gnss_clock_drift": "check that gnss_time names the receiver's UTC; times between runs are fitted anyhow",
     "disk_low": "free the disk or record elsewhere: recording ends by itself at disk_reserve_mb",
+    "disk_failed": "free or change the disk, and start the logger again; what was written before stays readable",
     "queue_filling": "end other programs that write; record to a faster disk",
     "inspection_skipped": "end other programs; lower decoded_rate_hz in [logger]",
     "inspection_failed": "restart the logger when there is time, and report the text",
+    "folder_closed": "let the logger's user write to the folder: no other run or part can begin there",
     "file_gone": "look for the file, and repeat the run if it is gone; "
     "leave the folder alone while it is recorded into",
     "inspection_stuck": "restart the logger when there is time, and report it",
