@@ -1,4 +1,4 @@
-"""Import of logs against python-can's own readers."""
+"""Import of logs and of decoded series against the readers of python-can, pyarrow, npTDMS, scipy and h5py."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
+import nptdms
 import numpy as np
 import pandas as pd
+import pyarrow.csv
+import pyarrow.parquet
+import scipy.io
 
-from benchmarks.table import Row, at_least, compared, judged, rate_of
-from benchmarks.timing import median_cpu_seconds, side_by_side
+from benchmarks.table import Mark, Row, at_least, compared, rate_of
+from benchmarks.timing import side_by_side
+from daq import FloatArray
 from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag, messages_from_frames
 from daq.logs import read_log, write_candump
 from daq.series import read_series
@@ -20,7 +26,11 @@ from daq.series import read_series
 FRAMES, TEXT_FRAMES = 300_000, 60_000
 """In a log; fewer in the formats that python-can reads slowly."""
 SERIES_ROWS = 500_000
+TDMS_SEGMENT = 1250
+MOST = 1.3
+"""Times what the library takes by itself."""
 ROUNDS = 5
+Arrays = dict[str, FloatArray]
 
 
 def rows() -> list[Row]:
@@ -32,30 +42,107 @@ def rows() -> list[Row]:
         ("candump", frames, None, can.CanutilsLogReader, 5),
         ("ASC", frames, can.ASCWriter, can.ASCReader, 10),
         ("TRC", frames, can.TRCWriter, can.TRCReader, 5),
-        ("CSV", frames[:TEXT_FRAMES], can.CSVWriter, can.CSVReader, 1),
+        ("CSV", frames[:TEXT_FRAMES], can.CSVWriter, can.CSVReader, 3),
     ]
     with tempfile.TemporaryDirectory() as folder:
         return [*(_row(Path(folder), *one) for one in formats), *_series(Path(folder))]
 
 
 def _series(folder: Path) -> list[Row]:
-    """Measure decoded series: seven columns of float64 are 56 bytes a row."""
+    """Measure decoded series: a time and six columns of float64, 56 bytes a row."""
     rng = np.random.default_rng(0)
     columns = {"time_s": np.arange(SERIES_ROWS) * 1e-3}
-    columns |= {f"c{i} [N]": rng.normal(size=SERIES_ROWS).round(4) for i in range(6)}
-    found = []
-    for suffix, least in (("csv", 50), ("parquet", 200)):
-        path = folder / f"series.{suffix}"
-        pd.DataFrame(columns).to_csv(path, index=False) if suffix == "csv" else pd.DataFrame(columns).to_parquet(path)
+    columns |= {f"c{i}": rng.normal(size=SERIES_ROWS).round(4) for i in range(6)}
+    compared_with = (
+        ("csv", "pyarrow", _arrow_csv, at_least(0.8, "x")),
+        ("parquet", "pyarrow", _arrow_parquet, None),
+        ("tdms", "npTDMS", _nptdms, at_least(0.77, "x")),
+    )
+    found = [_series_row(_written(folder, columns, suffix), *others) for suffix, *others in compared_with]
+    apart = (("mat", "scipy", _loadmat), ("h5", "h5py", _h5py))
+    return found + [_row_apart(folder, columns, *others) for others in apart]
 
-        def read(path: Path = path) -> None:
-            rows = sum(len(block) for blocks in read_series(path).blocks() for block in blocks)
-            if rows != SERIES_ROWS:
-                raise AssertionError(f"{rows} of {SERIES_ROWS} rows")
 
-        rate = SERIES_ROWS * 56 / 1e6 / median_cpu_seconds(read)
-        found.append(judged(f"{suffix} series, decoded bytes", f"{rate:.0f} MB/s", rate, at_least(least, "MB/s")))
-    return found
+def _series_row(path: Path, peer: str, read: Callable[[Path], Arrays], mark: Mark | None) -> Row:
+    found = side_by_side(
+        {"ours": partial(_read_series, path, SERIES_ROWS), "peer": partial(_read_by, read, path)}, ROUNDS
+    )
+    what = f"{path.suffix[1:]} series, {SERIES_ROWS:,} rows"
+    return compared(what, found["ours"], peer, found["peer"], rate_of(SERIES_ROWS, "rows"), mark)
+
+
+def _row_apart(folder: Path, columns: Arrays, suffix: str, peer: str, read: Callable[[Path], Arrays]) -> Row:
+    """Compare a reader in a process of its own with the start of that process and `MOST` times what the peer takes."""
+    path = _written(folder, columns, suffix)
+    (folder / "small").mkdir(exist_ok=True)
+    small = _written(folder / "small", {name: values[:2] for name, values in columns.items()}, suffix)
+    found = side_by_side(
+        {
+            "ours": partial(_read_series, path, SERIES_ROWS),
+            "start": partial(_read_series, small, 2),
+            "peer": partial(_read_by, read, path),
+        },
+        ROUNDS,
+    )
+    allowed = [start + MOST * seconds for start, seconds in zip(found["start"], found["peer"], strict=True)]
+    what, beside = f"{suffix} series, {SERIES_ROWS:,} rows", f"start of a process and {MOST} x {peer}"
+    return compared(what, found["ours"], beside, allowed, rate_of(SERIES_ROWS, "rows"), at_least(1, "x"))
+
+
+def _read_series(path: Path, rows: int) -> None:
+    _all_of(rows, lambda: sum(len(block) for blocks in read_series(path).blocks() for block in blocks))
+
+
+def _read_by(read: Callable[[Path], Arrays], path: Path) -> None:
+    _all_of(SERIES_ROWS, lambda: min(len(values) for values in read(path).values()))
+
+
+def _written(folder: Path, columns: Arrays, suffix: str) -> Path:
+    path = folder / f"series.{suffix}"
+    if suffix == "csv":
+        pd.DataFrame(columns).to_csv(path, index=False)
+    elif suffix == "parquet":
+        pd.DataFrame(columns).to_parquet(path)
+    elif suffix == "mat":
+        scipy.io.savemat(path, columns, oned_as="column")
+    elif suffix == "h5":
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                file[name] = values
+    else:
+        _write_tdms(path, columns)
+    return path
+
+
+def _write_tdms(path: Path, columns: Arrays) -> None:
+    """Write segments as a logger appends them."""
+    with nptdms.TdmsWriter(path) as writer:
+        for start in range(0, SERIES_ROWS, TDMS_SEGMENT):
+            part = slice(start, start + TDMS_SEGMENT)
+            writer.write_segment([nptdms.ChannelObject("g", name, values[part]) for name, values in columns.items()])
+
+
+def _arrow_csv(path: Path) -> Arrays:
+    table = pyarrow.csv.read_csv(path)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _arrow_parquet(path: Path) -> Arrays:
+    table = pyarrow.parquet.read_table(path)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _nptdms(path: Path) -> Arrays:
+    return {one.name: one[:] for group in nptdms.TdmsFile.read(path).groups() for one in group.channels()}
+
+
+def _loadmat(path: Path) -> Arrays:
+    return {name: values for name, values in scipy.io.loadmat(path).items() if not name.startswith("__")}
+
+
+def _h5py(path: Path) -> Arrays:
+    with h5py.File(path) as file:
+        return {name: values[:] for name, values in file.items()}
 
 
 def _bus_load() -> FrameBatch:

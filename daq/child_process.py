@@ -17,8 +17,11 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
+
+import numpy as np
 
 from daq.errors import RecordingError, WheelsoilError
 from daq.limits import LIBRARY_BYTES_PER_S, LIBRARY_MEMORY_BYTES, LIBRARY_PATIENCE_S
@@ -69,7 +72,7 @@ def _next(process: subprocess.Popen[bytes], complaints: IO[bytes], patience_s: f
     watchdog = threading.Timer(patience_s, process.kill)
     watchdog.start()
     try:
-        answer: tuple[Any] | Exception | None = pickle.load(process.stdout)
+        answer = _received(process.stdout)
     except (EOFError, pickle.UnpicklingError):  # it ended, or was ended, in the middle
         code = process.wait()
         if time.monotonic() - began_s >= patience_s:
@@ -80,6 +83,28 @@ def _next(process: subprocess.Popen[bytes], complaints: IO[bytes], patience_s: f
     if isinstance(answer, Exception):
         raise answer
     return answer
+
+
+def _received(pipe: IO[bytes]) -> tuple[Any] | Exception | None:
+    """Return what `_send` sent; arrays lie in the memory that they were received into."""
+    sizes, body = pickle.load(pipe)
+    parts = [np.empty(size, np.uint8) for size in sizes]
+    for part in parts:
+        if pipe.readinto(part) < len(part):  # type: ignore[attr-defined]
+            raise EOFError
+    answer: tuple[Any] | Exception | None = pickle.loads(body, buffers=parts)
+    return answer
+
+
+def _send(answer: Any, pipe: IO[bytes]) -> None:
+    """Send an answer: its arrays as they lie in memory, ahead of them their sizes and what else there is."""
+    parts: list[pickle.PickleBuffer] = []
+    body = pickle.dumps(answer, protocol=5, buffer_callback=parts.append)
+    views = [part.raw() for part in parts]
+    pickle.dump(([len(view) for view in views], body), pipe)
+    for view in views:
+        pipe.write(view)
+    pipe.flush()
 
 
 def _ending(code: int) -> str:
@@ -100,10 +125,7 @@ def _memory_bytes(path: str) -> int:
 
 
 def _serve(task: str, path: str, arguments: list[str], out: IO[bytes]) -> None:
-    def say(answer: Any) -> None:
-        pickle.dump(answer, out, protocol=5)
-        out.flush()
-
+    say = partial(_send, pipe=out)
     module, _, function = task.partition(":")
     try:
         for answer in getattr(importlib.import_module(module), function)(path, *arguments):

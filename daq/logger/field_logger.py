@@ -25,7 +25,16 @@ from daq.logger.host_monitor import DiskGuard
 from daq.logger.inspection import Inspection, Inspector
 from daq.logger.panel import NoPanel, Panel
 from daq.logger.recorder import Recorder, RecorderOptions
-from daq.logger.run_files import SUFFIX, RunFiles, folder_lock, named_run, new_run, safe_name, unfinished_run
+from daq.logger.run_files import (
+    SUFFIX,
+    FolderLock,
+    RunFiles,
+    folder_lock,
+    named_run,
+    new_run,
+    safe_name,
+    unfinished_run,
+)
 from daq.logger.session import Session
 from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
 from daq.machine import check_logging
@@ -146,7 +155,7 @@ def log(
     known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
     opener = opener or partial(open_source, buffer_bytes=vehicle.logger.receive_buffer_bytes)
     with ExitStack() as stack:
-        folder, files, sources = _opened(known, opener, stack)
+        folder, lock, files, sources = _opened(known, opener, stack)
         limits = vehicle.logger
         guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
         usable, role_remarks = _with_usable_roles(vehicle, known.databases)
@@ -154,7 +163,7 @@ def log(
         clock = HostClock()
         inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
         remarks = [*(remark for source in sources for remark in source.remarks), *role_remarks]
-        options = _recorder_options(known, usable, folder, remarks)
+        options = _recorder_options(known, usable, folder, remarks, lock)
         caught = stack.enter_context(caught_signals())
         stack.enter_context(quick_switching())
         parts = SessionParts(
@@ -190,25 +199,26 @@ class _Known:
 
 def _opened(
     known: _Known, opener: Callable[[BusSection], Source], stack: ExitStack
-) -> tuple[Path, RunFiles | None, list[ReconnectingSource]]:
+) -> tuple[Path, FolderLock, RunFiles | None, list[ReconnectingSource]]:
     """Take the folder and open every bus; a folder that is not there is made last."""
     folder, named = _target(known.out, known.run)
     _check_folder(folder)
-    if folder.is_dir():
-        stack.enter_context(folder_lock(folder))
+    lock = stack.enter_context(folder_lock(folder)) if folder.is_dir() else None
     files = _files(folder, named, known)
     sources = _open_all(list({bus.channel: bus for bus in known.vehicle.bus}.values()), opener, stack)
-    if not folder.is_dir():
+    if lock is None:
         _make_folder(folder)
-        stack.enter_context(folder_lock(folder))
-    return folder, files, sources
+        lock = stack.enter_context(folder_lock(folder))
+    return folder, lock, files, sources
 
 
-def _recorder_options(known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str]) -> RecorderOptions:
+def _recorder_options(
+    known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str], lock: FolderLock
+) -> RecorderOptions:
     settings = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
     settings |= {f"remark.{number}": text for number, text in enumerate(remarks)}
     databases = known.databases if known.view and known.databases else None
-    return RecorderOptions(usable, folder, known.attachments, {**settings, **known.metadata}, databases)
+    return RecorderOptions(usable, folder, known.attachments, {**settings, **known.metadata}, databases, lock)
 
 
 def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:

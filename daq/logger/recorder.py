@@ -6,6 +6,7 @@ evenly; the time of the next run begins with the right date.
 
 from __future__ import annotations
 
+import os
 import uuid
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import Fault, HardwareError, RecordingError
 from daq.host_clock import HostClock
 from daq.logger.listener import Arrival
-from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, RunFiles, new_run
+from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, FolderLock, RunFiles, new_run
 from daq.recording import DiagnosticStatus, Event, PartWriter
 from daq.recording.decoded_topics import DecodedWriter
 from daq.recording.events import Severity
@@ -98,6 +99,8 @@ class RecorderOptions:
         See `daq.recording.PartWriter`.
     databases : mapping bus -> databases, or None
         None: no decoded topics.
+    lock : FolderLock, optional
+        On `folder`.
     """
 
     vehicle: VehicleConfig
@@ -105,6 +108,7 @@ class RecorderOptions:
     attachments: Mapping[str, bytes]
     metadata: Mapping[str, str]
     databases: Mapping[str, tuple[Database, ...]] | None
+    lock: FolderLock | None = None
 
 
 class Recorder:
@@ -228,7 +232,10 @@ class Recorder:
     def start(self, run_id: str) -> str:
         """Begin a run; a running one ends. Return a remark for the user, or nothing."""
         base = self._base.model_copy(update={"id": run_id or self._base.id})
-        run = new_run(self._options.folder, base, self._options.vehicle)
+        try:
+            run = new_run(self._options.folder, base, self._options.vehicle)
+        except RecordingError as error:
+            return self._continues(error)
         return self._switch(run) or (run.remark if run_id else "")
 
     def stop(self) -> str:
@@ -257,17 +264,31 @@ class Recorder:
     def replace_lost_file(self) -> str:
         """Continue in another file where the current one was moved or removed; return a remark then, else nothing."""
         lost = self.path
+        if not _is_gone(lost):
+            return ""
         try:
-            if lost.exists():
-                return ""
             make_folder(lost.parent)
             self._writer.rotate()
         except (OSError, RecordingError, HardwareError) as error:
             return f"{lost.name} was moved or removed, and no other can be begun: {error}"
         self._note_part()
         text = f"{lost.name} was moved or removed while it was written: recording continues in {self.path.name}"
+        try:
+            if self._options.lock is not None:
+                self._options.lock.renew()
+        except HardwareError as error:
+            text += f"; {error.faults[0].what}"
         self.event("part", text, "error")
         return text
+
+    def folder_fault(self) -> str:
+        """Return why no other file can be made beside the current one; empty where one can be."""
+        if self._rotation_fault is not None:
+            return f"{self._rotation_fault.what}: {self._rotation_fault.found}"
+        folder = self.path.parent
+        effective = os.access in os.supports_effective_ids
+        allowed = os.access(folder, os.W_OK | os.X_OK, effective_ids=effective)
+        return "" if allowed else f"no file can be made in {folder}"
 
     def close(self, exit_status: str) -> None:
         """Close the file."""
@@ -322,9 +343,7 @@ class Recorder:
         try:
             following = self._writer_of(run)
         except (RecordingError, HardwareError) as error:
-            text = f"recording continues in {old.path.name}: {error.faults[0]}"
-            self.event("run", text, "error")
-            return text
+            return self._continues(error)
         try:
             self._conclude()
             old.close()
@@ -333,6 +352,11 @@ class Recorder:
             self._bytes_before += old.bytes_written
             self._begin(run, following)
         return ""
+
+    def _continues(self, error: RecordingError | HardwareError) -> str:
+        text = f"recording continues in {self.path.name}: {error.faults[0]}"
+        self.event("run", text, "error")
+        return text
 
     def _conclude(self) -> None:
         """Write the end of a run, and the fit and steps of the clock."""
@@ -355,3 +379,14 @@ class Recorder:
             self._rotation_fault = writer.rotation_fault
             if self._rotation_fault is not None:
                 self.event("part", f"no new file can be begun: {self._rotation_fault}", "error")
+
+
+def _is_gone(file: Path) -> bool:
+    """Return whether a file is no longer where it was made; one in a folder that may not be entered is."""
+    try:
+        file.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        return False
+    return False

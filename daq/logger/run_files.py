@@ -41,32 +41,57 @@ _LONGEST_NAME_BYTES = 200
 """File systems take 255; a part's number and the ending come behind it."""
 
 
-@contextmanager
-def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder for one logger.
+class FolderLock:
+    """A logger's hold on its folder.
 
     A file system that knows no such locks (some network ones) is used without, and so is a system without `fcntl`.
 
     Raises
     ------
     HardwareError
-        If another logger holds it.
+        If another logger holds it; from `renew` too.
     """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._descriptor = _held(folder)
+
+    def renew(self) -> None:
+        """Hold the folder that is in its place now, if it was removed and made again."""
+        if not os.path.samestat(os.fstat(self._descriptor), self._folder.stat()):
+            old, self._descriptor = self._descriptor, _held(self._folder)
+            os.close(old)
+
+    def close(self) -> None:
+        """Release it."""
+        os.close(self._descriptor)
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[FolderLock]:
+    """Hold the folder for one logger; see `FolderLock`."""
+    lock = FolderLock(folder)
+    try:
+        yield lock
+    finally:
+        lock.close()
+
+
+def _held(folder: Path) -> int:
+    """Return an open, locked folder."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            _take(descriptor)
-        except BlockingIOError:
-            raise HardwareError.of(
-                "another logger records into this folder",
-                folder,
-                next_step="end it, or give this one a folder of its own: --out",
-            ) from None
-        except OSError:
-            pass
-        yield
-    finally:
+        _take(descriptor)
+    except BlockingIOError:
         os.close(descriptor)
+        raise HardwareError.of(
+            "another logger records into this folder",
+            folder,
+            next_step="end it, or give this one a folder of its own: --out",
+        ) from None
+    except OSError:
+        pass
+    return descriptor
 
 
 def is_being_recorded(file: Path) -> bool:

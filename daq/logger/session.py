@@ -142,6 +142,8 @@ class Session:
             self._disk_faults = self._disk_faults or error.faults
         finally:
             self._count_unwritten()
+        if self._disk_faults:
+            self._shield.run(lambda: self._monitor.show_failed_disk(self._disk_faults[0]))
         for one in self._listeners:
             if not one.is_alive():
                 one.source.close()

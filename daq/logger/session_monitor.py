@@ -192,6 +192,8 @@ class SessionMonitor:
         self._failures_reported = 0
         self._failed_at = -_FAILURE_STANDS_S
         self._file_lost, self._file_lost_at = "", -math.inf
+        self._folder_fault = ""
+        self._disk_fault: Fault | None = None
         self._stuck_reported = False
         self._stopping = False
         self._asked: list[Command] = []
@@ -229,6 +231,11 @@ class SessionMonitor:
         self._note_clock()
         self._parts.panel.show(snapshot(self._state()))
 
+    def show_failed_disk(self, fault: Fault) -> None:
+        """Show that the disk has ended the recording."""
+        self._disk_fault = fault
+        self._parts.panel.show(snapshot(self._state()))
+
     def note_losses(self) -> None:
         """Pass the counts of lost frames to the recorder."""
         drops = {bus: status.kernel_drops for bus, status in self._host_monitor.buses().items()}
@@ -261,6 +268,7 @@ class SessionMonitor:
         if not self._host_monitor.hopeless():
             self._parts.notifier.alive()
         self._replace_lost_file()
+        self._check_folder()
         self.note_losses()
         self._write_health()
         self._note_clock()
@@ -272,6 +280,17 @@ class SessionMonitor:
         if text:
             self._file_lost, self._file_lost_at = text, time.monotonic()
             self._remark(text)
+
+    def _check_folder(self) -> None:
+        """Record an event when no other file can be made any more, and when one can be again."""
+        before, self._folder_fault = self._folder_fault, self._recorder.folder_fault()
+        if self._folder_fault and not before:
+            self._recorder.event("folder", self._folder_words(), "warning")
+        elif before and not self._folder_fault:
+            self._recorder.event("folder", "files can be made again")
+
+    def _folder_words(self) -> str:
+        return f"{self._folder_fault}; recording continues in {self._recorder.path.name}"
 
     def _write_health(self) -> None:
         if self._report is not None:
@@ -342,6 +361,11 @@ class SessionMonitor:
     def _reasons(self) -> tuple[Reason, ...]:
         """Return the current reasons that the last report, which may be old, does not contain."""
         found = self._host_monitor.stuck()
+        if self._disk_fault is not None:
+            what = f"recording has ended: {self._disk_fault.what} ({self._disk_fault.found})"
+            found.append(reason("disk_failed", Level.RED, "disk", what))
+        if self._folder_fault:
+            found.append(reason("folder_closed", Level.AMBER, "recording", self._folder_words()))
         if time.monotonic() - self._file_lost_at < _LOST_FILE_STANDS_S:
             found.append(reason("file_gone", Level.RED, "recording", self._file_lost))
         if self._stuck_reported:

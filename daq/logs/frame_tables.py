@@ -14,6 +14,7 @@ import numpy as np
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
 from daq.config import SeriesSection
 from daq.errors import ConfigError, Fault, nearest
+from daq.logs.frame_cells import Data, bytes_of_cells, bytes_of_text, columns_of_text, different_rows
 from daq.logs.report import EMPTY, HEADERS, LogReport
 from daq.logs.shapes import text_blocks
 from daq.series.blocks import SeriesReport
@@ -291,6 +292,9 @@ class _Head(NamedTuple):
     needs_data: bool
 
 
+_HEADS = np.dtype(list(zip(_Head._fields, ("i8", "i8", "i8", "i8", "i8", "?", "?"), strict=True)))
+Cells = Sequence[str] | Mapping[int, str]
+"""Of a row, by their place."""
 _Frame = tuple[str, bytes, int, _Head, int]
 """Time, data, line, head and length; a plain tuple, for there are millions."""
 
@@ -309,11 +313,15 @@ class _Rows:
         self._stamps_report = SeriesReport(report.path, "times")
         self._stamps = TimeStamps(columns.time.name, columns.time.form, SeriesSection(), self._stamps_report)
         self._numeric: bool | None = None
-        self._head_of: Callable[[Sequence[str]], Any] = itemgetter(self._id, *self._others.values())
+        self._head_of: Callable[[Any], Any] = itemgetter(self._id, *self._others.values())
         self._heads: dict[Any, _Head] = {}
 
     def read(self, block: bytes, first_line: int) -> Iterator[FrameBatch]:
-        """Yield the frames of whole lines, as one batch."""
+        """Yield the frames of whole lines, as one batch: by columns, or line by line where one is not as usual."""
+        quick = self._by_columns(block)
+        if quick is not None:
+            yield from self._usable(*quick, first_line + np.arange(len(quick[0])))
+            return
         found: list[_Frame] = []
         empty = -block.endswith(b"\n")  # what is behind the last line feed is no line
         for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
@@ -343,7 +351,7 @@ class _Rows:
             raise ValueError(f"{len(data)} bytes of data for a length of {length}")
         return cells[self._time], data, number, head, min(length, head.most)
 
-    def _head(self, cells: Sequence[str]) -> _Head:
+    def _head(self, cells: Cells) -> _Head:
         """Return what the cells beside time and data say: there are few such rows, and many frames of each."""
         can_id, extended = self._identifier(cells[self._id])
         flags = FrameFlag(0)
@@ -379,7 +387,7 @@ class _Rows:
             raise ValueError("an identifier beyond 29 bits")
         return can_id, extended or can_id > 0x7FF
 
-    def _is(self, key: str, cells: Sequence[str]) -> bool:
+    def _is(self, key: str, cells: Cells) -> bool:
         if key not in self._others:
             return False
         return cells[self._others[key]].lower() in ("1", "true", "x", "yes", "e")
@@ -396,38 +404,88 @@ class _Rows:
         return data[:length] if length >= 0 else data
 
     def _batch(self, found: list[_Frame]) -> Iterator[FrameBatch]:
+        import pyarrow as pa
+
         times, data, numbers, heads, lengths = zip(*found, strict=True)
         wide = any(flags & int(FrameFlag.FD) for flags in {head.flags for head in heads})
         frames = np.zeros(len(found), FD_DTYPE if wide else CLASSIC_DTYPE)
         room = frames["data"].shape[1]
-        frames["time_ns"], usable = self._times(times)
         frames["can_id"] = [head.can_id for head in heads]
         frames["flags"] = [head.flags for head in heads]
         frames["bus"] = [head.bus for head in heads]
         frames["length"] = lengths
         joined = b"".join([one.ljust(room, b"\0") for one in data])
         frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
-        lines = np.array(numbers)
+        yield from self._usable(frames, pa.array(times, pa.string()), np.array(numbers))
+
+    def _by_columns(self, block: bytes) -> tuple[np.ndarray, Any] | None:
+        """Return the frames of whole lines without their times, and the cells of these; None if a line is unusual."""
+        places = (self._time, self._id, *self._others.values(), *self._data)
+        columns = columns_of_text(block, self._delimiter, places)
+        kinds = columns and different_rows([columns[place] for place in (self._id, *self._others.values())])
+        if not columns or not kinds:
+            return None
+        first, kind = kinds
+        if len(first) > _MOST_HEADS:
+            return None
+        try:
+            heads = np.array([self._head_in(columns, row) for row in first.tolist()], _HEADS)
+        except (ValueError, KeyError, OverflowError):
+            return None
+        each, wide = heads[kind], (heads["flags"] & int(FrameFlag.FD)).any()
+        frames = np.zeros(len(kind), FD_DTYPE if wide else CLASSIC_DTYPE)
+        room = frames["data"].shape[1]
+        data = self._data_in(columns, each, room)
+        if data is None:
+            return None
+        lengths = np.where(each["length"] < 0, data.lengths, each["length"])
+        if ((data.lengths > each["most"]) | ((lengths > data.lengths) & each["needs_data"])).any():
+            return None
+        frames["can_id"], frames["flags"], frames["bus"] = each["can_id"], each["flags"], each["bus"]
+        frames["length"], frames["data"] = np.minimum(lengths, each["most"]), data.values[:, :room]
+        return frames, columns[self._time]
+
+    def _head_in(self, columns: Mapping[int, Any], row: int) -> _Head:
+        cells = {place: columns[place][row].as_py() for place in (self._id, *self._others.values())}
+        key = self._head_of(cells)
+        if key not in self._heads:
+            self._heads[key] = self._head({place: cell.strip() for place, cell in cells.items()})
+        return self._heads[key]
+
+    def _data_in(self, columns: Mapping[int, Any], each: np.ndarray, room: int) -> Data | None:
+        cells = [columns[place] for place in self._data]
+        if len(cells) > 1:
+            return bytes_of_cells(cells, 16 if self._form == "hex" else 10, each["has_data"], each["length"], room)
+        if self._form == "dec":
+            return None
+        data = bytes_of_text(cells[0], self._form, each["has_data"], _MOST_BYTES)
+        if data is None or self._form == "base64":
+            return data
+        return data.up_to(np.where(each["length"] < 0, data.lengths, each["length"]))
+
+    def _usable(self, frames: np.ndarray, times: Any, lines: np.ndarray) -> Iterator[FrameBatch]:
+        """Yield frames with their times, but for those that have none."""
+        frames["time_ns"], usable = self._times(times)
         for i in np.flatnonzero(~usable).tolist():
-            self._report.note_bad(f"line {numbers[i]}", f"no time: {times[i][:_SHOWN]}")
+            self._report.note_bad(f"line {lines[i]}", f"no time: {times[i].as_py()[:_SHOWN]}")
         frames, lines = frames[usable], lines[usable]
         self._report.local_time |= self._stamps_report.unzoned
         if len(frames):
             self._report.note_frames(frames, lambda i: f"line {lines[i]}")
             yield FrameBatch(frames, tuple(self._report.buses))
 
-    def _times(self, cells: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    def _times(self, cells: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return nanoseconds, and which are usable: numbers where the first one is a number, else dates."""
         import pyarrow as pa
 
         if self._numeric is None:
-            self._numeric = _number(cells[0]) == _number(cells[0])
+            self._numeric = _number(cells[0].as_py()) == _number(cells[0].as_py())
         if not self._numeric:
-            return self._stamps.of(np.array(cells, object))
+            return self._stamps.of(np.array(cells.to_pylist(), object))
         try:
-            numbers = pa.array(cells, pa.string()).cast(pa.float64()).to_numpy()
+            numbers = cells.cast(pa.float64()).to_numpy()
         except pa.ArrowInvalid:
-            numbers = np.array([_number(cell) for cell in cells])
+            numbers = np.array([_number(cell) for cell in cells.to_pylist()])
         return self._stamps.of(numbers)
 
 

@@ -144,7 +144,8 @@ class DiskFile:
 
     def _given_up(self, error: OSError) -> HardwareError:
         self.failed = True
-        what, step = "the recording cannot be written on", "free the disk; what was written before stays readable"
+        what = "the recording cannot be written on"
+        step = "free or change the disk; what was written before stays readable"
         return HardwareError.of(what, self._path, error.strerror or str(error), next_step=step)
 
     def _cut_back(self) -> None:

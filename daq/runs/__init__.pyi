@@ -1,6 +1,7 @@
 from .commanded_slip import replaced_speed as replaced_speed
 from .open import Collected as Collected
 from .open import campaign_folders as campaign_folders
+from .open import holds_runs as holds_runs
 from .open import is_run_file as is_run_file
 from .open import known_beside as known_beside
 from .open import open_runs as open_runs

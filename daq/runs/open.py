@@ -87,7 +87,7 @@ def _is_table_of_a_run(path: Path) -> bool:
 
 
 def holds_runs(folder: Path) -> bool:
-    """Return whether a folder names runs or has some; raises as `logs_in`."""
+    """Return whether a folder names runs or has some; OSError if it cannot be read."""
     return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
 
 

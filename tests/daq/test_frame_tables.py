@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 
 import can
@@ -187,3 +188,46 @@ def test_what_python_can_writes_is_still_read(tmp_path: Path) -> None:
                 can.Message(timestamp=1.7e9 + i, arbitration_id=i, is_extended_id=False, data=[i])
             )
     assert sum(map(len, read_log(tmp_path / "a.csv"))) == 3
+
+
+_CELLS = st.tuples(
+    st.integers(0, 0x7FF), st.booleans(), st.binary(max_size=8), st.integers(0, 9), st.sampled_from(["", "!", "0x"])
+)
+
+
+@given(
+    rows=st.lists(_CELLS, min_size=2, max_size=12), program=st.sampled_from(["python-can", "SavvyCAN", "Kvaser", "CSS"])
+)
+def test_a_table_by_columns_is_the_table_line_by_line(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, bool, bytes, int, str]], program: str
+) -> None:
+    """A quotation mark has every line of a table read by itself; lengths and data may contradict each other."""
+    rows = [(1, False, b"\x01", 1, ""), *rows]
+    lines = [_line(program, i, *row) for i, row in enumerate(rows)]
+    quoted = [",".join(['"' + cells[0] + '"', *cells[1:]]) for cells in (line.split(",") for line in lines)]
+    folder = tmp_path_factory.mktemp("table")
+    one, other = (read(folder / "a.csv", "\n".join([_HEADERS[program], *body, ""])) for body in (lines, quoted))
+    assert content(one[0]) == content(other[0])
+    assert np.array_equal(one[0].frames["time_ns"], other[0].frames["time_ns"])
+    assert one[1].report.bad == other[1].report.bad
+
+
+_HEADERS = {
+    "python-can": "timestamp,arbitration_id,extended,remote,error,dlc,data",
+    "SavvyCAN": "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8",
+    "Kvaser": "Time,ID,Channel,DLC,Flags,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7",
+    "CSS": "TimestampEpoch,BusChannel,ID,IDE,DataLength,Dir,EDL,BRS,ESI,RTR,DataBytes",
+}
+
+
+def _line(program: str, i: int, can_id: int, odd: bool, data: bytes, length: int, wrong: str) -> str:
+    """Return a row whose length is the data's unless `odd`; `wrong` is put before the data of the third row."""
+    length, wrong = length if odd else len(data), wrong if i == 2 else ""
+    if program == "python-can":
+        return f"{i}.5,{can_id:#x},0,{int(odd)},0,{length},{wrong}{base64.b64encode(data).decode()}"
+    if program == "CSS":
+        return f"{i}.5,1,{can_id:X},0,{length},0,{int(length > 8)},0,0,0,{wrong}{data.hex()}"
+    base = "02X" if program == "SavvyCAN" else "d"
+    cells = ",".join([*(f"{byte:{base}}" for byte in data), *[""] * (8 - len(data))])
+    head = f"{can_id:X},false,Rx,0,{length}" if program == "SavvyCAN" else f"{can_id},1,{length},0"
+    return f"{i}000,{head},{wrong}{cells}"

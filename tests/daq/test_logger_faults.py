@@ -7,11 +7,15 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from closed_folders import as_nobody
 from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 from recording_support import limited
@@ -271,14 +275,16 @@ def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
     monkeypatch.setattr(
         "daq.logger.host_monitor.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
     )
-    opener = Opener("x")
-    recorder = Recorder(SCRIPTED, tmp_path, opener=opener)
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
     batch = recent_frames(1, 100)
     opener.source("x").give(batch)
     opener.source("x").drain()
     taken.append(True)
     summary = recorder.result()
     assert summary.ended_by == "disk"
+    [shown] = [one["what"] for one in panel.snapshots[-1]["reasons"] if one["code"] == "disk_failed"]
+    assert "recording has ended: the disk is full up to the reserve (0 MB free)" in shown
     assert "the disk is full up to the reserve" in summary.faults[0].what
     recording = Recording.open(summary.path)
     assert recording.loss == ()
@@ -400,6 +406,8 @@ def test_a_file_that_is_taken_away_is_reported_and_another_is_begun(tmp_path: Pa
     assert [one["where"] for one in event["reasons"] if one["code"] == "file_gone"] == ["recording"]
     source.give(sent[1])
     panel.wait_for(lambda now: now["buses"][0]["frames"] == 40)
+    with pytest.raises(HardwareError, match="another logger records into this folder"):
+        log(SCRIPTED, out, duration_s=0.1, opener=Opener("x"))
     summary = recorder.end()
     assert any("r.mcap was moved or removed" in remark for remark in summary.remarks)
     assert content(Recording.open(out / "r.part2.mcap").frames()) == content(sent[1])
@@ -407,6 +415,45 @@ def test_a_file_that_is_taken_away_is_reported_and_another_is_begun(tmp_path: Pa
         moved = Recording.open(tmp_path / "elsewhere.mcap")
         assert moved.loss == ()
         assert content(moved.frames()) == content(sent[0])
+
+
+@pytest.mark.parametrize("mode", [0o555, 0o000])
+def test_a_folder_that_takes_no_file_any_more_is_reported_and_no_frame_is_lost(open_folder: Path, mode: int) -> None:
+    """The file stays open: only the next one cannot be made."""
+    opener, panel, out = Opener("x"), Handset(), open_folder / "out"
+    recorder = Recorder(SCRIPTED, out, opener=opener, panel=panel, run=RunInfo(id="r"))
+    source, sent = opener.source("x"), [recent_frames(seed, 20) for seed in range(3)]
+    source.give(sent[0])
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 20 and not closed(now))
+    out.chmod(mode)
+    with as_nobody():
+        source.give(sent[1])
+        shown = panel.wait_for(closed)
+        panel.press("start", "second")
+        panel.wait_for(lambda now: any("recording continues in r.mcap" in text for text in now["remarks"]))
+    out.chmod(0o755)
+    panel.snapshots.clear()
+    panel.wait_for(lambda now: not closed(now))
+    source.give(sent[2])
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 60)
+    summary = recorder.end()
+    assert closed(shown) == [("amber", "recording", f"no file can be made in {out}; recording continues in r.mcap")]
+    assert [path.name for path in summary.paths] == ["r.mcap"]
+    assert not any("moved or removed" in text for text in summary.remarks)
+    assert content(Recording.open(summary.path).frames()) == [row for batch in sent for row in content(batch)]
+    assert len(texts(summary, "folder")) == 2
+
+
+def closed(now: dict[str, Any]) -> list[tuple[str, str, str]]:
+    return [(one["level"], one["where"], one["what"]) for one in now["reasons"] if one["code"] == "folder_closed"]
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that every user can reach."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
 
 
 def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -14,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, TdmsFile, TdmsWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -309,6 +310,53 @@ def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Pa
         assert str(path) in str(error)
     else:
         assert all(len(values) <= len(VALUES) for _, values, _ in found.values())
+
+
+@pytest.mark.parametrize("waiting", [1 << 28, 0])
+def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """In the order of the file or, where too much would have to wait, each by itself; again after half a reading."""
+    monkeypatch.setattr("daq.series.readers.tdms._MOST_WAITING_BYTES", waiting)
+    path, rng, clock = tmp_path / "run.tdms", np.random.default_rng(1), {"wf_increment": 0.001}
+    with TdmsWriter(path) as writer:
+        for segment in range(30):
+            fast = [ChannelObject("fast", name, rng.normal(size=3000), clock) for name in "xy"]
+            slow = [ChannelObject("slow", "z", rng.integers(0, 9, 100), clock), ChannelObject("slow", "note", ["text"])]
+            writer.write_segment(fast + slow[segment % 2 :])
+    series = read(path)
+    assert set(series.report.skipped) == {"slow/note"}
+    whole = columns(series)
+    next(series.blocks())
+    again = columns(series)
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            if channel.name != "note":
+                for found in (whole, again):
+                    assert np.array_equal(found[f"{group.name}/{channel.name}"][1], channel[:])
+
+
+@pytest.mark.slow
+def test_the_process_that_opens_a_file_goes_on_to_its_rows_and_only_one_waits(tmp_path: Path) -> None:
+    for name in ("a.h5", "b.h5"):
+        hdf5(tmp_path / name)
+    children, before = Path(f"/proc/self/task/{os.getpid()}/children"), set[str]()
+    if not children.is_file():
+        pytest.skip("this kernel does not list children")
+
+    def started() -> set[str]:
+        return set(children.read_text().split()) - before
+
+    before = started()
+    one, other = read(tmp_path / "a.h5"), read(tmp_path / "b.h5")
+    [waiting] = started()
+    rows = other.blocks()
+    next(rows)
+    assert started() == {waiting}
+    assert list(rows) == [()] and not started()
+    for series in (one, other):
+        assert columns(series)["rack.Fz"][1] == pytest.approx(VALUES)
+    assert not started()
 
 
 @given(st.binary(max_size=300))

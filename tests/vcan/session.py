@@ -19,6 +19,7 @@ from daq.recording import Recording
 WHEELSOIL = Path(sys.executable).with_name("wheelsoil")
 REPOSITORY = Path(__file__).parents[2]
 TERMINATED = 128 + 15
+PAGE = "http://127.0.0.1:8100"
 ROLES = '[signals]\ndrawbar_pull = "Load_0.Wave"\nvertical_load = "Load_1.Wave"\n'
 ADD_BUS = "add_bus() { ip link add dev $1 type vcan; ip link set $1 up; }"
 
@@ -56,6 +57,20 @@ sending() {{
 }}
 {ADD_BUS}
 """
+
+
+def watch(file: str) -> str:
+    """Return the command that keeps what the page sends to a browser, and waits for its first snapshot."""
+    return f"curl --silent --no-buffer {PAGE}/events > {file} &\nuntil grep -qs snapshot {file}; do sleep 0.1; done"
+
+
+def snapshots(file: Path) -> list[dict[str, Any]]:
+    """Return the snapshots that `watch` kept."""
+    lines = file.read_text().splitlines()
+    messages = [
+        json.loads(line.removeprefix("data:")) for line in lines if line.startswith("data:") and line.endswith("}")
+    ]
+    return [message["snapshot"] for message in messages if "snapshot" in message]
 
 
 def logged(folder: Path, send: str) -> str:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from vcan.guest import GuestResult
-from vcan.session import ROLES, in_folder, info, make_vehicle, received_numbers, sent_log
+from vcan.session import PAGE, ROLES, in_folder, info, make_vehicle, received_numbers, sent_log, snapshots
 
 from daq.recording import Recording
 
 pytestmark = pytest.mark.vcan
 
-PAGE = "http://127.0.0.1:8100"
 FREEZE_AT = 48_000
 
 
@@ -75,14 +73,6 @@ curl --silent --fail --header 'Content-Type: application/json' --header 'Origin:
 """
 
 
-def snapshots(folder: Path) -> list[dict[str, Any]]:
-    lines = (folder / "watched.txt").read_text().splitlines()
-    messages = [
-        json.loads(line.removeprefix("data:")) for line in lines if line.startswith("data:") and line.endswith("}")
-    ]
-    return [message["snapshot"] for message in messages if "snapshot" in message]
-
-
 @pytest.mark.slow
 def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 1000", more=ROLES)
@@ -92,7 +82,7 @@ def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResu
     assert result.exit_code == 0, result.output
     recording = check_losses(tmp_path)
     assert "stone on the track" in [event.text for event in recording.events() if event.name == "mark"]
-    shown = snapshots(tmp_path)
+    shown = snapshots(tmp_path / "watched.txt")
     reasons = [(one["level"], {reason["code"] for reason in one["reasons"]}) for one in shown]
     assert any(level == "amber" and "signal_stuck" in codes for level, codes in reasons), reasons
     assert any(level == "red" and "kernel_drops" in codes for level, codes in reasons), reasons

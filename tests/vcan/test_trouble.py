@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from vcan.disks import disk
 from vcan.guest import GuestResult
-from vcan.session import in_folder, info, make_vehicle, received_numbers, sent_log
+from vcan.session import in_folder, info, make_vehicle, received_numbers, sent_log, snapshots, watch
 
 from daq.can.frames import FrameFlag
 from daq.recording import Recording
@@ -19,7 +20,8 @@ pytestmark = pytest.mark.vcan
 def rough(folder: Path) -> str:
     return f"""{in_folder(folder)}
 add_bus vcan1
-begin --no-page
+begin
+{watch("watched.txt")}
 sending 2000 1000 sent.log vcan0
 cansend vcan1 123#01
 sleep 1
@@ -71,6 +73,13 @@ def test_interfaces_come_back_and_a_clock_may_be_set(guest: Callable[..., GuestR
     assert len(clock) == 2, clock
     assert "+3" in clock[0] and "-3" in clock[1], clock
     assert facts["clock_steps"]
+    stepped = [
+        one["what"]
+        for snapshot in snapshots(tmp_path / "watched.txt")
+        for one in snapshot["reasons"]
+        if one["code"] == "clock_stepped"
+    ]
+    assert "+3" in stepped[0] and "-3" in stepped[-1], stepped
 
 
 def filled(folder: Path) -> str:
@@ -78,7 +87,8 @@ def filled(folder: Path) -> str:
 mkdir -p small
 mount -t tmpfs -o size=8m none small
 out=small/guarded
-begin --no-page
+begin
+{watch("guarded.events")}
 sending 8000 1000 sent.log vcan0
 sleep 2
 head -c 5500000 /dev/zero > small/filler
@@ -88,36 +98,54 @@ mv said.txt guarded.txt
 rm small/filler
 sed -i 's/disk_reserve_mb = 3/disk_reserve_mb = 0.001/' vehicle.toml
 out=small/defeated
-begin --no-page
+begin
+{watch("defeated.events")}
 sleep 2
 cat /dev/zero > small/filler || true
 wait $logger && code=0 || code=$?
 echo $code > defeated.code
 mv said.txt defeated.txt
+mount -t sysfs none /sys
+mkdir card
+mount -o errors=remount-ro /dev/ubda card
+out=card/failed
+begin
+{watch("failed.events")}
+sleep 2
+echo 1 > /sys/fs/ext4/ubda/trigger_fs_error
+wait $logger && code=0 || code=$?
+echo $code > failed.code
+mv said.txt failed.txt
 kill $sender
-cp -a small/guarded small/defeated .
+cp -a small/guarded small/defeated card/failed .
 """
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_it_with_a_valid_file(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
-    """The guard ends it in time; where another program is quicker than the guard, what was written stays."""
+def test_a_full_or_failed_disk_ends_it_with_a_valid_file(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
+    """The guard ends it in time; where another program is quicker, or the card fails, what was written stays."""
     make_vehicle(tmp_path, "vcan0", logger="disk_reserve_mb = 3")
 
-    result = guest(filled(tmp_path), timeout_s=90)
+    result = guest(filled(tmp_path), timeout_s=240, disks=[disk(tmp_path / "card.img", 64)])
 
     assert result.exit_code == 0, result.output
-    for name in ("guarded", "defeated"):
+    for name, found in (
+        ("guarded", "the disk is full up to the reserve"),
+        ("defeated", "No space left on device"),
+        ("failed", "Read-only file system"),
+    ):
         said = (tmp_path / f"{name}.txt").read_text()
         assert (tmp_path / f"{name}.code").read_text() == "4\n", said
-        assert "Traceback" not in said
+        assert found in said and "Traceback" not in said
+        last = snapshots(tmp_path / f"{name}.events")[-1]
+        [shown] = [one for one in last["reasons"] if one["code"] == "disk_failed"]
+        assert last["level"] == shown["level"] == "red" and found in shown["what"], last
         [path] = (tmp_path / name).glob("*.mcap")
         recording = Recording.open(path)
         number = received_numbers(recording)
-        assert len(number) > 5000
+        assert len(number) > 1000
         assert (np.diff(number) == 1).all()
         if name == "guarded":
-            assert "the disk is full up to the reserve" in said
             assert not recording.loss
             assert recording.metadata["run_end"]["exit_status"] == "disk full or failed"
 

@@ -143,6 +143,20 @@ def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:
         expect(seen.locator("#state")).to_have_text("LOGGER ENDED")
 
 
+def test_a_recording_that_the_disk_has_ended_stays_red(browser: Browser) -> None:
+    what, step = "recording has ended: the recording cannot be written on (Read-only file system)", "change the disk"
+    failed = reason("red", "disk_failed", "disk", what, step)
+    with page() as panel, looking_at(browser, panel.address) as seen:
+        with Shower(panel, state="stopping", level="red", reasons=[failed, STUCK]):
+            expect(seen.locator("#headline")).to_contain_text(what)
+        panel.close()
+        expect(seen.locator("#state")).to_have_text("LOGGER ENDED")
+        expect(seen.locator("#level")).to_contain_text("RED")
+        expect(seen.locator("#headline")).to_contain_text(what)
+        expect(seen.locator("#do")).to_contain_text(step)
+        expect(seen.locator("#reasons li")).to_have_count(1)
+
+
 def test_a_mark_is_reported_when_sent_and_when_it_stands_in_the_file(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         _press_mark(seen, "left rut")

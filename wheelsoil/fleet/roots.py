@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, is_run_file
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, holds_runs, is_run_file
 from daq.series import column_names
 
 _REPORTS = (".html", ".pdf", ".json", ".md", ".png", ".svg")
@@ -89,8 +89,9 @@ def facts_of(files: Iterable[Path]) -> Facts:
 def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     """Return every campaign folder and single-wheel table in some folders, however deep, by name.
 
-    A folder that holds runs is a campaign, and is not searched further. A table is a CSV file with the columns slip,
-    vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin with a dot are left out.
+    A folder that holds runs (of series: beside vehicle.toml) is a campaign, and is not searched further. A table is a
+    CSV file with the columns slip, vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin
+    with a dot are left out.
 
     Returns
     -------
@@ -134,7 +135,7 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
             continue
         below = folder.removeprefix(root).strip(os.sep).replace(os.sep, "/")
         files = list(filter(_is_file, entries))
-        if any(is_run_file(entry.name) for entry in files):
+        if any(is_run_file(entry.name) for entry in files) or _holds_series(folder, files):
             yield Source(below or Path(root).name, folder), _seen(files)
             continue
         visible = (entry for entry in entries if not entry.name.startswith("."))
@@ -144,6 +145,16 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
             if name.endswith(".csv") and _is_table(Path(folder, name)):
                 stem = name.removesuffix(".csv")
                 yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
+
+
+def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:
+    """Return whether a folder with vehicle.toml, and without recordings and logs, has runs of decoded series."""
+    if not any(entry.name == VEHICLE_FILE for entry in files):
+        return False
+    try:
+        return holds_runs(Path(folder))
+    except OSError:
+        return False
 
 
 def _seen(files: Iterable[os.DirEntry[str]]) -> Beside | None:

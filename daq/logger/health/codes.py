@@ -221,6 +221,12 @@ CODES = {
         "old recordings",
         "free the disk or record elsewhere: recording ends by itself at disk_reserve_mb",
     ),
+    "disk_failed": HealthCode(
+        "red",
+        "the disk was full, or a write failed: recording has ended",
+        "a full disk, a card with errors",
+        "free or change the disk, and start the logger again; what was written before stays readable",
+    ),
     "queue_filling": HealthCode(
         "amber, red over 75 %",
         "more than a quarter of the queue before the disk is full",
@@ -238,6 +244,12 @@ CODES = {
         "the inspection failed in the last 10 s; frames are recorded",
         "a fault in the program, a strange frame",
         "restart the logger when there is time, and report the text",
+    ),
+    "folder_closed": HealthCode(
+        "amber",
+        "no other file can be made beside the one that is written",
+        "changed owner or permissions",
+        "let the logger's user write to the folder: no other run or part can begin there",
     ),
     "file_gone": HealthCode(
         "red",

@@ -18,6 +18,8 @@ _VALUES = ("values", "value", "data", "Data", "Values", "y", "signal")
 _TIMES = ("time", "Time", "t", "x_time", "timestamps", "Timestamps")
 _UNITS = ("unit", "units", "Unit", "Units")
 _SHORT = "less than two values"
+_CHUNK_CACHE_BYTES = 64 << 20
+"""A compressed chunk is unpacked once for all the columns and blocks that lie in it."""
 _MOST_SIDE = 512
 """Columns of a matrix that are taken; a larger one is no set of channels."""
 
@@ -140,14 +142,13 @@ def read_hdf5(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
         raise not_installed("HDF5 and MAT v7.3 files", "h5py", path, "series") from None
     columns: list[Column] = []
     try:
-        with h5py.File(path, "r") as file:
-            _visit(file, "", columns, path, report)
+        _visit(h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES), "", columns, report)  # closed by its last dataset
     except (OSError, RuntimeError, KeyError) as error:
         raise RecordingError.of("the HDF5 file cannot be read", path, str(error)) from None
     return series_of(columns, layout, report)
 
 
-def _visit(group: Any, prefix: str, columns: list[Column], path: Path, report: SeriesReport) -> None:
+def _visit(group: Any, prefix: str, columns: list[Column], report: SeriesReport) -> None:
     import h5py
 
     times = [f"{prefix}{name}" for name in _TIMES if isinstance(group.get(name), h5py.Dataset) and group[name].size > 1]
@@ -157,7 +158,7 @@ def _visit(group: Any, prefix: str, columns: list[Column], path: Path, report: S
         full = f"{prefix}{name}"
         if isinstance(item, h5py.Group):
             if not name.startswith("#"):
-                _visit(item, f"{full}.", columns, path, report)
+                _visit(item, f"{full}.", columns, report)
         elif item.dtype.kind not in "fiub" or name in texts:
             if item.dtype.kind not in "fiub":
                 report.skipped[full] = "no numbers"
@@ -165,38 +166,32 @@ def _visit(group: Any, prefix: str, columns: list[Column], path: Path, report: S
             unit = _attribute(item) or (stated if name in _VALUES else "")
             short = prefix[:-1] if prefix and name in _VALUES else full
             time = times[0] if times and full not in times else ""
-            columns += _dataset_columns(short, full, item, path, unit, time, report)
+            columns += _dataset_columns(short, full, item, unit, time, report)
         else:
             report.skipped[full] = _SHORT if item.size <= 1 else f"an array of {item.ndim} dimensions"
 
 
-def _dataset_columns(
-    name: str, full: str, item: Any, path: Path, unit: str, time: str, report: SeriesReport
-) -> list[Column]:
-    place = full.replace(".", "/")
+def _dataset_columns(name: str, full: str, item: Any, unit: str, time: str, report: SeriesReport) -> list[Column]:
     sides = [i for i, side in enumerate(item.shape) if side > 1]
     if len(sides) == 1:
-        return [Column(name, unit, item.shape[sides[0]], _cells(path, place, item.ndim, sides[0], ()), time)]
+        return [Column(name, unit, item.shape[sides[0]], _cells(item, sides[0], ()), time)]
     long, short = sorted(sides, key=lambda i: -item.shape[i])
     if item.shape[short] > _MOST_SIDE:
         report.skipped[full] = f"a matrix of {item.shape[long]} x {item.shape[short]}"
         return []
     return [
-        Column(f"{name}[{i}]", unit, item.shape[long], _cells(path, place, item.ndim, long, ((short, i),)), time)
+        Column(f"{name}[{i}]", unit, item.shape[long], _cells(item, long, ((short, i),)), time)
         for i in range(item.shape[short])
     ]
 
 
-def _cells(path: Path, place: str, sides: int, along: int, fixed: Sequence[tuple[int, int]]) -> Any:
+def _cells(item: Any, along: int, fixed: Sequence[tuple[int, int]]) -> Any:
     def read(start: int, end: int) -> Any:
-        import h5py
-
-        index: list[Any] = [0] * sides
+        index: list[Any] = [0] * item.ndim
         index[along] = slice(start, end)
         for side, at in fixed:
             index[side] = at
-        with h5py.File(path, "r") as file:
-            return file[place][tuple(index)]
+        return item[tuple(index)]
 
     return read
 

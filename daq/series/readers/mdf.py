@@ -37,41 +37,40 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     refuse_rate(layout, "the masters of the channel groups", str(path))
     groups: dict[str, tuple[int, dict[str, str]]] = {}
     try:
-        with asammdf.MDF(path) as mdf:
-            if any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups):
-                raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
-            start_ns = round(mdf.header.start_time.timestamp() * 1e9)
-            for index, group in enumerate(mdf.groups):
-                name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
-                units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
-                if group.channel_group.cycles_nr and units:
-                    groups[name] = (index, units)
-                elif units:
-                    report.skipped |= dict.fromkeys(units, "no samples")
+        mdf = asammdf.MDF(path)
+        if any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups):
+            raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
+        start_ns = round(mdf.header.start_time.timestamp() * 1e9)
+        for index, group in enumerate(mdf.groups):
+            name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
+            units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
+            if group.channel_group.cycles_nr and units:
+                groups[name] = (index, units)
+            elif units:
+                report.skipped |= dict.fromkeys(units, "no samples")
     except WheelsoilError:
         raise
     except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file
         raise RecordingError.of("asammdf cannot read this MF4 file", path, str(error)) from None
 
     def stream(topic: str, index: int, names: dict[str, str]) -> Iterator[SeriesBlock]:
-        with asammdf.MDF(path) as mdf:
-            total = mdf.groups[index].channel_group.cycles_nr
-            report.balance.come("rows", total)
-            for offset in range(0, total, BLOCK_ROWS):
-                values: dict[str, Any] = {}
-                seconds = np.zeros(0)
-                for name in names:
-                    stored = mdf.get(name, index, record_offset=offset, record_count=BLOCK_ROWS, raw=True)
-                    one = stored.physical(copy=False, ignore_value2text_conversions=True)
-                    seconds = one.timestamps
-                    if one.samples.dtype.kind in "fiub" and one.samples.ndim == 1:
-                        values[name] = one.samples.astype(np.float64)
-                    else:
-                        report.skipped[name] = "no numbers"
-                missing = min(BLOCK_ROWS, total - offset) - len(seconds)
-                report.balance.lose("stated, and not in the file", missing)
-                time_ns = start_ns + np.rint(seconds * 1e9).astype(np.int64)
-                yield report.taken(SeriesBlock(topic, time_ns, values), np.isfinite(seconds))
+        total = mdf.groups[index].channel_group.cycles_nr
+        report.balance.come("rows", total)
+        for offset in range(0, total, BLOCK_ROWS):
+            values: dict[str, Any] = {}
+            seconds = np.zeros(0)
+            for name in names:
+                stored = mdf.get(name, index, record_offset=offset, record_count=BLOCK_ROWS, raw=True)
+                one = stored.physical(copy=False, ignore_value2text_conversions=True)
+                seconds = one.timestamps
+                if one.samples.dtype.kind in "fiub" and one.samples.ndim == 1:
+                    values[name] = one.samples.astype(np.float64)
+                else:
+                    report.skipped[name] = "no numbers"
+            missing = min(BLOCK_ROWS, total - offset) - len(seconds)
+            report.balance.lose("stated, and not in the file", missing)
+            time_ns = start_ns + np.rint(seconds * 1e9).astype(np.int64)
+            yield report.taken(SeriesBlock(topic, time_ns, values), np.isfinite(seconds))
 
     def read() -> Iterator[Blocks]:
         return together([stream(topic, index, units) for topic, (index, units) in groups.items()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,14 @@ import numpy as np
 from daq.config import SeriesSection
 from daq.errors import RecordingError, not_installed
 from daq.series.blocks import Series, SeriesReport
-from daq.series.readers.groups import Clock, Column, series_of
+from daq.series.held import Held, state_of
+from daq.series.readers.groups import Cells, Clock, Column, series_of
 
 _LEAD_IN = struct.Struct("<4sL4xQ8x")
 _BIG_ENDIAN, _OPEN = 1 << 6, (1 << 64) - 1
+_MOST_WAITING_BYTES = 256 << 20
+_Name = tuple[str, str]
+"""Of a channel: its group's and its own."""
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
@@ -32,7 +37,6 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
         No channel has a time.
     """
     try:
-        import nptdms
         from nptdms.log import log_manager
     except ImportError:
         raise not_installed("TDMS files", "npTDMS", path, "series") from None
@@ -43,29 +47,34 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     columns: list[Column] = []
     clocks: dict[str, Clock] = {}
     try:
-        with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
-            for group in file.groups():
-                for channel in group.channels():
-                    name = f"{group.name}/{channel.name}"
-                    if not len(channel) or channel.dtype is None or channel.dtype.kind not in "fiubM":
-                        report.skipped[name] = "no numbers"
-                        continue
-                    unit = next((str(channel.properties[key]) for key in _UNIT_KEYS if key in channel.properties), "")
-                    clock = _clock(channel.properties)
-                    time = ""
-                    if clock is not None:
-                        time = group.name if clocks.setdefault(group.name, clock) == clock else name
-                        clocks.setdefault(time, clock)
-                    columns.append(Column(name, unit, len(channel), _cells(path, group.name, channel.name), time))
+        file = _OpenFile(path)
+        channels = _Channels(path)
+        for group in file.tdms.groups():
+            for channel in group.channels():
+                name = f"{group.name}/{channel.name}"
+                if not len(channel) or channel.dtype is None or channel.dtype.kind not in "fiubM":
+                    report.skipped[name] = "no numbers"
+                    continue
+                unit = next((str(channel.properties[key]) for key in _UNIT_KEYS if key in channel.properties), "")
+                clock = _clock(channel.properties)
+                time = ""
+                if clock is not None:
+                    time = group.name if clocks.setdefault(group.name, clock) == clock else name
+                    clocks.setdefault(time, clock)
+                cells = channels.cells(group.name, channel.name, len(channel))
+                columns.append(Column(name, unit, len(channel), cells, time))
     except Exception as error:  # noqa: BLE001  # npTDMS raises whatever it meets in a damaged file
         raise RecordingError.of("the TDMS file cannot be read", path, str(error)) from None
-    return series_of(_of_equal_length(columns, clocks), layout, report, clocks)
+    _OPEN_FILES.keep(state_of(path), file)
+    series = series_of(_of_equal_length(columns, clocks), layout, report, clocks)
+    channels.forget(report.skipped)
+    return series
 
 
 def _missing_bytes(path: Path) -> str:
     """Return what is missing of a file at its end: a segment states where the next one begins."""
     size, at = path.stat().st_size, 0
-    with path.open("rb") as file:
+    with path.open("rb", buffering=0) as file:
         while at < size:
             file.seek(at)
             head = file.read(_LEAD_IN.size)
@@ -104,11 +113,104 @@ def _of_equal_length(columns: list[Column], clocks: dict[str, Clock]) -> list[Co
     return settled
 
 
-def _cells(path: Path, group: str, channel: str) -> Any:
-    def read(start: int, end: int) -> Any:
+class _OpenFile:
+    """A file that npTDMS has open, without its data."""
+
+    def __init__(self, path: Path) -> None:
         import nptdms
 
-        with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
-            return file[group][channel][start:end]
+        self._file = path.open("rb")
+        try:
+            self.tdms = nptdms.TdmsFile.open(self._file)
+        except BaseException:
+            self._file.close()
+            raise
 
-    return read
+    def close(self) -> None:
+        self.tdms.close()
+        self._file.close()
+
+
+_OPEN_FILES: Held[_OpenFile] = Held(_OpenFile.close)
+
+
+class _Channels:
+    """The channels of a file, which is read from its beginning to its end for each reading of their rows.
+
+    Values that come before their turn wait; when more than `_MOST_WAITING_BYTES` do, each channel is read by itself.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lengths: dict[_Name, int] = {}
+        self._given: dict[_Name, int] = {}
+        self._come: dict[_Name, int] = {}
+        self._waiting: dict[_Name, list[Any]] = {}
+        self._waiting_bytes = 0
+        self._file: _OpenFile | None = None
+        self._chunks: Iterator[Any] | None = None
+
+    def cells(self, group: str, channel: str, length: int) -> Cells:
+        """Return the values of a channel; its rows are asked for in order."""
+        name = group, channel
+        self._lengths[name] = length
+
+        def read(start: int, end: int) -> Any:
+            if self._file is None or self._given[name] != start:
+                self._begin()
+            assert self._file is not None
+            values = self._next(name, start, end)
+            if values is None:
+                values = self._file.tdms[group][channel][start:end]
+            self._given[name] = end
+            if self._given == self._lengths:
+                self._close()
+            return values
+
+        return read
+
+    def forget(self, names: Container[str]) -> None:
+        """Take out channels whose values nobody asks for."""
+        self._lengths = {name: length for name, length in self._lengths.items() if "/".join(name) not in names}
+
+    def _begin(self) -> None:
+        self._close()
+        self._file = _OPEN_FILES.take(state_of(self._path)) or _OpenFile(self._path)
+        self._chunks = self._file.tdms.data_chunks()
+        self._given, self._come = dict.fromkeys(self._lengths, 0), dict.fromkeys(self._lengths, 0)
+        self._waiting = {name: [] for name in self._lengths}
+        self._waiting_bytes = 0
+
+    def _close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+        self._file, self._chunks = None, None
+
+    def _next(self, name: _Name, start: int, end: int) -> Any:
+        """Return the next values of a channel, None where they do not come in the order of the file."""
+        while self._come[name] < end:
+            if self._chunks is None or not self._take_chunk(self._chunks):
+                return None
+        if not self._waiting[name]:
+            return None
+        values = np.concatenate(self._waiting[name])
+        taken, left = values[: end - start], values[end - start :]
+        self._waiting[name] = [left] if len(left) else []
+        self._waiting_bytes -= taken.nbytes
+        return taken
+
+    def _take_chunk(self, chunks: Iterator[Any]) -> bool:
+        """Keep the values of the next chunk; return whether there was one, and room for it."""
+        chunk = next(chunks, None)
+        if chunk is None or self._waiting_bytes > _MOST_WAITING_BYTES:
+            self._chunks, self._waiting = None, {name: [] for name in self._lengths}
+            return False
+        for group in chunk.groups():
+            for part in group.channels():
+                name = group.name, part.name
+                if name in self._lengths and len(part):
+                    values = part[:]
+                    self._waiting[name].append(values)
+                    self._come[name] += len(values)
+                    self._waiting_bytes += values.nbytes
+        return True

@@ -52,6 +52,19 @@ def test_every_campaign_is_found_by_its_place_and_done(fleet: Path, store: Path)
             assert table["campaign"].to_pylist().count(campaign) == manifest.rows.get(name, 0)
 
 
+def test_a_folder_of_series_is_a_campaign_where_a_vehicle_describes_it(tmp_path: Path) -> None:
+    table, series = "slip,vertical_load_n,drawbar_pull_n\n0.1,10,1\n", "time_s,Fx [N],v [m/s]\n0,1,2\n0.1,2,2\n"
+    for folder, files in (
+        ("driven", {"vehicle.toml": "", "run.csv": series, "notes.csv": "a,b\n1,2\n"}),
+        ("exported", {"run.csv": series}),
+        ("tested", {"vehicle.toml": "", "terrain.toml": "", "soil.csv": table}),
+    ):
+        (tmp_path / folder).mkdir()
+        for name, text in files.items():
+            (tmp_path / folder / name).write_text(text, encoding="utf-8")
+    assert [(one.name, one.is_table) for one in find_sources([tmp_path])] == [("driven", False), ("tested/soil", True)]
+
+
 def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: Path) -> None:
     ok("process", fleet / "spring" / "day-3", "-o", tmp_path / "run.parquet")
     import pandas as pd

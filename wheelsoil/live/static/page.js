@@ -49,7 +49,7 @@ function showBand() {
   if (connection.state === "refused") {
     return token() ? stale("WRONG TOKEN", "the logger has another one") : stale("TOKEN NEEDED", "nothing is shown without it");
   }
-  if (connection.state === "ended") return stale("LOGGER ENDED", "it was stopped and its file is closed");
+  if (connection.state === "ended") return showEnded(page.snapshot);
   if (live) return showLive(page.snapshot);
   const since = page.snapshot ? `for ${seconds(silentMs / 1000)}` : "yet";
   if (lost) return stale("NO CONNECTION", `no connection to the logger ${since}, trying again`);
@@ -63,16 +63,29 @@ function stale(state, headline) {
   speak(state);
 }
 
+function showEnded(snapshot) {
+  const failure = snapshot?.reasons.find(({ code }) => code === "disk_failed");
+  if (!failure) return stale("LOGGER ENDED", "it was stopped and its file is closed");
+  showReasons(snapshot.reasons.filter((each) => each !== failure));
+  showStep(failure);
+  band("red", "LOGGER ENDED", LEVELS.red, `${failure.where}: ${failure.what}`);
+  speak(`LOGGER ENDED, red. ${failure.where}: ${failure.code}`);
+}
+
 function showLive(snapshot) {
   const { state, level, run } = snapshot;
   const [worst, ...others] = snapshot.reasons;
   showReasons(others); // the worst one stands in the band
   const meaning = worst ? `${worst.where}: ${worst.what}` : `${MEANING[level]}`;
   band(level, STATES[state] ?? state, LEVELS[level], state === "recording" ? `${duration(run.since_s)} · ${meaning}` : meaning);
-  get("do").hidden = !worst?.next_step;
-  write(get("do"), worst?.next_step ? `Do: ${worst.next_step}` : "");
+  showStep(worst);
   const reasons = snapshot.reasons.map((each) => `${each.where}: ${each.code}`).join("; ");
   speak(`${STATES[state]}, ${level}. ${reasons}`);
+}
+
+function showStep(reason) {
+  get("do").hidden = !reason?.next_step;
+  write(get("do"), reason?.next_step ? `Do: ${reason.next_step}` : "");
 }
 
 function showReasons(reasons) {
