@@ -87,7 +87,7 @@ imported, builtins.__import__ = builtins.__import__, importing
 for module, names in MISSING.items():
     withhold(module, names)
 for kind in ("fork", "forkserver"):
-    multiprocessing.context._concrete_contexts.pop(kind)
+    multiprocessing.context._concrete_contexts.pop(kind, None)
 multiprocessing.get_all_start_methods = lambda: ["spawn"]
 multiprocessing.set_start_method("spawn")
 sys.addaudithook(watch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -127,7 +128,8 @@ class Processing:
     ) -> None:
         with self._lock:
             if run.file is not None:
-                run.file.unlink(missing_ok=True)
+                with suppress(OSError):  # Windows deletes no file that a helper reads; `close` does
+                    run.file.unlink()
             run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
             run.update_state(next(campaign.options for campaign in self._campaigns if run in campaign.runs))
 
