@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from fuzz.readers import FORMATS, whole_file
 
+from daq import ConfigError, read_toml
 from daq.can.databases import load_database
 from daq.logs import read_log
 from daq.series.formats import read_series
@@ -47,3 +48,11 @@ def test_it_reads_alike(name: str, tmp_path: Path) -> None:
         path.write_bytes(text)
         found.append(CONTENT[name](path))
     assert found[0] and all(other == found[0] for other in found[1:])
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16"])
+def test_a_toml_file_that_is_not_utf_8_says_so(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    path.write_bytes('[vehicle]\nname = "Größe 2"\n'.encode(encoding))
+    with pytest.raises(ConfigError, match=r"(?s)not UTF-8.*save it as UTF-8"):
+        read_toml(path)
