@@ -466,7 +466,7 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
         raise ConfigError.of("a key of too many parts", where, found, f"at most {DEEPEST_KEY}, as in vehicle.name")
     with every_error_as(ConfigError, "the TOML cannot be read", lambda: where):
         try:
-            return tomllib.loads(text)
+            return tomllib.loads(text.removeprefix("\ufeff"))  # Windows' editors may begin a file with it
         except tomllib.TOMLDecodeError as error:
             raise ConfigError.of("not valid TOML", where, str(error), "", "correct the line named above") from None
 
@@ -498,7 +498,9 @@ def read_toml(path: Path) -> dict[str, Any]:
             text = file.read(LARGEST_TOML_BYTES + 1).decode()
     except FileNotFoundError:
         raise ConfigError.of("no such file", path, next_step="check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError.of("the file is not UTF-8", path, str(error), next_step="save it as UTF-8") from None
+    except OSError as error:
         raise ConfigError.of("the file cannot be read", path, str(error)) from None
     return _toml_mapping(text, str(path))
 

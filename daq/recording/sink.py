@@ -163,7 +163,8 @@ def _create(path: Path, overwrite: bool) -> FileIO:
         raise RecordingError.of("there is a file already", path, next_step=step) from None
     except OSError as error:
         what, found = "the recording cannot be made", error.strerror or str(error)
-        raise RecordingError.of(what, path, found, next_step="check the folder") from None
+        step = "check the folder, and whether another program holds the file"
+        raise RecordingError.of(what, path, found, next_step=step) from None
 
 
 def make_folder(folder: Path) -> None:

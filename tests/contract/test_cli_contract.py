@@ -24,6 +24,7 @@ from wheelsoil.cli.app import COMMANDS, load
 
 HEAVY = ("numpy", "pandas", "scipy", "cantools", "can", "mcap", "pyarrow", "plotly", "rich", "pydantic", "jinja2")
 PROGRAM = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()"]
+ABSENT = {"log", "doctor"} if sys.platform == "win32" else set[str]()
 
 every_command = pytest.mark.parametrize("name", COMMANDS)
 every_part = pytest.mark.parametrize(
@@ -143,7 +144,7 @@ def test_json_is_strict_and_alone_on_stdout(campaign, tmp_path):
     runs = _json_runs(campaign, tmp_path)
     offering = {name for name in COMMANDS if any("--json" in p.opts for p in load(name).params)}
     assert offering - {"soil"} == set(runs)  # soil: tests/wheelsoil/test_soil_command.py
-    for name, args in runs.items():
+    for name, args in ((name, args) for name, args in runs.items() if name not in ABSENT):
         with busy("contract"):
             result = ok(name, *args, "--json")
         assert result.json, name
@@ -160,6 +161,7 @@ def test_a_reader_that_goes_away_is_no_fault(campaign):
     assert done.returncode in (0, 141)
 
 
+@pytest.mark.skipif("log" in ABSENT, reason="this system has no logger")
 def test_ctrl_c_ends_with_130_and_a_closed_recording(tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[[bus]]\nchannel = "interrupted"\ninterface = "virtual"\n')
@@ -167,7 +169,7 @@ def test_ctrl_c_ends_with_130_and_a_closed_recording(tmp_path):
     process = subprocess.Popen([*PROGRAM, "log", str(vehicle), "-o", str(target)], stderr=subprocess.PIPE, text=True)
     _wait_for(lambda: target.exists() and target.stat().st_size > 0)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert "Traceback" not in err
     (facts,) = ok("info", target, "--json").json
@@ -175,7 +177,7 @@ def test_ctrl_c_ends_with_130_and_a_closed_recording(tmp_path):
     assert facts["loss"] == []
 
 
-def _wait_for(true: Callable[[], bool], seconds: float = 20.0) -> None:
+def _wait_for(true: Callable[[], bool], seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end, "it never happened"

@@ -2,7 +2,8 @@
 
 Put the folder of this file on ``PYTHONPATH``: every process of a command is then under it, children too. Emulated are
 modules, functions and constants that Windows lacks, ``fork``, names that no file may have there, folders that cannot
-be opened as files, and files that another program holds open (``WHEELSOIL_HELD``: their names, apart by ``|``).
+be opened as files, files that another program holds open (``WHEELSOIL_HELD``: their names, apart by ``|``), and those
+that the process itself has open: they are neither moved nor deleted.
 """
 
 import builtins
@@ -30,6 +31,7 @@ MISSING = {
 
 FORBIDDEN = re.compile(r'[<>:"|?*\x00-\x1f]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE)
 HELD = set(filter(None, os.environ.get("WHEELSOIL_HELD", "").split("|")))
+OPEN = Path("/proc/self/fd")
 OWN_FILES = ("/proc/", "/dev/", "/sys/")
 
 
@@ -71,8 +73,10 @@ def watch(event: str, args: tuple) -> None:
     elif event == "os.rename":
         for name in map(os.fsdecode, args[:2]):
             refuse(name)
+            refuse_open(name)
     elif event in ("os.mkdir", "os.remove"):
         refuse(os.fsdecode(args[0]))
+        refuse_open(os.fsdecode(args[0]))
 
 
 def refuse(path: str) -> None:
@@ -83,11 +87,17 @@ def refuse(path: str) -> None:
         raise PermissionError(13, "Permission denied", path)
 
 
+def refuse_open(path: str) -> None:
+    """Refuse to move or delete a file that this process holds open itself."""
+    if OPEN.is_dir() and os.path.realpath(path) in map(os.path.realpath, OPEN.iterdir()):
+        raise PermissionError(13, "Permission denied", path)
+
+
 imported, builtins.__import__ = builtins.__import__, importing
 for module, names in MISSING.items():
     withhold(module, names)
 for kind in ("fork", "forkserver"):
-    multiprocessing.context._concrete_contexts.pop(kind)
+    multiprocessing.context._concrete_contexts.pop(kind, None)
 multiprocessing.get_all_start_methods = lambda: ["spawn"]
 multiprocessing.set_start_method("spawn")
 sys.addaudithook(watch)

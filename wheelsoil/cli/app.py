@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -90,10 +91,8 @@ class LazyGroup(typer.core.TyperGroup):
             raise SystemExit(_report(error)) from None
         except KeyboardInterrupt:
             raise SystemExit(INTERRUPTED_EXIT) from None
-        except BrokenPipeError:
-            raise SystemExit(_silence_stdout()) from None
         except OSError as error:
-            raise SystemExit(_report(_from_system(error))) from None
+            raise SystemExit(_silence_stdout() if _has_no_reader(error) else _report(_from_system(error))) from None
         return result
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -174,6 +173,17 @@ def _root(
 def _report(error: WheelsoilError) -> int:
     print(f"wheelsoil: {error}", file=sys.stderr)
     return error.exit_code
+
+
+def _has_no_reader(error: OSError) -> bool:
+    """Return whether the reader of stdout has closed it; Windows calls every write into it an invalid argument."""
+    if os.name != "nt" or error.errno != errno.EINVAL:
+        return isinstance(error, BrokenPipeError)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        return True
+    return False
 
 
 def _silence_stdout() -> int:

@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -138,7 +137,7 @@ def find_browser() -> str:
 
 def print_page(page: Path, output: Path, browser: str) -> None:
     """Print an HTML file that needs no network to an A4 PDF with page numbers; `PrintError` if none was created."""
-    with tempfile.TemporaryDirectory(prefix="wheelsoil-") as folder:
+    with TemporaryDirectory(prefix="wheelsoil-", ignore_cleanup_errors=True) as folder:
         made = Path(folder) / "page.pdf"
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
         output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
@@ -155,12 +154,12 @@ def print_page(page: Path, output: Path, browser: str) -> None:
 def _run(command: list[str]) -> str:
     """Run a browser to its end and return its messages."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE_S, check=False)
     except subprocess.TimeoutExpired:
         return f"no answer within {_PATIENCE_S} s"
     except OSError as error:
         return str(error)
-    return done.stderr
+    return done.stderr.decode(errors="replace")
 
 
 def _sandbox() -> list[str]:

@@ -131,7 +131,8 @@ class Processing:
     ) -> None:
         with self._lock:
             if run.file is not None:
-                run.file.unlink(missing_ok=True)
+                with suppress(OSError):  # Windows deletes no file that a helper reads; `close` does
+                    run.file.unlink()
             run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
             campaign = next(one for one in self._campaigns if run in one.runs)
             run.update_state(campaign.options)

@@ -62,7 +62,7 @@ def complete(campaign: ViewedCampaign) -> Choice:
 def _is_another(path: Path) -> bool:
     """Return whether the file exists and is not a choice, or is unreadable."""
     try:
-        return tomllib.loads(path.read_bytes().decode()).get("schema") != SCHEMA
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig")).get("schema") != SCHEMA
     except FileNotFoundError:
         return False
     except (OSError, ValueError):

@@ -17,6 +17,8 @@ PATIENCE_S = 1.0
 
 _SHORTEST_TOKEN = 8
 _SIOCGIFADDR = 0x8915
+_OWN_PORT = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+"""Windows has the first: there SO_REUSEADDR would give two programs the same port."""
 _DEAF_MS = 15_000
 """Time limit for a phone out of reach; by default TCP would keep its connection for a quarter of an hour."""
 
@@ -90,7 +92,7 @@ def _listening(host: str, port: int) -> socket.socket:
     )[0]
     listening = socket.socket(family, kind, protocol)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, _OWN_PORT, 1)
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
             listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAF_MS)
         listening.bind(address)
