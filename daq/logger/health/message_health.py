@@ -79,7 +79,8 @@ def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[tuple[str, str]])
         group.sort(key=lambda one: -one.level)
         names, most = [one.name for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
         more = ", ..." if len(names) > most else ""
-        what = f"{len(group)} messages: {', '.join(names[:most])}{more}; the first {group[0].what}"
+        told = f"{', '.join(names[:most])}{more}; the first {group[0].what}"
+        what = f"{len(group)} messages: {told}" if together else told
         name = "several messages" if together else f"{len(group)} messages"
         result.append(reason(code, worst(group), bus, what, name=name))
     return result
