@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
+from math import sqrt
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from daq import ON_TIME_BASE, TRANSDUCER_ROLES, BoolArray, FloatArray, IntArray,
 from processing.notes import RunCode
 from processing.pipeline.collection import Samples
 from processing.pipeline.kinematics import runs_of
+from processing.robust import robust_spread
 from processing.timebase import nearest
 
 _IMPOSSIBLE_MPS2 = 6.0
@@ -98,7 +100,16 @@ def _rows(count: int, start: IntArray, stop: IntArray) -> BoolArray:
 
 def _noisy(one: Samples) -> bool:
     """Whether noise moves the channel by more than its resolution, so that equal values in a row are strange."""
-    return one.rough > max(one.step, _ALIKE * float(np.abs(one.values).max()))
+    least = max(one.step, _ALIKE * float(np.abs(one.values).max()))
+    return one.rough > least or _roughness(one) > least
+
+
+def _roughness(one: Samples) -> float:
+    """Return the one-sigma from one entry to the next where the value is not held: of a channel that mostly is."""
+    start, stop, _ = _held(one)
+    short = stop - start < _IN_A_ROW
+    moving = one.values[_rows(len(one.values), start[short], stop[short])]
+    return robust_spread(np.diff(moving, 2)) / sqrt(6.0) if len(moving) > _CLIPPED_SAMPLES else 0.0
 
 
 def _frozen(one: Samples) -> BoolArray:

@@ -132,7 +132,7 @@ def test_each_step_says_the_odds_that_it_is_expected_to_give(plain_material):
     steps = section(built(plain_material, replace(found, next_run=(found.next_run[0], weaker))), "glance")
     first, second = steps.numbers["steps"]
     assert first.why.startswith("Separates slip sinkage and bulldozing; expected odds 545 : 1. Write added_load_kg in")
-    assert "expected odds 1.9 : 1; takes about as long as 2.0 runs." in second.why
+    assert "expected odds 1.9 : 1; takes about as long as 2 runs." in second.why
 
 
 def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):

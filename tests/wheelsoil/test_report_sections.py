@@ -50,6 +50,8 @@ def test_every_number_of_a_table_is_in_the_json(processed):
     for section in report.sections:
         known = np.array(all_numbers(numbers["sections"][section.key]))
         for cell in cells_of(section):
+            if re.fullmatch("[0-9a-f]{16}", cell):
+                continue  # the beginning of a hash, now and then of digits only
             for found in _NUMBER.finditer(cell):
                 shown = as_float(found[0])
                 last = 10.0 ** (-len(found[1] or "") + (int(found[0].partition("e")[2] or 0)))
