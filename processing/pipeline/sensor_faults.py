@@ -26,7 +26,7 @@ _LEAST_DROP_MPS = 0.5
 _ROLLING_ON = 0.5
 """Share of the speed before a drop at which the wheel still turns within it."""
 _FROZEN_S, _FROZEN_SAMPLES = 2.0, 8
-_CLIPPED_S, _CLIPPED_SAMPLES, _IN_A_ROW = 0.3, 20, 3
+_CLIPPED_S, _CLIPPED_SAMPLES, _IN_A_ROW, _AT_AN_END = 0.3, 20, 3, 0.8
 _ALIKE = 1e-9
 
 
@@ -105,9 +105,13 @@ def _noisy(one: Samples) -> bool:
 
 
 def _roughness(one: Samples) -> float:
-    """Return the one-sigma from one entry to the next where the value is not held: of a channel that mostly is."""
+    """Return the one-sigma from one entry to the next where the value is not held; 0 of one held at any value."""
     start, stop, _ = _held(one)
     short = stop - start < _IN_A_ROW
+    held = one.values[start[~short]]
+    at_end = np.isclose(held, one.values.max(), _ALIKE, 0) | np.isclose(held, one.values.min(), _ALIKE, 0)
+    if at_end.sum() < _AT_AN_END * len(held):
+        return 0.0
     moving = one.values[_rows(len(one.values), start[short], stop[short])]
     return robust_spread(np.diff(moving, 2)) / sqrt(6.0) if len(moving) > _CLIPPED_SAMPLES else 0.0
 
