@@ -27,7 +27,7 @@ _ROGUE_NS = 60_000_000_000
 """A last stamp this far from the one before may be rogue: what follows is not held against it."""
 _APART = 3.0
 """Ranges of all other values by which a mark stands apart from them."""
-_MOST_MARKS = 0.5
+_MOST_MARKS, _LEAST_VALUES = 0.5, 10
 _THIN_BELOW = 0.5
 """Thin where the sampling interval is less than this share of a node."""
 
@@ -90,7 +90,7 @@ class Samples:
     count, late : int
         Raw finite samples; samples excluded because their stamps ran backward.
     marks : int
-        Raw samples of values that stand for "none", far from all others; they are not in `count`.
+        Raw samples of a thinned channel that stand for "none" (`marks_of`); they are not in `count`.
     mark : float
         The last such value; NaN without one.
     """
@@ -229,14 +229,16 @@ class Collector:
         if not self._waiting:
             return
         stamps, pieces = zip(*self._waiting, strict=True)
-        time_ns, values = self._measured(*self._ordered(np.concatenate(stamps), np.concatenate(pieces)))
+        time_ns, values = self._ordered(np.concatenate(stamps), np.concatenate(pieces))
+        fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
+        if fast:
+            time_ns, values = self._measured(time_ns, values)
         self._waiting = []
         self._count += len(values)
         self._steps.append(resolution(values[:_LOOK]))
         if len(values) > 2:
             self._roughness.append(robust_spread(np.diff(values[:_LOOK], 2)) / np.sqrt(6.0))
         self._sampling.take(time_ns)
-        fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
         time_ns, values = merge_equal_stamps(time_ns, values)
         if fast:
             self._thinned = True
@@ -261,7 +263,7 @@ class Collector:
         self._open = None if growing is None else self._open.part(~closed)
 
     def _measured(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Take out the marks of "none": here, or found before."""
+        """Take out the marks of "none", found here or before, which thinning would mix with measurements."""
         self._marks += [mark for mark in marks_of(values) if mark not in self._marks]
         bad = np.isin(values, self._marks)
         if not bad.any():
@@ -289,7 +291,8 @@ def marks_of(values: FloatArray) -> list[float]:
     found = []
     for end in (float(values.max()), float(values.min())) if len(values) else ():
         rest = values[values != end]
-        if len(rest) and 2 <= len(values) - len(rest) <= _MOST_MARKS * len(values):
+        varied = len(np.unique(rest[:_LOOK])) >= _LEAST_VALUES  # a switch or a held step is no measurement with marks
+        if varied and 2 <= len(values) - len(rest) <= _MOST_MARKS * len(values):
             low, high = float(rest.min()), float(rest.max())
             if max(low - end, end - high) > _APART * max(high - low, abs(high), abs(low)):
                 found.append(end)

@@ -15,7 +15,7 @@ import numpy as np
 
 from daq import ON_TIME_BASE, TRANSDUCER_ROLES, BoolArray, FloatArray, IntArray, Note, Severity
 from processing.notes import RunCode
-from processing.pipeline.collection import Samples
+from processing.pipeline.collection import Samples, marks_of
 from processing.pipeline.kinematics import runs_of
 from processing.robust import robust_spread
 from processing.timebase import nearest
@@ -67,10 +67,12 @@ def without_sensor_faults(samples: Mapping[str, Samples]) -> tuple[dict[str, Sam
 def _faults(role: str, one: Samples, wheel: Samples | None) -> dict[FaultKind, BoolArray]:
     if len(one.values) < _FROZEN_SAMPLES:
         return {}
+    found = {FaultKind.MARK: np.isin(one.values, [] if one.node_s else marks_of(one.values))}
     if role in TRANSDUCER_ROLES:
-        return {FaultKind.CLIPPED: _clipped(one), FaultKind.FROZEN: _frozen(one)}
-    dropped = {FaultKind.DROPPED: _dropped(one, wheel)} if role == "ground_speed" else {}
-    return {**dropped, FaultKind.FROZEN: _frozen(one) & (one.values != 0)}  # a speed of 0 is a standstill
+        return found | {FaultKind.CLIPPED: _clipped(one), FaultKind.FROZEN: _frozen(one)}
+    if role == "ground_speed":
+        found[FaultKind.DROPPED] = _dropped(one, wheel)
+    return found | {FaultKind.FROZEN: _frozen(one) & (one.values != 0)}  # a speed of 0 is a standstill
 
 
 def _note(role: str, kind: FaultKind, value: float, share: float, lasting_s: float) -> Note:

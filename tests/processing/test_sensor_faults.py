@@ -126,8 +126,8 @@ def test_coarse_and_held_channels_are_sound(role: str, how: str) -> None:
     assert run.quality.shares.get("SENSOR_FAULT", 0.0) <= 0.01, told(run)
 
 
-@given(st.lists(st.floats(-50, 50), min_size=3, max_size=50, unique=True), st.integers(2, 3))
+@given(st.lists(st.floats(-50, 50), min_size=1, max_size=50, unique=True), st.integers(2, 3))
 def test_only_values_far_from_all_others_are_marks(values: list[float], times: int) -> None:
     assert marks_of(np.array(values)) == []
     several = np.array([*values, *[-99999.0] * times])
-    assert marks_of(several) == ([-99999.0] if times <= len(values) else [])
+    assert marks_of(several) == ([-99999.0] if len(values) >= 10 else [])
