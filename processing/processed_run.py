@@ -43,7 +43,6 @@ class Reason(IntEnum):
     TRANSDUCER = 9
     BY_HAND = 10
     SLIP_NOT_MEASURED = 11
-    SENSOR_FAULT = 12
 
 
 @dataclass(frozen=True)

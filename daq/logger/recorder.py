@@ -276,8 +276,8 @@ class Recorder:
         try:
             if self._options.lock is not None:
                 self._options.lock.renew()
-        except HardwareError as error:
-            text += f"; {error.faults[0].what}"
+        except (OSError, HardwareError) as error:
+            text += f"; {error.faults[0].what if isinstance(error, HardwareError) else error.strerror}"
         self.event("part", text, "error")
         return text
 

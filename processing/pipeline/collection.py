@@ -25,9 +25,6 @@ _LOOK = 1 << 12
 _LONG_AGO_NS = -(2**62)
 _ROGUE_NS = 60_000_000_000
 """A last stamp this far from the one before may be rogue: what follows is not held against it."""
-_APART = 3.0
-"""Ranges of all other values by which a mark stands apart from them."""
-_MOST_MARKS, _LEAST_VALUES = 0.5, 10
 _THIN_BELOW = 0.5
 """Thin where the sampling interval is less than this share of a node."""
 
@@ -75,8 +72,6 @@ class Samples:
         Where the sensor itself called its value invalid.
     distrusted_ns : int64 array
         Where the transducer's status was not 0, on the grid of the thinning.
-    faulty_ns : int64 array
-        Where the sensor gave no measurement; see `processing.pipeline.sensor_faults`.
     sampling : Sampling
         How the raw samples came.
     spread_s2 : float
@@ -89,10 +84,6 @@ class Samples:
         One-sigma of what differs from one raw sample to the next; 0 with less than three.
     count, late : int
         Raw finite samples; samples excluded because their stamps ran backward.
-    marks : int
-        Raw samples of a thinned channel that stand for "none" (`marks_of`); they are not in `count`.
-    mark : float
-        The last such value; NaN without one.
     """
 
     time_ns: IntArray
@@ -100,7 +91,6 @@ class Samples:
     absent_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     invalid_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     distrusted_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    faulty_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     sampling: Sampling = field(default_factory=Sampling)
     spread_s2: float = 0.0
     node_s: float = 0.0
@@ -108,14 +98,10 @@ class Samples:
     rough: float = 0.0
     count: int = 0
     late: int = 0
-    marks: int = 0
-    mark: float = float("nan")
 
     def received_ns(self) -> IntArray:
         """Return the stamps of everything that came, usable or not, ascending."""
-        others = [
-            stamps for stamps in (self.absent_ns, self.invalid_ns, self.distrusted_ns, self.faulty_ns) if len(stamps)
-        ]
+        others = [stamps for stamps in (self.absent_ns, self.invalid_ns, self.distrusted_ns) if len(stamps)]
         return np.unique(np.concatenate([self.time_ns, *others])) if others else self.time_ns
 
 
@@ -175,9 +161,6 @@ class Collector:
         self._waiting: list[tuple[IntArray, FloatArray]] = []
         self._done = GrowingSeries()
         self._absent: list[IntArray] = []
-        self._marked: list[IntArray] = []
-        self._marks: list[float] = []
-        self._mark_count = 0
         self._sampling = SamplingEstimator()
         self._spread_sum, self._entries = 0.0, 0
         self._open: Nodes | None = None
@@ -213,7 +196,6 @@ class Collector:
             time_ns,
             values,
             absent_ns,
-            faulty_ns=np.unique(np.concatenate([np.zeros(0, np.int64), *self._marked])),
             sampling=self._sampling.estimate() if self._count else sampling_of(absent_ns),
             spread_s2=self._spread_sum / max(self._entries, 1),
             node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
@@ -221,8 +203,6 @@ class Collector:
             rough=float(np.median(self._roughness)) if self._roughness else 0.0,
             count=self._count,
             late=self._late,
-            marks=self._mark_count,
-            mark=self._marks[-1] if self._marks else float("nan"),
         )
 
     def _flush(self) -> None:
@@ -230,15 +210,13 @@ class Collector:
             return
         stamps, pieces = zip(*self._waiting, strict=True)
         time_ns, values = self._ordered(np.concatenate(stamps), np.concatenate(pieces))
-        fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
-        if fast:
-            time_ns, values = self._measured(time_ns, values)
         self._waiting = []
         self._count += len(values)
         self._steps.append(resolution(values[:_LOOK]))
         if len(values) > 2:
             self._roughness.append(robust_spread(np.diff(values[:_LOOK], 2)) / np.sqrt(6.0))
         self._sampling.take(time_ns)
+        fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
         time_ns, values = merge_equal_stamps(time_ns, values)
         if fast:
             self._thinned = True
@@ -262,16 +240,6 @@ class Collector:
         self._entries += len(values)
         self._open = None if growing is None else self._open.part(~closed)
 
-    def _measured(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Take out the marks of "none", found here or before, which thinning would mix with measurements."""
-        self._marks += [mark for mark in marks_of(values) if mark not in self._marks]
-        bad = np.isin(values, self._marks)
-        if not bad.any():
-            return time_ns, values
-        self._mark_count += int(bad.sum())
-        self._marked.append(np.unique(time_ns[bad] // self._node_ns) * self._node_ns + self._node_ns // 2)
-        return time_ns[~bad], values[~bad]
-
     def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
         """Order what was gathered; what is behind all that came before it is excluded."""
         before = len(values)
@@ -284,19 +252,6 @@ class Collector:
             rogue = len(time_ns) > 1 and time_ns[-1] - time_ns[-2] > _ROGUE_NS
             self._peak_ns = max(self._peak_ns, int(time_ns[-2 if rogue else -1]))
         return time_ns, values
-
-
-def marks_of(values: FloatArray) -> list[float]:
-    """Return the outermost values that occur again and again, far from all others: -99999, 65535 times the factor."""
-    found = []
-    for end in (float(values.max()), float(values.min())) if len(values) else ():
-        rest = values[values != end]
-        varied = len(np.unique(rest[:_LOOK])) >= _LEAST_VALUES  # a switch or a held step is no measurement with marks
-        if varied and 2 <= len(values) - len(rest) <= _MOST_MARKS * len(values):
-            low, high = float(rest.min()), float(rest.max())
-            if max(low - end, end - high) > _APART * max(high - low, abs(high), abs(low)):
-                found.append(end)
-    return found
 
 
 def rethin(samples: Samples, node_s: float) -> Samples:

@@ -46,7 +46,6 @@ from processing.pipeline.resampling import (
     received_span_ns,
 )
 from processing.pipeline.rut import with_ruts
-from processing.pipeline.sensor_faults import without_sensor_faults
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.referee import plausibility_notes
@@ -183,8 +182,6 @@ def process_stream(
     if options.purpose == LOOK:
         _require_any(seen, came, vehicle)
     clock, notes = _settle_gnss(samples, vehicle)
-    samples, faults = without_sensor_faults(samples)
-    notes += faults
     dead = _drop_dead(samples, options)
     missing = _why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]

@@ -133,7 +133,8 @@ def diagnose_command(
         return
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     processed = options.processed_for("diagnose", paths, files, by_hand)
-    show = _shown(processed[0][0].vehicle, verbose=verbose, json=json)
+    vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
+    show = _shown(processed[0][0].vehicle if len(vehicles) == 1 else None, verbose=verbose, json=json)
     campaigns = campaigns_of(paths, processed, soil)
     _diagnose(campaigns, replace(settings, average=output is not None), output, show, force=force)
 
@@ -194,8 +195,8 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _shown(vehicle: VehicleConfig, *, verbose: bool, json: bool) -> Callable[[Diagnosis], None]:
-    """Return what prints a diagnosis."""
+def _shown(vehicle: VehicleConfig | None, *, verbose: bool, json: bool) -> Callable[[Diagnosis], None]:
+    """Return what prints a diagnosis; `vehicle` is None where the runs are of several."""
 
     def show(diagnosis: Diagnosis) -> None:
         from wheelsoil.report import checks_of

@@ -126,6 +126,8 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
 
 def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
     waiting = [root]
+    of_series: list[tuple[Source, Beside | None]] = []
+    recorded: list[str] = []
     while waiting:
         folder = waiting.pop()
         try:
@@ -135,16 +137,24 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
             continue
         below = folder.removeprefix(root).strip(os.sep).replace(os.sep, "/")
         files = list(filter(_is_file, entries))
-        if any(is_run_file(entry.name) for entry in files) or _holds_series(folder, files):
-            yield Source(below or Path(root).name, folder), _seen(files)
+        here = Source(below or Path(root).name, folder), _seen(files)
+        if any(is_run_file(entry.name) for entry in files):
+            recorded.append(folder)
+            yield here
             continue
         visible = (entry for entry in entries if not entry.name.startswith("."))
         waiting += [entry.path for entry in visible if entry.is_dir(follow_symlinks=False)]
+        if _holds_series(folder, files):
+            of_series.append(here)
+            continue
         names = {entry.name for entry in files}
         for name in sorted(names if TERRAIN_FILE in names else ()):
             if name.endswith(".csv") and _is_table(Path(folder, name)):
                 stem = name.removesuffix(".csv")
                 yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
+    for source, beside in of_series:  # beside folders with recordings a table with times is no campaign
+        if not any(folder.startswith(source.path + os.sep) for folder in recorded):
+            yield source, beside
 
 
 def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:

@@ -321,18 +321,20 @@ class AnalysisSession:
                 if run.state != "processing":
                     run.update_state(campaign.options)
             entry = campaign_entry(campaign, self.files)
-            self._recall(campaign)
+            if choice != before and _changed(before, choice) & _OF_DIAGNOSIS:
+                self._recall(campaign)
         self._processing.wake()
         return entry
 
     def _recall(self, campaign: ViewedCampaign) -> None:
         """Have the diagnosis of a campaign stand there if all its runs are processed and it is kept from before."""
         mine = campaign.diagnosis
-        if campaign.pending or mine.state != "none":
+        if campaign.pending or mine.state != "none" or mine.recalled is not None:
             return
         with suppress(WheelsoilError):
             members, choices = campaign.members(), campaign.choice.fit_choices()
             asked = self._quick.ask(jobs.kept_diagnosis, members, self.paths, self.files.soil, choices)
+            mine.recalled = asked
             asked.add_done_callback(lambda _: self._put_kept(campaign, mine, asked))
 
     def _put_kept(self, campaign: ViewedCampaign, mine: DiagnosisOnPage, asked: Future[dict[str, Any] | None]) -> None:
@@ -354,6 +356,8 @@ class AnalysisSession:
         if changed & _OF_DIAGNOSIS:
             if campaign.diagnosis.asked is not None:
                 self._slow.drop(campaign.diagnosis.asked)
+            if campaign.diagnosis.recalled is not None:
+                campaign.diagnosis.recalled.cancel()
             campaign.diagnosis = DiagnosisOnPage()
 
     def fit(self, key: str) -> dict[str, Any]:

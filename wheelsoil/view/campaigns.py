@@ -87,10 +87,11 @@ class ViewedRun:
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis: its state, how far it is, its result, and the pending answer of the helper (`asked`)."""
+    """A diagnosis: its state, how far it is, its result, and the pending answers: of it, and whether it is kept."""
 
     state: DiagnosisState = "none"
     asked: Future[dict[str, Any]] | None = None
+    recalled: Future[dict[str, Any] | None] | None = None
     found: dict[str, Any] | None = None
     faults: tuple[Fault, ...] = ()
     share: float = 0.0

@@ -111,7 +111,7 @@ def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShar
 
 def diagnosis_lines(
     diagnosis: Diagnosis,
-    vehicle: VehicleConfig,
+    vehicle: VehicleConfig | None,
     width: int = 96,
     *,
     checks: Iterable[str] = (),
@@ -121,8 +121,8 @@ def diagnosis_lines(
 
     Parameters
     ----------
-    vehicle : VehicleConfig
-        What the next step may have to change.
+    vehicle : VehicleConfig, optional
+        What the next step may have to change; None where the runs are of several.
     width : int
         Of the terminal, in characters; held between 80 and 100.
     checks : iterable of str
@@ -159,11 +159,12 @@ def diagnosis_lines(
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
 
-def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig, width: int) -> list[str]:
-    step = (next_steps(diagnosis, vehicle) or [step_of(diagnosis)])[0]
-    said = f"{step.what.rstrip('.')}. {step.why}"
-    text = wrapped(f"Next: {said[0].lower()}{said[1:]}".rstrip(), width)
-    return [*text, *_indented(step.paste.splitlines())]
+def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig | None, width: int) -> list[str]:
+    step = (next_steps(diagnosis, vehicle or VehicleConfig()) or [step_of(diagnosis)])[0]
+    named = any(step.what.startswith(f"{run.campaign}: ") for run in diagnosis.next_run if run.campaign)
+    what = step.what if named else f"{step.what[0].lower()}{step.what[1:]}"
+    text = wrapped(f"Next: {what.rstrip('.')}. {step.why}".rstrip(), width)
+    return [*text, *_indented(step.paste.splitlines() if vehicle is not None else ())]
 
 
 def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:

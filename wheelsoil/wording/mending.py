@@ -62,7 +62,8 @@ def _step_of_run(run: NextRun) -> Step:
     cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
     reason = [f"Separates {parted}; {tells}{cost}."] if parted else []
     written = [f"Write {key}."] if (key := key_text(run)) else []
-    return Step(upper(step_text(run)), " ".join([*reason, *written]))
+    what = step_text(run) if run.campaign else upper(step_text(run))
+    return Step(what, " ".join([*reason, *written]))
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:

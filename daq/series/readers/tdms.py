@@ -193,7 +193,8 @@ class _Channels:
                 return None
         if not self._waiting[name]:
             return None
-        values = np.concatenate(self._waiting[name])
+        [*pieces] = self._waiting[name]
+        values = np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
         taken, left = values[: end - start], values[end - start :]
         self._waiting[name] = [left] if len(left) else []
         self._waiting_bytes -= taken.nbytes
