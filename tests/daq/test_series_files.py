@@ -312,7 +312,7 @@ def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Pa
         assert all(len(values) <= len(VALUES) for _, values, _ in found.values())
 
 
-@pytest.mark.parametrize("waiting", [1 << 28, 0])
+@pytest.mark.parametrize("waiting", [1 << 28, 220_000, 0])
 def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int
 ) -> None:

@@ -19,6 +19,8 @@ from daq.series.readers.groups import Cells, Clock, Column, series_of
 _LEAD_IN = struct.Struct("<4sL4xQ8x")
 _BIG_ENDIAN, _OPEN = 1 << 6, (1 << 64) - 1
 _MOST_WAITING_BYTES = 256 << 20
+_LARGEST_SCALING = 4
+"""Bytes of a scaled value in memory for one in the file: float64 for int16."""
 _Name = tuple[str, str]
 """Of a channel: its group's and its own."""
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
@@ -41,14 +43,14 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     except ImportError:
         raise not_installed("TDMS files", "npTDMS", path, "series") from None
     log_manager.set_level(logging.ERROR)  # its warnings of a cut file are remarks of ours
-    missing = _missing_bytes(path)
+    missing, longest = _segments(path)
     if missing:
         report.known.append(missing)
     columns: list[Column] = []
     clocks: dict[str, Clock] = {}
     try:
         file = _OpenFile(path)
-        channels = _Channels(path)
+        channels = _Channels(path, in_order=longest * _LARGEST_SCALING <= _MOST_WAITING_BYTES)
         for group in file.tdms.groups():
             for channel in group.channels():
                 name = f"{group.name}/{channel.name}"
@@ -71,24 +73,25 @@ def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series
     return series
 
 
-def _missing_bytes(path: Path) -> str:
-    """Return what is missing of a file at its end: a segment states where the next one begins."""
-    size, at = path.stat().st_size, 0
+def _segments(path: Path) -> tuple[str, int]:
+    """Return what is missing of a file at its end, and the bytes of the longest segment: each states where it ends."""
+    size, at, longest = path.stat().st_size, 0, 0
     with path.open("rb", buffering=0) as file:
         while at < size:
             file.seek(at)
             head = file.read(_LEAD_IN.size)
             if len(head) < _LEAD_IN.size:
-                return f"the file is cut off: the segment at byte {at:,} ends within its header"
+                return f"the file is cut off: the segment at byte {at:,} ends within its header", longest
             tag, contents, length = _LEAD_IN.unpack(head)
             if tag != b"TDSm":
-                return f"no segment begins at byte {at:,}: what is behind it is not read"
+                return f"no segment begins at byte {at:,}: what is behind it is not read", longest
             if contents & _BIG_ENDIAN:
                 length = int.from_bytes(head[12:20], "big")
+            longest = max(longest, min(length, size - at))
             if length == _OPEN:
-                return f"the segment at byte {at:,} was never closed: its last samples may be missing"
+                return f"the segment at byte {at:,} was never closed: its last samples may be missing", longest
             at += _LEAD_IN.size + length
-    return "" if at == size else f"the file is cut off: {size:,} of {at:,} bytes are there"
+    return ("" if at == size else f"the file is cut off: {size:,} of {at:,} bytes are there"), longest
 
 
 def _clock(properties: Any) -> Clock | None:
@@ -137,11 +140,12 @@ _OPEN_FILES: Held[_OpenFile] = Held(_OpenFile.close)
 class _Channels:
     """The channels of a file, which is read from its beginning to its end for each reading of their rows.
 
-    Values that come before their turn wait; when more than `_MOST_WAITING_BYTES` do, each channel is read by itself.
+    Values that come before their turn wait; when more than `_MOST_WAITING_BYTES` do, each channel is read by itself. So
+    it is from the beginning where not `in_order`: a segment is read as a whole.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, *, in_order: bool) -> None:
+        self._path, self._in_order = path, in_order
         self._lengths: dict[_Name, int] = {}
         self._given: dict[_Name, int] = {}
         self._come: dict[_Name, int] = {}
@@ -176,7 +180,7 @@ class _Channels:
     def _begin(self) -> None:
         self._close()
         self._file = _OPEN_FILES.take(state_of(self._path)) or _OpenFile(self._path)
-        self._chunks = self._file.tdms.data_chunks()
+        self._chunks = self._file.tdms.data_chunks() if self._in_order else None
         self._given, self._come = dict.fromkeys(self._lengths, 0), dict.fromkeys(self._lengths, 0)
         self._waiting = {name: [] for name in self._lengths}
         self._waiting_bytes = 0
