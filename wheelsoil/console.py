@@ -41,6 +41,12 @@ def folded(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [text]
 
 
+def hanging(margin: str, text: str) -> list[str]:
+    """Return a text as lines behind a margin, folded to the width of the terminal and aligned."""
+    first, *more = folded(text, terminal_width() - len(margin))
+    return [margin + first, *(f"{'':{len(margin)}}{line}" for line in more)]
+
+
 def printable_addresses(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
     """Return a page's addresses for stderr, without a given token unless stderr is a terminal: journals keep it."""
     secret = token is not None and not sys.stderr.isatty()
@@ -64,10 +70,8 @@ def print_pairs(lines: Iterable[tuple[str, str]]) -> None:
     pairs = list(lines)
     width = max((len(name) for name, _ in pairs), default=0)
     for name, value in pairs:
-        first, *more = folded(without_powers(value), terminal_width() - width - 2)
-        print(f"{name.ljust(width)}  {first}")
-        for line in more:
-            print(f"{'':{width}}  {line}")
+        for line in hanging(f"{name.ljust(width)}  ", without_powers(value)):
+            print(line)
 
 
 def progress(items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:

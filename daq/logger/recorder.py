@@ -382,7 +382,7 @@ class Recorder:
 
 
 def _is_gone(file: Path) -> bool:
-    """Return whether a file is no longer where it was made; one in a folder that may not be entered is."""
+    """Return whether a file is no longer where it was made; in a folder that may not be entered it counts as there."""
     try:
         file.stat()
     except (FileNotFoundError, NotADirectoryError):

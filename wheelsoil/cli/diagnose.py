@@ -199,7 +199,6 @@ def _shown(vehicle: VehicleConfig | None, *, verbose: bool, json: bool) -> Calla
     """Return what prints a diagnosis; `vehicle` is None where the runs are of several."""
 
     def show(diagnosis: Diagnosis) -> None:
-        from wheelsoil.report import checks_of
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
@@ -207,6 +206,8 @@ def _shown(vehicle: VehicleConfig | None, *, verbose: bool, json: bool) -> Calla
         if json:
             print_json(diagnosis_json(diagnosis))
         else:
+            from wheelsoil.report import checks_of
+
             lines = diagnosis_lines(diagnosis, vehicle, width, checks=checks_of(diagnosis), verbose=verbose)
             print("\n".join(lines))
         for line in stages_lines(diagnosis, width):

@@ -15,7 +15,7 @@ import typer
 
 from daq import ConfigError, DataError, Fault, HardwareError, check_logging
 from wheelsoil.cli import options
-from wheelsoil.console import folded, print_json, print_pairs, printable_addresses, say, terminal_width
+from wheelsoil.console import hanging, print_json, print_pairs, printable_addresses, say
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
@@ -71,27 +71,20 @@ def _print(lines: list[Line], count: Mapping[str, int]) -> None:
     """Print whether it is ready and the first step, then every check; in colour on a terminal."""
     first = next((line for kind in ("fail", "warn") for line in lines if line.verdict.value == kind), None)
     counted = ", ".join(f"{number} {verdict}" for verdict, number in count.items())
-    typer.echo(f"{'not ready' if count['fail'] else 'ready'} to log: {counted}")
+    print(f"{'not ready' if count['fail'] else 'ready'} to log: {counted}")
     if first is not None and first.next_step:
-        _fold("Next: ", first.next_step)
-    typer.echo()
+        print("\n".join(hanging("Next: ", first.next_step)))
+    print()
     width = max(len(line.check) for line in lines)
     for line in lines:
         verdict = line.verdict.value
         found = f"{line.where}: {line.found}" if line.where else line.found
-        _fold(f"{verdict}  {line.check.ljust(width)}  ", found, verdict)
-        if line.next_step:
-            _fold(f"{'':{width + 8}}-> ", line.next_step)
-
-
-def _fold(margin: str, text: str, verdict: str = "") -> None:
-    """Print a text behind a margin that begins with a verdict, within the width."""
-    head, *more = folded(text, terminal_width() - len(margin))
-    begin = typer.style(verdict, _COLOURS[verdict]) if verdict else ""
-    line = f"{begin}{margin.removeprefix(verdict)}{head}"
-    typer.echo(line, color=False if os.environ.get("NO_COLOR") else None)
-    for line in more:
-        typer.echo(f"{'':{len(margin)}}{line}")
+        head, *more = hanging(f"{verdict}  {line.check.ljust(width)}  ", found)
+        coloured = typer.style(verdict, _COLOURS[verdict]) + head.removeprefix(verdict)
+        typer.echo(coloured, color=False if os.environ.get("NO_COLOR") else None)
+        steps = hanging(f"{'':{width + 8}}-> ", line.next_step) if line.next_step else []
+        for text in (*more, *steps):
+            print(text)
 
 
 def log_command(

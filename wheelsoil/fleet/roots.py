@@ -89,9 +89,9 @@ def facts_of(files: Iterable[Path]) -> Facts:
 def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     """Return every campaign folder and single-wheel table in some folders, however deep, by name.
 
-    A folder that holds runs (of series: beside vehicle.toml) is a campaign, and is not searched further. A table is a
-    CSV file with the columns slip, vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin
-    with a dot are left out.
+    A folder that holds recordings or logs is a campaign, and is not searched further. One with series beside
+    vehicle.toml is a campaign where no folder below it has recordings or logs. A table is a CSV file with the columns
+    slip, vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin with a dot are left out.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
 def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
     waiting = [root]
     of_series: list[tuple[Source, Beside | None]] = []
-    recorded: list[str] = []
+    above: set[str] = set()  # folders that have one with recordings below them
     while waiting:
         folder = waiting.pop()
         try:
@@ -137,24 +137,32 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
             continue
         below = folder.removeprefix(root).strip(os.sep).replace(os.sep, "/")
         files = list(filter(_is_file, entries))
-        here = Source(below or Path(root).name, folder), _seen(files)
+        source = Source(below or Path(root).name, folder)
         if any(is_run_file(entry.name) for entry in files):
-            recorded.append(folder)
-            yield here
+            above |= _between(root, folder)
+            yield source, _seen(files)
             continue
         visible = (entry for entry in entries if not entry.name.startswith("."))
         waiting += [entry.path for entry in visible if entry.is_dir(follow_symlinks=False)]
         if _holds_series(folder, files):
-            of_series.append(here)
+            of_series.append((source, _seen(files)))
             continue
         names = {entry.name for entry in files}
         for name in sorted(names if TERRAIN_FILE in names else ()):
             if name.endswith(".csv") and _is_table(Path(folder, name)):
                 stem = name.removesuffix(".csv")
                 yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
-    for source, beside in of_series:  # beside folders with recordings a table with times is no campaign
-        if not any(folder.startswith(source.path + os.sep) for folder in recorded):
-            yield source, beside
+    # beside folders with recordings a table with times is no campaign
+    yield from (found for found in of_series if found[0].path not in above)
+
+
+def _between(root: str, folder: str) -> set[str]:
+    """Return the folders from a root down to the one that holds a folder."""
+    found = set()
+    while folder != root:
+        folder = folder.rpartition(os.sep)[0] or os.sep
+        found.add(folder)
+    return found
 
 
 def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:

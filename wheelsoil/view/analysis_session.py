@@ -321,13 +321,12 @@ class AnalysisSession:
                 if run.state != "processing":
                     run.update_state(campaign.options)
             entry = campaign_entry(campaign, self.files)
-            if choice != before and _changed(before, choice) & _OF_DIAGNOSIS:
-                self._recall(campaign)
+            self._recall(campaign)
         self._processing.wake()
         return entry
 
     def _recall(self, campaign: ViewedCampaign) -> None:
-        """Have the diagnosis of a campaign stand there if all its runs are processed and it is kept from before."""
+        """Have the diagnosis of a campaign stand there if all its runs are processed and it is kept; asked for once."""
         mine = campaign.diagnosis
         if campaign.pending or mine.state != "none" or mine.recalled is not None:
             return

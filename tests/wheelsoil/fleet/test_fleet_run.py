@@ -63,6 +63,10 @@ def test_a_folder_of_series_is_a_campaign_where_a_vehicle_describes_it(tmp_path:
         for name, text in files.items():
             (tmp_path / folder / name).write_text(text, encoding="utf-8")
     assert [(one.name, one.is_table) for one in find_sources([tmp_path])] == [("driven", False), ("tested/soil", True)]
+    (tmp_path / "driven" / "day" / "one").mkdir(parents=True)
+    (tmp_path / "driven" / "day" / "one" / "run.mcap").touch()
+    names = [one.name for one in find_sources([tmp_path])]
+    assert names == ["driven/day/one", "tested/soil"], "a table beside folders with recordings hides none of them"
 
 
 def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: Path) -> None:

@@ -308,9 +308,10 @@ def _again(grades: dict[str, Grade]) -> str:
 
 def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     """Return the next steps: repair what spoils runs, then what the diagnosis asks for."""
-    found, first = material.diagnosed, _before_diagnosis(material, grades)
-    onward = next_steps(found, material.vehicle) if found is not None else []
-    return ([*first, *onward] or [step_of(found)] if found is not None else first)[:_STEPS]
+    found, steps = material.diagnosed, _before_diagnosis(material, grades)
+    if found is not None:
+        steps = [*steps, *next_steps(found, material.vehicle)] or [step_of(found)]
+    return steps[:_STEPS]
 
 
 def _before_diagnosis(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
