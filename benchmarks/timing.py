@@ -86,6 +86,19 @@ def command_cost(
     return CommandCost(usage.ru_utime + usage.ru_stime, wall_s, peak_mb)
 
 
+def spent_by(pid: int) -> float:
+    """Return the processor time of a process that runs and of all that descend from it, ended or not."""
+    ticks = 0
+    for one in _with_descendants(pid):
+        try:
+            ticks += sum(
+                int(field) for field in Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:15]
+            )
+        except OSError:  # it has ended meanwhile, and its parent counts it
+            continue
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 class _PeakMemory:
     """Largest memory of a process and all that descend from it, at one time."""
 

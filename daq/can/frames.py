@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from daq.arrays import IntArray
 
 if TYPE_CHECKING:
     from daq.can.library import can
@@ -170,23 +172,20 @@ FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED, _ = map(int, FrameFlag)
 
 
-def frames_from_messages(
-    messages: Sequence[can.Message], time_ns: Sequence[int], bus_of: Callable[[can.Message], int]
-) -> FrameArray:
-    """Turn python-can messages into frames, of `FD_DTYPE` when a message is CAN FD, else of `CLASSIC_DTYPE`.
+def frames_from_messages(messages: Sequence[can.Message], time_ns: Sequence[int] | IntArray) -> FrameArray:
+    """Turn python-can messages into frames of bus 0, of `FD_DTYPE` when a message is CAN FD, else of `CLASSIC_DTYPE`.
 
-    `time_ns` are UTC nanoseconds; `bus_of` gives the position of a message's bus.
+    `time_ns` are UTC nanoseconds.
     """
     wide = any(message.is_fd for message in messages)
     room = 64 if wide else 8
     frames = np.zeros(len(messages), FD_DTYPE if wide else CLASSIC_DTYPE)
     frames["time_ns"] = time_ns
-    frames["can_id"] = [m.arbitration_id & 0x1FFF_FFFF for m in messages]
-    frames["bus"] = [bus_of(m) for m in messages]
+    frames["can_id"] = np.array([m.arbitration_id for m in messages], np.int64) & 0x1FFF_FFFF
     frames["flags"] = [_flags(m) for m in messages]
     # a classical frame may carry a DLC above 8, and still has 8 bytes
-    frames["length"] = [min(m.dlc, 64 if m.is_fd else 8) for m in messages]
-    joined = b"".join(bytes(m.data or b"")[:room].ljust(room, b"\0") for m in messages)
+    frames["length"] = np.minimum([m.dlc for m in messages], np.where(frames["flags"] & _FD, 64, 8))
+    joined = b"".join([(m.data or b"").ljust(room, b"\0")[:room] for m in messages])
     frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
     return frames
 
@@ -217,12 +216,10 @@ def messages_from_frames(frames: FrameArray) -> list[can.Message]:
 
 
 def _flags(message: can.Message) -> int:
-    return (
-        (_EXTENDED if message.is_extended_id else 0)
-        | (_REMOTE if message.is_remote_frame else 0)
-        | (_ERROR if message.is_error_frame else 0)
-        | (_FD if message.is_fd else 0)
-        | (_BITRATE_SWITCH if message.bitrate_switch else 0)
-        | (_ERROR_STATE if message.error_state_indicator else 0)
-        | (0 if message.is_rx else _TRANSMITTED)
-    )
+    flags = (_EXTENDED if message.is_extended_id else 0) | (0 if message.is_rx else _TRANSMITTED)
+    if message.is_remote_frame or message.is_error_frame:
+        flags |= (_REMOTE if message.is_remote_frame else 0) | (_ERROR if message.is_error_frame else 0)
+    if message.is_fd:
+        flags |= _FD | (_BITRATE_SWITCH if message.bitrate_switch else 0)
+        flags |= _ERROR_STATE if message.error_state_indicator else 0
+    return flags

@@ -29,7 +29,7 @@ def open_source(bus: BusSection, buffer_bytes: int | None = None) -> Source:
         return SocketCanSource(bus.channel, buffer_bytes or RECEIVE_BUFFER_BYTES)
     from daq.sources.python_can import PythonCanSource
 
-    return PythonCanSource(bus)
+    return PythonCanSource(bus, buffer_bytes)
 
 
 def open_sink(bus: BusSection) -> Sink:

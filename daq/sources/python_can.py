@@ -26,7 +26,7 @@ from daq.arrays import IntArray
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_from_messages, messages_from_frames
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError, nearest
-from daq.host_clock import HostClock
+from daq.host_clock import HostClock, monotonic_ns
 from daq.sources.can_source import SourceCounters
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class AdapterClock:
         self._window_from_ns = self._window_above_ns = 0
 
     def arrived_ns(self) -> int:
-        """Return the monotonic time at which a frame was fetched; to be asked for each as it comes."""
+        """Return the monotonic time now, and see whether the host's clock was set; to be asked after each reading."""
         return self._clock.observe()
 
     def realtime_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
@@ -180,8 +180,9 @@ def open_bus(bus: BusSection) -> can.BusABC:
         options["bitrate"] = bus.bitrate
     try:
         opened = can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
-        if interface == "udp_multicast":
-            _hear_only_its_group(opened)
+        if made := _socket_of(opened):
+            with made:
+                _hear_only_its_group(made)
         return opened
     except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
         # NameError: what python-can's kvaser raises without its driver
@@ -190,11 +191,17 @@ def open_bus(bus: BusSection) -> can.BusABC:
         raise HardwareError.of(what, f"bus {bus.channel}", found, next_step=step) from None
 
 
-def _hear_only_its_group(bus: can.BusABC) -> None:
+def _socket_of(bus: can.BusABC) -> socket.socket | None:
+    """Return the socket of a multicast bus, on Linux, where it can be asked for room and for its losses."""
+    if sys.platform != "linux" or type(bus).__name__ != "UdpMulticastBus":
+        return None
+    return socket.socket(fileno=os.dup(bus.fileno()))
+
+
+def _hear_only_its_group(made: socket.socket) -> None:
     """Have a multicast bus ignore the groups that other programs of this machine have joined, as it shares a port."""
-    if sys.platform == "linux":
-        with socket.socket(fileno=os.dup(bus.fileno())) as same, contextlib.suppress(OSError):  # an old kernel
-            same.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(same.family)], 0)
+    with contextlib.suppress(OSError):  # an old kernel
+        made.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(made.family)], 0)
 
 
 def _next_step(interface: str, channel: str, error: Exception) -> str:
@@ -232,41 +239,73 @@ class _OpenBus:
 
 
 class PythonCanSource(_OpenBus):
-    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+    """Frames of a python-can bus; see `daq.sources.can_source.Source`. Only of a multicast bus are losses counted.
 
-    def __init__(self, bus: BusSection) -> None:
+    Parameters
+    ----------
+    bus : BusSection
+    buffer_bytes : int, optional
+        Receive buffer to ask for, where the bus is a socket.
+    """
+
+    def __init__(self, bus: BusSection, buffer_bytes: int | None = None) -> None:
         super().__init__(bus)
+        self._socket = _socket_of(self._bus)
+        if self._socket:
+            from daq.sources.socketcan import RECEIVE_BUFFER_BYTES, ask_for_room  # Linux has it
+
+            ask_for_room(self._socket, buffer_bytes or RECEIVE_BUFFER_BYTES)
+        self._counted: tuple[int, int] | None = None
         self._clock = AdapterClock(bus.interface or "socketcan")
         self._received = 0
         self._errors = 0
+        self._failed: HardwareError | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """See `daq.sources.can_source.Source`; what to say of the stamps is known with the first frames."""
-        return (f"{self._clock.interface} does not report frames that it loses", *self._clock.remarks)
+        silent = () if self._socket else (f"{self._clock.interface} does not report frames that it loses",)
+        return (*silent, *self._clock.remarks)
 
     @property
     def counters(self) -> SourceCounters:
         """See `daq.sources.can_source.Source`."""
-        return SourceCounters(self._received, None, self._errors, None)
+        if self._socket and self._open:
+            from daq.sources.socketcan import lost_frames, room_bytes
+
+            self._counted = lost_frames(self._socket), room_bytes(self._socket)
+        lost, room = self._counted or (None, None)
+        return SourceCounters(self._received, lost, self._errors, room)
+
+    def close(self) -> None:
+        """See `_OpenBus.close`."""
+        _ = self.counters
+        super().close()
+        if self._socket:
+            self._socket.close()
 
     def read(self, timeout_s: float) -> FrameBatch:
         """See `daq.sources.can_source.Source`."""
         from daq.can.library import can
 
+        if self._failed:
+            raise self._failed
         messages: list[can.Message] = []
         arrived_ns: list[int] = []
         wait_s = timeout_s
         try:
             while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(wait_s)) is not None:
-                arrived_ns.append(self._clock.arrived_ns())
+                arrived_ns.append(monotonic_ns())
                 messages.append(message)
                 wait_s = 0.0
         except (can.CanError, *_DRIVER_ERRORS) as error:
-            raise HardwareError(_gone(self.name, error)) from None
+            self._failed = HardwareError(_gone(self.name, error))
+            if not messages:
+                raise self._failed from None
+        self._clock.arrived_ns()
         stamps = [round((message.timestamp or 0.0) * 1e6) * 1000 for message in messages]
         times = self._clock.realtime_ns(np.array(stamps, np.int64), np.array(arrived_ns, np.int64))
-        frames = frames_from_messages(messages, times.tolist(), lambda _: 0)
+        frames = frames_from_messages(messages, times)
         self._received += len(frames)
         self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
         return FrameBatch(frames, (self.name,))

@@ -86,14 +86,24 @@ def listening(channel: str, buffer_bytes: int) -> socket.socket:
 
 
 def prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
-    """Have a socket stamp frames, count lost ones and keep many, beyond the system's limit where that is allowed."""
+    """Have a socket stamp frames, count lost ones and keep many."""
     made.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     made.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+    ask_for_room(made, buffer_bytes)
+    return made
+
+
+def ask_for_room(made: socket.socket, buffer_bytes: int) -> None:
+    """Ask the kernel for a receive buffer of this size, beyond the system's limit where that is allowed."""
     try:
         made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, buffer_bytes)
     except PermissionError:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
-    return made
+
+
+def room_bytes(made: socket.socket) -> int:
+    """Return the receive buffer that the kernel gave."""
+    return made.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it
 
 
 def fault_of(channel: str, code: int) -> Fault:
@@ -209,7 +219,7 @@ class SocketCanSource:
         self._batch = _Batch()
         header = self._batch.headers["header"]
         header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
-        self._buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it
+        self._buffer_bytes = room_bytes(self._socket)
         self.remarks = buffer_remarks(channel, self._buffer_bytes, buffer_bytes)
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)

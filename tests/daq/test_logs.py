@@ -45,7 +45,7 @@ def test_samples_equal_python_can(name: str) -> None:
     theirs = list(READERS[path.suffix](path))
     assert theirs
     first = 1 if path.suffix == ".trc" else 0
-    expected = frames_from_messages(theirs, [0] * len(theirs), lambda _: 0)
+    expected = frames_from_messages(theirs, [0] * len(theirs))
     buses = [f"can{(m.channel or 0) - (first if m.channel else 0)}" for m in theirs]
     assert [frame[1:] for frame in content(ours)] == [frame[1:] for frame in content(FrameBatch(expected, ("can0",)))]
     assert [frame[0] for frame in content(ours)] == buses
@@ -80,9 +80,8 @@ def test_real_drives_equal_python_can(name: str, tmp_path: Path) -> None:
     ours = concatenate(list(reading))
     with gzip.open(path, "rt") as text:
         theirs = list(can.CanutilsLogReader(text))  # type: ignore[arg-type]
-    frames = frames_from_messages(
-        theirs, [round(m.timestamp * 1e6) * 1000 for m in theirs], lambda m: ours.buses.index(str(m.channel))
-    )
+    frames = frames_from_messages(theirs, [round(m.timestamp * 1e6) * 1000 for m in theirs])
+    frames["bus"] = [ours.buses.index(str(m.channel)) for m in theirs]
     assert (ours.frames == frames).all()
     assert reading.report.remarks() == []
     write_candump([ours], tmp_path / "again.log")
@@ -157,7 +156,7 @@ def test_what_python_can_writes_is_read(tmp_path: Path, suffix: str, writer: typ
 def test_messages_and_frames_are_the_same_thing() -> None:
     frames = some_frames(np.random.default_rng(4), 300).frames
     messages = messages_from_frames(frames)
-    assert (frames_from_messages(messages, frames["time_ns"].tolist(), lambda _: 0) == frames).all()
+    assert (frames_from_messages(messages, frames["time_ns"].tolist()) == frames).all()
     for message in messages:
         message._check()
 

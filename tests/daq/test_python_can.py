@@ -6,14 +6,14 @@ import importlib
 import importlib.metadata
 import os
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 
 import can
 import pytest
 
 from daq.config import BusSection
 from daq.errors import HardwareError
-from daq.sources.python_can import _EXTRAS, open_bus
+from daq.sources.python_can import _EXTRAS, PythonCanSource, open_bus
 
 
 def test_an_interface_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,3 +63,40 @@ def test_a_multicast_bus_hears_its_own_group_only(group: str) -> None:
         heard = near.recv(5.0)
         assert heard is not None
         assert heard.arbitration_id == 2
+
+
+def test_a_multicast_source_counts_what_it_lost() -> None:
+    bus = BusSection(channel=f"239.74.164.{1 + os.getpid() % 250}", interface="udp_multicast")
+    try:
+        source, sender = PythonCanSource(bus, 4096), open_bus(bus)
+    except HardwareError as error:
+        pytest.skip(f"no multicast here: {error}")
+    with closing(source), sender:
+        if source.counters.dropped is None:
+            pytest.skip("the system does not count")
+        for number in range(200):
+            sender.send(can.Message(arbitration_id=number))
+        got = 0
+        while count := len(source.read(0.2)):
+            got += count
+        lost = source.counters.dropped
+        assert lost and got + lost == 200
+        assert source.remarks == ()
+
+
+def test_what_came_before_a_failure_is_kept() -> None:
+    source = PythonCanSource(BusSection(channel="failing", interface="virtual"))
+    with closing(source), can.Bus("failing", interface="virtual") as sender:
+        for number in range(3):
+            sender.send(can.Message(arbitration_id=number))
+        receive, left = source._bus.recv, iter(range(3))
+
+        def fail_in_the_end(timeout: float | None = None) -> can.Message | None:
+            if next(left, None) is None:
+                raise OSError("unplugged")
+            return receive(timeout)
+
+        source._bus.recv = fail_in_the_end  # type: ignore[method-assign]
+        assert source.read(0.1).frames["can_id"].tolist() == [0, 1, 2]
+        with pytest.raises(HardwareError, match="unplugged"):
+            source.read(0.1)

@@ -59,7 +59,7 @@ def read(suffix: str, text: bytes) -> tuple[FrameBatch, LogReport]:
 def test_what_python_can_writes_comes_back(data: st.DataObject, suffix: str) -> None:
     sent = data.draw(st.lists(messages(fd=suffix == ".asc"), min_size=1, max_size=25))
     batch, report = read(suffix, written(suffix, sent).encode())
-    expected = frames_from_messages(sent, [0] * len(sent), lambda _: 0)
+    expected = frames_from_messages(sent, [0] * len(sent))
     for column in ("can_id", "flags", "data"):
         back, wanted = batch.widened().frames[column], FrameBatch(expected, ("can0",)).widened().frames[column]
         assert (back == wanted).all(), column
