@@ -16,6 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import scipy.io
 
+from benchmarks.peer_environment import PeersMissingError, run_beside_peers
 from benchmarks.table import Mark, Row, at_least, compared, rate_of
 from benchmarks.timing import side_by_side
 from daq import FloatArray
@@ -60,7 +61,29 @@ def _series(folder: Path) -> list[Row]:
     )
     found = [_series_row(_written(folder, columns, suffix), *others) for suffix, *others in compared_with]
     apart = (("mat", "scipy", _loadmat), ("h5", "h5py", _h5py))
-    return found + [_row_apart(folder, columns, *others) for others in apart]
+    return found + _tables(folder) + [_row_apart(folder, columns, *others) for others in apart]
+
+
+def _tables(folder: Path) -> list[Row]:
+    """Measure the same tables beside the readers that are not installed with wheelsoil."""
+    try:
+        took = run_beside_peers(
+            "series_peers", str(ROUNDS), *(str(folder / f"series.{one}") for one in ("csv", "parquet"))
+        )
+    except PeersMissingError as error:
+        return [Row("tables: peers missing", str(error))]
+    return [
+        compared(
+            f"{suffix} series, {SERIES_ROWS:,} rows",
+            times["ours"],
+            peer,
+            times[peer],
+            rate_of(SERIES_ROWS, "rows"),
+            at_least(0.8, "x") if (suffix, peer) == ("csv", "polars") else None,
+        )
+        for suffix, times in took.items()
+        for peer in ("polars", "duckdb")
+    ]
 
 
 def _series_row(path: Path, peer: str, read: Callable[[Path], Arrays], mark: Mark | None) -> Row:
@@ -168,7 +191,7 @@ def _row(
     times: float,
 ) -> Row:
     path = folder / f"run.{'log' if name == 'candump' else name.lower()}"
-    _write(path, frames, writer)
+    write_log(path, frames, writer)
     found = side_by_side(
         {
             "ours": partial(_all_of, len(frames), lambda: sum(len(batch) for batch in read_log(path))),
@@ -180,7 +203,8 @@ def _row(
     return compared(what, found["ours"], "python-can", found["peer"], rate_of(len(frames)), at_least(times, "x"))
 
 
-def _write(path: Path, frames: FrameBatch, writer: Callable[[Path], Any] | None) -> None:
+def write_log(path: Path, frames: FrameBatch, writer: Callable[[Path], Any] | None) -> None:
+    """Write frames by python-can's writer, or as candump."""
     if writer is None:
         write_candump([frames], path)
         return

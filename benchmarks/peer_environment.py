@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-PEERS = ("asammdf==8.8.28", "foxglove-sdk==0.30.3", "lmfit==1.3.4")
+PEERS = ("asammdf==8.8.28", "foxglove-sdk==0.30.3", "lmfit==1.3.4", "polars==2.1.0", "duckdb==2.0.1")
 _FOLDER = ROOT / ".venv-bench"
 _STAMP = _FOLDER / "peers.txt"
 _PYTHON = _FOLDER / "bin" / "python"
