@@ -52,7 +52,7 @@ def test_the_probability_is_that_of_a_covariance_written_out(with_own: bool) -> 
     """Gaussian densities with all columns in the covariance; the square root of the Gram matrix is the data."""
     drawn, rng = world(4, library(1), runs=3, n=40), np.random.default_rng(3)
     kinds = [Shape(Kind.SLIP if i < 11 else Kind.LINE_POSITION, "dp") for i in range(drawn.basis.shape[2])]
-    extra = 1.2 * drawn.basis[..., 3]
+    extra = 1.4 * drawn.basis[..., 3]
     dense = replace(drawn.grams(np.zeros(len(drawn.columns)), rng, extra=extra), basis=tuple(kinds), form=0.02)
     columns = np.linalg.cholesky(dense.total + 1e-9 * np.eye(len(dense.total))).T
     soil, shapes = columns[:, dense.soil_columns], columns[:, dense.basis_columns]
@@ -75,7 +75,7 @@ def test_the_probability_is_that_of_a_covariance_written_out(with_own: bool) -> 
     larger = [log_density(np.where(mine, scale, small), 0.0) for mine in (slip, ~slip) for scale in (0.1, 0.3, 1.0)] + [
         log_density(small, scale) for scale in (0.1, 0.3, 1.0) if with_own
     ]
-    odds = 0.05 / 0.95 * np.mean(np.exp(np.array(larger) - log_density(small, 0.0)))
+    odds = 0.02 / 0.98 * np.mean(np.exp(np.array(larger) - log_density(small, 0.0)))
     assert 0.02 < odds / (1.0 + odds) < 0.98
     assert unlisted(grams, most=0).probability == pytest.approx(odds / (1.0 + odds), rel=1e-4)
 
@@ -83,7 +83,7 @@ def test_the_probability_is_that_of_a_covariance_written_out(with_own: bool) -> 
 @pytest.mark.parametrize("one", [Shape(Kind.SLIP), Shape(Kind.LOAD_DRIVING)])
 def test_one_shape_of_few_counts_as_much_as_many_of_one_kind(drawn: World, one: Shape) -> None:
     shapes = drawn.basis.shape[2]
-    grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(4), extra=1.2 * drawn.basis[..., 3])
+    grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(4), extra=1.4 * drawn.basis[..., 3])
     places = [Shape(Kind.LINE_POSITION, "dp", (float(i), i + 1.0)) for i in range(shapes)]
     alone = unlisted(replace(grams, basis=(*places[:3], one, *places[4:])), most=1)
     one_kind = unlisted(replace(grams, basis=tuple(places)), most=1)

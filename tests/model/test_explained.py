@@ -37,7 +37,8 @@ def lyasko_with_p() -> Cause:
             [cause("vasilev", (0.03, 0.02, 0.04)), cause("bulldozing", (3.0, 2.5, 3.0))],
             "the bulldozing's fraction ends",
         ),
-        ([cause("exit_angle", (0.0, 0.0, 0.01))], ""),
+        ([cause("exit_angle", (0.01, 0.001, 0.02))], ""),
+        ([cause("exit_angle", (0.0, 0.0, 0.01))], "may as well be 0"),
     ],
 )
 def test_a_value_at_its_limit_or_as_well_neutral_is_doubtful(causes: list[Cause], why: str) -> None:

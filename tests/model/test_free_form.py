@@ -42,6 +42,13 @@ def test_without_a_cause_no_formula_is_set_free() -> None:
     assert seen.best.keys == () and with_free_form(seen, unlisted(seen.grams)) is None
 
 
+def test_no_formula_of_an_instrument_is_set_free() -> None:
+    """A drifting, curved or saturated reading is no other cause of the list: it is unlisted."""
+    seen = looked(driven("speed_bias:offset_mps=0.2"), "speed_bias")
+    assert seen.best.keys == ("speed_bias",)
+    assert with_free_form(seen, unlisted(seen.grams)) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("key", "family"), [("skid_hyperbola", "skid_sinkage"), ("hump", "shear_softening")])
 def test_a_cause_by_another_formula_is_no_longer_unexplained(key: str, family: str) -> None:

@@ -237,8 +237,8 @@ def test_nothing_to_judge_by_explains_nothing(grams: Grams) -> None:
 
 @pytest.mark.parametrize(
     ("runs", "error", "more"),
-    # Of few runs: sqrt(q / n), q the 99.9 % quantile of chi-square with n degrees of freedom (18.467 for n = 4).
-    [(24, 149.9, False), (24, 150.1, True), (24, np.nan, True), (4, 214.8, False), (4, 214.9, True), (4, np.nan, True)],
+    # Of n few runs: sqrt(q / (n - 1)), q the 99.99 % quantile of chi-square with n - 1 degrees of freedom: 21.108 of 3
+    [(60, 149.9, False), (60, 150.1, True), (60, np.nan, True), (4, 265.2, False), (4, 265.3, True), (4, np.nan, True)],
 )
 def test_soil_and_noise_explain_no_more_than_they_give(grams: Grams, runs: int, error: float, more: bool) -> None:
     known = replace(gain(-1.0), expected={"t": 50.0, "dp": 100.0}, chosen=(("a",),) * runs)

@@ -46,8 +46,9 @@ LEAST_NATS = 3.0
 """Rise of the held-out log score that a name needs."""
 MOST_ERROR = 1.5
 """Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
-_BY_CHANCE = 0.001
-"""Chance of so large an error of few runs. A run is worth one error: its own soil is one value."""
+_BY_CHANCE = 1e-4
+"""Chance of so large an error of few runs. A run is worth one error, as its own soil is one value, and each is
+predicted from the others: of n runs n - 1 are free."""
 SHOWN_AT = 0.97
 """Probability from which a zero is named though no standstill shows it. Of 18 such in blind campaigns all were right;
 the largest probability of a wrong one was .94 (docs/decisions/standstill.md)."""
@@ -175,8 +176,8 @@ def _more_than_noise(gain: Gain | None) -> Note | None:
     """Return which held-out error soil and noise do not explain; None where they do, or none is known."""
     if gain is None:
         return None
-    runs = len(gain.chosen)
-    most = max(MOST_ERROR, float(np.sqrt(chdtri(runs, _BY_CHANCE) / runs)))
+    free = max(len(gain.chosen) - 1, 1)
+    most = max(MOST_ERROR, float(np.sqrt(chdtri(free, _BY_CHANCE) / free)))
     for channel, expected in gain.expected.items():
         error = gain.base[channel].R0
         if not error <= most * expected:
@@ -267,7 +268,7 @@ def doubtful(causes: Sequence[Cause]) -> Note | None:
                 facts = {"family": cause.name, "parameter": found.name, "value": found.value, "unit": found.unit}
                 return Note(LackCode.VALUE_AT_LIMIT, values=facts)
             low, high = found.interval95
-            if len(cause.parameters) == 1 and low < own.neutral < high:
+            if len(cause.parameters) == 1 and low <= own.neutral <= high:
                 facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
                 return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
     return None

@@ -31,8 +31,8 @@ from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import log_evidence_of_none, weighed, without_soil
 from model.diagnosis.time_series.start import CampaignData
 
-UNLISTED = 0.05
-"""Probability that something acts that no cause of the library describes."""
+UNLISTED = 0.02
+"""Probability that something acts that no cause of the library describes (docs/decisions/diagnosis-adequacy.md)."""
 SCALES = (0.1, 0.3, 1.0)
 """One-sigma of the coefficients of a kind of shape then: shares of `basis.AMPLITUDE`, 2 % of the load."""
 LIMIT = 0.5

@@ -2,8 +2,9 @@
 
 A cause may be right and its formula not: a soil that gets stiffer in a step and not along a line, a sinkage that grows
 with braking in another way. What the cause changes is then multiplied by 1 + a curve, over slip, braking slip, load,
-speed or place, of one-sigma `FREE` at each knot. These hypotheses stand beside those of something unlisted
-(`model.diagnosis.findings.adequacy`), and share the probability `DEPARTS`.
+speed or place, of one-sigma `FREE` at each knot. An error of measurement has no other formula: an offset is an offset.
+These hypotheses stand beside those of something unlisted (`model.diagnosis.findings.adequacy`), and share the
+probability `DEPARTS`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from model.diagnosis.time_series.evidence import best_set
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, joined_grams
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import run_grams
+from model.effects.catalogue import EFFECTS
 
 DEPARTS = 0.2
 """Probability that a cause acts by another formula than the listed ones."""
@@ -54,14 +56,14 @@ class FreeForm:
 
 
 def with_free_form(linearised: LinearisedCampaign, other: Unlisted) -> FreeForm | None:
-    """Return the cause of the most probable set whose formula, set free, explains one campaign; None where none does.
+    """Return the physical cause of the most probable set whose formula, set free, explains one campaign, if any.
 
     Parameters
     ----------
     other : Unlisted
         What no cause describes, with every formula as listed.
     """
-    keys = linearised.best.keys
+    keys = tuple(key for key in linearised.best.keys if EFFECTS[key].kind == "physical")
     if len(linearised.campaigns) > 1 or not keys:
         return None
     freed = replace(_with(linearised, frozenset((key, kind) for key in keys for kind in _OVER)).grams, own=())
@@ -78,7 +80,7 @@ def with_free_form(linearised: LinearisedCampaign, other: Unlisted) -> FreeForm 
         return None
     shape = freed.basis[kinds[int(np.argmax(found))][0]]
     about = _with(linearised, frozenset({(shape.cause, shape.kind)}))
-    best = best_set(about.grams, about.excluded, about.most_causes, keys)
+    best = best_set(about.grams, about.excluded, about.most_causes, linearised.best.keys)
     return FreeForm(shape.cause, shape.kind, replace(about, best=best), left) if shape.cause in best.keys else None
 
 
