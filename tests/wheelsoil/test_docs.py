@@ -122,4 +122,3 @@ def test_the_readme_quotes_the_worst_figures_of_the_blind_study() -> None:
     assert f"{right} of {listed} names with a posterior probability" in readme
     assert f"{times['left_out']} of {of['left_out']} campaigns" in readme
     assert f"{times['outside']} of {of['outside']} with a cause from outside" in readme
-    assert {hidden for hidden, one, _ in wrong if one == "outside"} == {"hub_drag"}
