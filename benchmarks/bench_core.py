@@ -13,7 +13,9 @@ from benchmarks.timing import CommandCost, DiagnoseCost, diagnose_cost, wheelsoi
 
 PAIRS = 5
 CAUSE = "slip_sinkage"
-DRIVEN = ("--soil", "sandy", "--effect", "lyasko:m1=0.6,m2=0.03", "--duration", "40")
+DRIVEN = ("--soil", "sandy", "--effect", "lyasko:m1=0.6,m2=0.03")
+LENGTH_S = {6: 40, 20: 40, 60: 20}
+"""Runs -> length of each."""
 DIAGNOSED = {6: 1.6, 20: 1.9, 60: 2.2}
 """Runs -> how many times faster the compiled core has to be."""
 REPORTED = {6: 1.5, 20: 1.8}
@@ -22,20 +24,25 @@ JOBS_COST = 1.05
 
 
 def rows() -> list[Row]:
-    """Measure both cores on campaigns of 6, 20 and 60 runs of 40 s, one process each; then two processes."""
+    """Measure both cores on campaigns of 6, 20 and 60 runs, one process each; then two processes."""
     with tempfile.TemporaryDirectory() as name:
         folders = {runs: _driven(Path(name) / f"runs-{runs}", runs) for runs in DIAGNOSED}
         page = str(Path(name) / "page.html")
         diagnosed = [_diagnosed(folders[runs], runs, least) for runs, least in DIAGNOSED.items()]
         reported = [
-            _beside_numpy(f"wheelsoil report, {runs} runs of 40 s", least, _report(folders[runs], page))
+            _beside_numpy(f"wheelsoil report, {_driven_as(runs)}", least, _report(folders[runs], page))
             for runs, least in REPORTED.items()
         ]
         return [*diagnosed, *reported, _two_processes(folders[6])]
 
 
+def _driven_as(runs: int) -> str:
+    return f"{runs} runs of {LENGTH_S[runs]} s"
+
+
 def _driven(folder: Path, runs: int) -> Path:
-    wheelsoil_cost("simulate", *DRIVEN, "--runs", str(runs), "-o", str(folder))
+    length = ("--duration", str(LENGTH_S[runs]))
+    wheelsoil_cost("simulate", *DRIVEN, *length, "--runs", str(runs), "-o", str(folder))
     return folder
 
 
@@ -46,7 +53,7 @@ def _diagnosed(folder: Path, runs: int, least: float) -> Row:
         answers.append(diagnose_cost(folder, CAUSE))
         return answers[-1].cost
 
-    row = _beside_numpy(f"wheelsoil diagnose, {runs} runs of 40 s", least, diagnose)
+    row = _beside_numpy(f"wheelsoil diagnose, {_driven_as(runs)}", least, diagnose)
     return with_verdict(row, answers[0].verdict, right=all(answer.right for answer in answers))
 
 
@@ -63,7 +70,7 @@ def _beside_numpy(what: str, least: float, command: Callable[[], CommandCost]) -
 def _two_processes(folder: Path) -> Row:
     took = _in_turns(lambda: diagnose_cost(folder, CAUSE).cost, {jobs: {"WHEELSOIL_JOBS": jobs} for jobs in ("1", "2")})
     one_s, two_s = (statistics.median(took[jobs]) for jobs in ("1", "2"))
-    what = "wheelsoil diagnose, 6 runs of 40 s: processor time of two processes over one"
+    what = f"wheelsoil diagnose, {_driven_as(6)}: processor time of two processes over one"
     return judged(
         what, f"{times(two_s / one_s)}: {two_s:.1f} s over {one_s:.1f} s", two_s / one_s, at_most(JOBS_COST, "x")
     )

@@ -37,7 +37,7 @@ def _evidence() -> Row:
     noises = linearise_campaigns([campaign], ALL).noises
     seconds = median_cpu_seconds(lambda: linearise_campaigns([campaign], ALL, noises))
     what = "evidence of every set of causes, 6 runs of 40 s, noise given"
-    return judged(what, f"{seconds:.2f} s", seconds, at_most(1, "s"))
+    return Row(what, f"{seconds:.2f} s")
 
 
 def _whole_command() -> Row:
@@ -50,7 +50,7 @@ def _whole_command() -> Row:
     seconds = statistics.median(one.cost.cpu_s for one in took)
     wall_s = statistics.median(one.cost.wall_s for one in took)
     what = "wheelsoil diagnose, recordings to verdict, on one core"
-    row = judged(what, f"{seconds:.1f} s (wall {wall_s:.1f} s)", seconds, at_most(15, "s"))
+    row = Row(what, f"{seconds:.1f} s (wall {wall_s:.1f} s)")
     return with_verdict(row, took[0].verdict, right=all(one.right for one in took))
 
 
@@ -59,7 +59,7 @@ def _long_runs() -> Row:
     growth = took[1] / took[0]
     what = "evidence of 2 runs, one linearisation: 10 min over 5 min each"
     as_text = f"{times(growth)}: {took[1]:.2f} s over {took[0]:.2f} s"
-    return judged(what, as_text, growth, at_most(2.3, "x"))
+    return judged(what, as_text, growth, at_most(2.3, "x"), "in proportion: 2x")
 
 
 def _round_s(campaign: Campaign) -> float:

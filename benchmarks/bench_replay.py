@@ -78,6 +78,7 @@ def rows() -> list[Row]:
             f"{late_ms:.2f} ms ({typical_ms:.3f} ms)",
             late_ms,
             at_most(1, "ms"),
+            "a frame at 125 kbit/s takes 1 ms",
         ),
         Row(f"{what}: share of a core", f"{cpu:.0f} %"),
     ]
