@@ -26,6 +26,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import EVIDENCE, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
+from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.workflows.key_figures import KeyFigure
 
@@ -76,7 +77,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
     summary, *others = sections
     evidence = {builder.key for builder in EVIDENCE}
-    return environment.get_template("template.html.j2").render(
+    page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
         evidence=[one for one in others if one.key in evidence],
@@ -94,6 +95,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
+    return isolated(page)
 
 
 def _text_columns(table: Table) -> set[int]:
