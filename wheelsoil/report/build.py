@@ -6,7 +6,6 @@ import gzip
 import json
 import logging
 import os
-import re
 import shutil
 import subprocess
 from base64 import b64encode
@@ -28,7 +27,6 @@ from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.workflows.key_figures import KeyFigure
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -44,7 +42,6 @@ _OPTIONS = (
 _PATIENCE_S = 180
 
 SCHEMA = "wheelsoil/report/2"
-_NUMBER = re.compile(r"^(?:[<>±+−–-]?\s?[\d.,\u202f]+.*|[–-]|∞)$")
 """A cell of a table that is a number."""
 
 _log = logging.getLogger(__name__)
@@ -99,14 +96,8 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
 
 
 def _text_columns(table: Table) -> set[int]:
-    """Return the columns that are read as words: the first ones, and those in which a cell is no number."""
-    columns = zip(*table.rows, strict=True)
-    words = {i for i, cells in enumerate(columns) if not all(_is_number(cell) for cell in cells)}
-    return words | set(range(table.left))
-
-
-def _is_number(cell: str | KeyFigure) -> bool:
-    return not isinstance(cell, str) or not cell or bool(_NUMBER.match(cell))
+    """Return the columns that are read as words."""
+    return {i for i, title in enumerate(table.head) if i < table.left or title in table.words}
 
 
 def _hash_of(script: str) -> str:
