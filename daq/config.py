@@ -509,7 +509,7 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
     faults = []
     for item in error.errors()[:MOST_FAULTS]:
         location = ".".join(str(part) for part in item["loc"])
-        message = item["msg"].removeprefix("Value error, ")
+        message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
             faults.append(Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known)))

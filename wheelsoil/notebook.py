@@ -10,6 +10,7 @@ from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
 from processing import ProcessedRun
+from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.figures import figure_html, figure_interval
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
 from wheelsoil.wording.names import chance, place_text, plain_name
@@ -130,12 +131,12 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, left: int
     if head:
         parts.append(f"<thead><tr>{_html_cells('th', head, left)}</tr></thead>")
     parts += ["<tbody>", *(f"<tr>{_html_cells('td', row, left)}</tr>" for row in rows), "</tbody></table>"]
-    return "".join(parts)
+    return isolated("".join(parts))
 
 
 def html_paragraph(text: str) -> str:
     """Return an escaped text as a paragraph, or nothing of an empty one."""
-    return f"<p>{escape(text)}</p>" if text else ""
+    return isolated(f"<p>{escape(text)}</p>") if text else ""
 
 
 def _html_cells(tag: str, cells: Sequence[Cell], left: int) -> str:

@@ -165,6 +165,8 @@ def resolve_columns(
     topics: Mapping[str, Mapping[str, str]],
     needed: Collection[str],
     optional: Collection[str] = (),
+    *,
+    source: str,
 ) -> dict[str, SignalRef]:
     """Find the column of each role among the topics of decoded series.
 
@@ -174,6 +176,8 @@ def resolve_columns(
     Parameters
     ----------
     topics : mapping of topic to its columns, a mapping of column to unit
+    source : str
+        Name of the file that has them, for messages.
 
     Returns
     -------
@@ -185,7 +189,10 @@ def resolve_columns(
     ConfigError
         As `resolve_roles`; also for a column whose unit neither the file nor vehicle.toml states.
     """
-    return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
+    try:
+        return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
+    except ConfigError as error:
+        raise ConfigError(*(replace(one, what=f"{source}: {one.what}") for one in error.faults)) from None
 
 
 def unused_validity(
@@ -290,7 +297,8 @@ def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, 
             return Fault(f"{name.signal!r} is there several times", where, repr(str(name)), choices, "name one of them")
     names = [one.signal for one in columns] + [f"{one.message}.{one.signal}" for one in columns]
     what = f"no column is called {name.signal!r}"
-    return Fault(what, f"vehicle.toml [signals] {role}", repr(str(name)), nearest(name.signal, names))
+    step = "correct the name; files that together are one run become one by `wheelsoil import FILE FILE`"
+    return Fault(what, f"vehicle.toml [signals] {role}", repr(str(name)), nearest(name.signal, names), step)
 
 
 def plain_name(header: str) -> str:

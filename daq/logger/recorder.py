@@ -276,19 +276,22 @@ class Recorder:
         try:
             if self._options.lock is not None:
                 self._options.lock.renew()
-        except (OSError, HardwareError) as error:
-            text += f"; {error.faults[0].what if isinstance(error, HardwareError) else error.strerror}"
+        except HardwareError as error:
+            text += f"; {error.faults[0].what}"
         self.event("part", text, "error")
         return text
 
     def folder_fault(self) -> str:
-        """Return why no other file can be made beside the current one; empty where one can be."""
+        """Return why no file can be made where the next part, run or time between runs begins; empty if one can."""
         if self._rotation_fault is not None:
             return f"{self._rotation_fault.what}: {self._rotation_fault.found}"
-        folder = self.path.parent
+        folder = self._options.folder
         effective = os.access in os.supports_effective_ids
-        allowed = os.access(folder, os.W_OK | os.X_OK, effective_ids=effective)
-        return "" if allowed else f"no file can be made in {folder}"
+        for place in (folder, folder / BETWEEN_FOLDER):
+            missing = place != self.path.parent and not place.exists()  # it is made when it is needed
+            if not missing and not os.access(place, os.W_OK | os.X_OK, effective_ids=effective):
+                return f"no file can be made in {place}"
+        return ""
 
     def close(self, exit_status: str) -> None:
         """Close the file."""

@@ -57,10 +57,13 @@ class FolderLock:
         self._descriptor = _held(folder)
 
     def renew(self) -> None:
-        """Hold the folder that is in its place now, if it was removed and made again."""
-        if not os.path.samestat(os.fstat(self._descriptor), self._folder.stat()):
-            old, self._descriptor = self._descriptor, _held(self._folder)
-            os.close(old)
+        """Hold the folder that is in its place now, if it was removed and made again; HardwareError if it cannot."""
+        try:
+            if not os.path.samestat(os.fstat(self._descriptor), self._folder.stat()):
+                old, self._descriptor = self._descriptor, _held(self._folder)
+                os.close(old)
+        except OSError as error:
+            raise HardwareError.of("the folder cannot be held", self._folder, error.strerror or str(error)) from None
 
     def close(self) -> None:
         """Release it."""

@@ -343,7 +343,8 @@ def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Ite
         head = source.read(_CONTAINER_HEADER.size)
         if not head:
             return
-        why = "only zeros" if not head.strip(b"\0") else "no container starts here"
+        is_blank = not head.strip(b"\0")
+        why = "only zeros" if is_blank else "no container starts here"
         if len(head) == _CONTAINER_HEADER.size and head.startswith(MAGIC):
             _, _, _, size, kind, method, unpacked = _CONTAINER_HEADER.unpack(head)
             why = "" if len(head) <= size <= LARGEST_BLF_CONTAINER_BYTES else f"the length of this container is {size}"
@@ -351,7 +352,7 @@ def _contents(file: BinaryIO, report: LogReport, damaged: list[_Damaged]) -> Ite
             source.put_back(head[1:])
             goes_on = source.find_container()
             balance.come("bytes", source.at - begin)
-            if why == "only zeros" and not goes_on:
+            if is_blank and not goes_on:
                 balance.put_aside("behind the last container", source.at - begin)
                 return
             balance.lose("skipped", source.at - begin)

@@ -35,6 +35,14 @@ class LogFormat:
     read: Reader
 
 
+@dataclass(frozen=True)
+class OtherFormat:
+    """What a file is that is read in another way, or not at all, and what to do then."""
+
+    name: str
+    advice: str = ""
+
+
 LOG_FORMATS = (
     LogFormat("candump -L text", (".log", ".candump"), read_candump),
     LogFormat("Vector BLF", (".blf",), read_blf),
@@ -48,28 +56,31 @@ _CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER = LOG_FORMATS
 LOG_SUFFIXES = tuple(dict.fromkeys(suffix for known in LOG_FORMATS for suffix in known.suffixes))
 """Suffixes of logs; each may be followed by ``.gz``, except for MF4."""
 
-_MAGIC: tuple[tuple[bytes, LogFormat | str], ...] = (
+_MAGIC: tuple[tuple[bytes, LogFormat | OtherFormat], ...] = (
     (b"LOGG", _BLF),
     (b"MDF     4", _MF4),
     (b"UnFinMF 4", _MF4),
-    (b"MDF     ", "an MDF file older than version 4"),
-    (b"\x89MCAP", "an MCAP recording"),
-    (b"SQLite format 3", "an SQLite database"),
-    (b"PAR1", "a Parquet file"),
-    (b"PK\x03\x04", "a zip archive"),
-    (b"\xd4\xc3\xb2\xa1", "a packet capture (pcap)"),
-    (b"\x0a\x0d\x0d\x0a", "a packet capture (pcapng)"),
-    (b"\x89HDF", "an HDF5 file"),
-    (b"MATLAB 5.0", "a MAT file"),
+    (b"MDF     ", OtherFormat("an MDF file older than version 4")),
+    (
+        b"\x89MCAP",
+        OtherFormat("an MCAP recording", "it needs no import: give it to the other commands as it is"),
+    ),
+    (b"SQLite format 3", OtherFormat("an SQLite database")),
+    (b"PAR1", OtherFormat("a Parquet file")),
+    (b"PK\x03\x04", OtherFormat("a zip archive")),
+    (b"\xd4\xc3\xb2\xa1", OtherFormat("a packet capture (pcap)")),
+    (b"\x0a\x0d\x0d\x0a", OtherFormat("a packet capture (pcapng)")),
+    (b"\x89HDF", OtherFormat("an HDF5 file")),
+    (b"MATLAB 5.0", OtherFormat("a MAT file")),
 )
-_TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
+_TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | OtherFormat], ...] = (
     (re.compile(rb"\s*;\s*(\$FILEVERSION|#####)"), _TRC),
     (re.compile(rb"(?im)^\s*(date \w+ |base\s+(hex|dec)|begin\s+triggerblock)"), _ASC),
     (MARK, _BUSMASTER),
-    (re.compile(rb'\s*(VERSION\s+"|NS_\s*:|BO_ \d)'), "a DBC file"),
+    (re.compile(rb'\s*(VERSION\s+"|NS_\s*:|BO_ \d)'), OtherFormat("a DBC file")),
     (
         re.compile(rb"(?m)^\s*(\([\d.: -]+\)\s+)?\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]"),
-        "candump's screen output (without -L)",
+        OtherFormat("candump's screen output (without -L)", "record with `candump -L`, which writes exact times"),
     ),
 )
 
@@ -92,15 +103,10 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
         raise RecordingError(*faults)
     if isinstance(detected, LogFormat):
         advice = f"rename it to end in {detected.suffixes[0]}"
-    elif detected == "an MCAP recording":
-        advice = "it needs no import: give it to the other commands as it is"
-    elif detected.startswith("candump"):
-        advice = "record with `candump -L`, which writes exact times"
     else:
-        advice = "wheelsoil reads " + ", ".join(known.name for known in LOG_FORMATS)
+        advice = detected.advice or "wheelsoil reads " + ", ".join(known.name for known in LOG_FORMATS)
     named = f"a name for {by_suffix.name}" if by_suffix else "no name of a log"
-    text = detected.name if isinstance(detected, LogFormat) else detected
-    raise RecordingError.of(f"this looks like {text}", path, named, next_step=advice)
+    raise RecordingError.of(f"this looks like {detected.name}", path, named, next_step=advice)
 
 
 def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.BufferedReader, LogFormat]:
@@ -149,7 +155,7 @@ def _by_suffix(path: Path) -> LogFormat | None:
     return next((known for known in LOG_FORMATS if last in known.suffixes), None)
 
 
-def _detected(head: bytes) -> LogFormat | str | None:
+def _detected(head: bytes) -> LogFormat | OtherFormat | None:
     for magic, meaning in _MAGIC:
         if head.startswith(magic):
             return meaning

@@ -191,7 +191,7 @@ class PartWriter:
         self._counts_hold = True
         self._bytes_before = 0
         self._lost = LossWriter(self._clock)
-        self.rotation_fault: Fault | None = None
+        self.rotation_fault: Fault | None
         before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
         self._begin(first_part, self._opened(first_part, before))
 
@@ -334,6 +334,7 @@ class PartWriter:
         self._begun_at = self._clock()
         self._retry_at = self._begun_at
         self._begun_bytes = writer.bytes_written
+        self.rotation_fault = None
         self._lost.begin_part()
 
     def _rotate_if_due(self) -> None:
@@ -346,7 +347,6 @@ class PartWriter:
         part = self._part
         try:
             self.rotate()
-            self.rotation_fault = None
         except (RecordingError, HardwareError) as error:
             if self._writer.failed or self._part != part:
                 raise

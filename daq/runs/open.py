@@ -5,7 +5,7 @@ What a file says of itself is beaten by the campaign folder it lies in, and that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, lru_cache, partial
@@ -60,26 +60,35 @@ def readable(path: Path) -> Iterator[None]:
         raise RecordingError(fault) from None
 
 
-def logs_in(folder: Path) -> list[Path]:
-    """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read.
+def logs_in(folder: Path, vehicle: VehicleConfig | None = None) -> Iterator[Path]:
+    """Yield the recordings and logs of a folder, by name; OSError if the folder cannot be read.
 
-    Without any, a folder with vehicle.toml offers its tables of frames and its files of decoded series.
+    Without any, a folder with vehicle.toml, or one with a given `vehicle`, offers its tables of frames and its files of
+    decoded series, each of which is opened for that.
     """
     files = sorted(path for path in folder.iterdir() if path.is_file())
-    logs = [path for path in files if _log_suffix(path.name) in RUN_SUFFIXES]
-    logs = sorted([*logs, *(path for path in files if _log_suffix(path.name) == ".txt" and is_frame_log(path))])
-    if logs or not (folder / VEHICLE_FILE).is_file():
-        return logs
-    return [path for path in files if _log_suffix(path.name) in SERIES_SUFFIXES and _is_table_of_a_run(path)]
+    found = False
+    for path in files:
+        suffix = _log_suffix(path.name)
+        if suffix in RUN_SUFFIXES or (suffix == ".txt" and is_frame_log(path)):
+            found = True
+            yield path
+    if not found and (vehicle is not None or (folder / VEHICLE_FILE).is_file()):
+        yield from (path for path in _tables(files) if _is_table_of_a_run(path, vehicle))
 
 
-def _is_table_of_a_run(path: Path) -> bool:
+def _tables(files: Iterable[Path]) -> list[Path]:
+    """Return the files whose names end as those of decoded series do."""
+    return [path for path in files if _log_suffix(path.name) in SERIES_SUFFIXES]
+
+
+def _is_table_of_a_run(path: Path, vehicle: VehicleConfig | None) -> bool:
     """Return whether a file holds frames or series; a table without times is something else."""
     try:
         if series_format(path) is None:
             return is_frame_log(path)
-        layout = load_toml(path.parent / VEHICLE_FILE, VehicleConfig).series
-        return bool(read_series(path, layout).topics)
+        vehicle = vehicle or load_toml(path.parent / VEHICLE_FILE, VehicleConfig)
+        return bool(read_series(path, vehicle.series).topics)
     except DataError:
         return False
     except WheelsoilError:  # opening it says what is wrong
@@ -88,7 +97,7 @@ def _is_table_of_a_run(path: Path) -> bool:
 
 def holds_runs(folder: Path) -> bool:
     """Return whether a folder names runs or has some; OSError if it cannot be read."""
-    return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
+    return (folder / RUNS_FILE).is_file() or any(True for _ in logs_in(folder))
 
 
 @lru_cache(4096)
@@ -314,21 +323,36 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         collected.errors.append(ConfigError(fault))
     if listed:
         return list(dict.fromkeys(listed))
-    found = logs_in(folder)
-    if not found and known.runs is None:
-        inside = [str(path) for path in folders_in(folder)[0]]
-        more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
-        fault = Fault(
-            "the folder holds no run",
-            str(folder),
-            found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
-            expected="recordings or logs ("
-            + ", ".join(RUN_SUFFIXES)
-            + "), a runs.toml that names them, or vehicle.toml beside files of decoded series",
-            next_step=f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}",
+    if known.runs is not None:
+        return []
+    found = list(logs_in(folder, known.vehicle))
+    if not found:
+        collected.errors.append(ConfigError(_no_run_in(folder)))
+    return found
+
+
+def _no_run_in(folder: Path) -> Fault:
+    """Return what a folder without a run lacks: files of decoded series need vehicle.toml to be runs."""
+    files = sorted(folder.iterdir())
+    tables = [] if (folder / VEHICLE_FILE).is_file() else [path.name for path in _tables(files)]
+    inside = [str(path) for path in folders_in(folder)[0]]
+    named = inside or tables
+    more = [f"{len(named) - _NAMED} more"] if len(named) > _NAMED else []
+    step = f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}"
+    if tables and not inside:
+        step = (
+            f"write {VEHICLE_FILE} with [wheel] and [signals] beside {', '.join([*tables[:_NAMED], *more])}, or give "
+            f"one by --vehicle; a {RUNS_FILE} names the files, and says direction, pass and load of each"
         )
-        collected.errors.append(ConfigError(fault))
-    return found if known.runs is None else []
+    present = ", ".join(path.name for path in files[:8]) or "nothing"
+    return Fault(
+        "the folder holds no run",
+        str(folder),
+        f"{present}; no {VEHICLE_FILE}, no {RUNS_FILE}" if tables else present,
+        f"recordings or logs ({', '.join(RUN_SUFFIXES)}), a {RUNS_FILE} that names them, or {VEHICLE_FILE} beside "
+        f"files of decoded series ({', '.join(SERIES_SUFFIXES)})",
+        step,
+    )
 
 
 def campaign_folders(path: Path) -> list[Path]:

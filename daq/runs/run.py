@@ -214,7 +214,7 @@ class Run:
             yield {role: _in_our_units(reference, decoded[reference.key]) for role, reference in references.items()}
 
     def _series_batches(self, series: Series, roles: Collection[str]) -> Iterator[dict[str, Channel]]:
-        references = resolve_columns(self.vehicle, series.topics, (), roles)
+        references = resolve_columns(self.vehicle, series.topics, (), roles, source=self.path.name)
         empty = {one.message: SeriesBlock(one.message, np.zeros(0, np.int64), {}) for one in references.values()}
         for blocks in chain([tuple(empty.values())], series.blocks()):
             by_topic = {block.topic: block for block in blocks}
@@ -228,7 +228,7 @@ class Run:
         """Return a note on a validity of the ground speed that has no role; raises as `channels`."""
         roles = set(ROLES) - {replaced_speed(self.vehicle)}
         if self.series:
-            references = resolve_columns(self.vehicle, self.series.topics, (), roles)
+            references = resolve_columns(self.vehicle, self.series.topics, (), roles, source=self.path.name)
             signals = {("", topic): tuple(units) for topic, units in self.series.topics.items()}
         else:
             references = resolve_roles(self.vehicle, self.databases, (), roles)

@@ -13,7 +13,7 @@ from daq.errors import RecordingError, every_error_as
 from daq.limits import EARLIEST_DATE_NS
 
 BLOCK_ROWS = 1 << 16
-_LISTED = 6
+_LISTED, _SHOWN = 6, 40
 UNREADABLE, EMPTY = "unreadable", "empty rows"
 
 
@@ -66,6 +66,8 @@ class SeriesReport:
         Rows earlier than the one before, which are kept.
     bad_cells : mapping column -> int
         Cells that should hold a number and do not; they are NaN.
+    first_bad_cell : mapping column -> str
+        Where the first of them is, and what is in it.
     skipped : mapping column -> reason
     damage : str
         Where the reading broke off, and why.
@@ -85,6 +87,7 @@ class SeriesReport:
     balance: Balance = field(default_factory=Balance)
     out_of_order: dict[str, int] = field(default_factory=dict)
     bad_cells: dict[str, int] = field(default_factory=dict)
+    first_bad_cell: dict[str, str] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     damage: str = ""
     known: list[str] = field(default_factory=list)
@@ -105,10 +108,10 @@ class SeriesReport:
         if text not in self.readings:
             self.readings.append(text)
 
-    def note_bad_cells(self, column: str, count: int) -> None:
-        """Count cells that hold no number."""
-        if count:
-            self.bad_cells[column] = self.bad_cells.get(column, 0) + count
+    def note_bad_cells(self, column: str, count: int, where: str, cell: str) -> None:
+        """Count cells that hold no number and keep the first example; `count` is 1 at least."""
+        self.bad_cells[column] = self.bad_cells.get(column, 0) + count
+        self.first_bad_cell.setdefault(column, f"{where}: {cell[:_SHOWN]!r}")
 
     def taken(self, block: SeriesBlock, usable: BoolArray) -> SeriesBlock:
         """Return the rows with a usable time stamp, counted."""
@@ -144,17 +147,20 @@ class SeriesReport:
             lines.append(self.damage)
         lines += [f"{self.balance.unit} {kind}, excluded: {loss}" for kind, loss in self.balance.losses.items()]
         lines += [f"{topic}: {count} rows are out of order" for topic, count in self.out_of_order.items()]
-        cells = [f"{count} in {column!r}" for column, count in self.bad_cells.items()]
-        lines += [f"cells that hold no number: {_some(cells)}"] if cells else []
+        cells = [
+            f"{count} in {column!r}, the first in {self.first_bad_cell[column]}"
+            for column, count in self.bad_cells.items()
+        ]
+        lines += [f"cells that hold no number: {_some(cells, '; ')}"] if cells else []
         reasons: dict[str, list[str]] = {}
         for column, why in self.skipped.items():
             reasons.setdefault(why, []).append(repr(column))
         return lines + [f"not imported ({why}): {_some(columns)}" for why, columns in reasons.items()]
 
 
-def _some(texts: list[str]) -> str:
+def _some(texts: list[str], between: str = ", ") -> str:
     more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
-    return ", ".join(texts[:_LISTED]) + more
+    return between.join(texts[:_LISTED]) + more
 
 
 @dataclass(frozen=True)

@@ -217,9 +217,9 @@ class TimeStamps:
     def _dates(self, texts: pd.Series[str]) -> pd.Series[pd.Timestamp]:
         import pandas as pd
 
-        if self._text_kind in ("day first", "month first"):
+        if self._text_kind in ("day_first", "month_first"):
             parts = texts.str.extract(_PARTS)
-            day, month = (parts[i].str.zfill(2) for i in ((0, 1) if self._text_kind == "day first" else (1, 0)))
+            day, month = (parts[i].str.zfill(2) for i in ((0, 1) if self._text_kind == "day_first" else (1, 0)))
             whole = parts[2] + "-" + month + "-" + day + " " + parts[3]
             return pd.to_datetime(whole, errors="coerce", utc=True, format="ISO8601")
         form = self._format if self._text_kind == "format" else "ISO8601"
@@ -233,14 +233,15 @@ class TimeStamps:
             where, found = f"{self._report.path}, column {self._column!r}", repr(next(text for text in texts if text))
             step = 'say which: vehicle.toml [series] time_format = "%d/%m/%Y %H:%M:%S.%f", or "%m/%d/%Y ..."'
             raise ConfigError.of("day or month may come first in the dates", where, found, "a number above 12", step)
-        kind, largest = ("day first", first) if first > _MONTHS else ("month first", second)
-        self._report.note_reading(f"dates of {self._column!r} read with the {kind}, because one has {largest} there")
+        kind, largest = ("day_first", first) if first > _MONTHS else ("month_first", second)
+        words = kind.replace("_", " ")
+        self._report.note_reading(f"dates of {self._column!r} read with the {words}, because one has {largest} there")
         return kind
 
     def _kind(self, first: str) -> str:
         if self._format:
             return "format"
-        kinds = (("iso", _ISO), ("day first", _DAY_FIRST), ("parted", _PARTED), ("passed", _CLOCK), ("passed", _PASSED))
+        kinds = (("iso", _ISO), ("day_first", _DAY_FIRST), ("parted", _PARTED), ("passed", _CLOCK), ("passed", _PASSED))
         for kind, pattern in kinds:
             if pattern.match(first):
                 return kind

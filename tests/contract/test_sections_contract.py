@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
@@ -23,6 +24,7 @@ from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.runs import process_runs
 
+NUMBER = re.compile(r"[<>±+−-]?\s?[\d.,\u202f]+.*|[–-]$|∞$|not counted|unknown|at no size|above \d")
 every_section = pytest.mark.parametrize("builder", SECTIONS, ids=lambda builder: builder.key)
 
 
@@ -62,12 +64,22 @@ def test_it_says_what_it_is_and_how_to_read_it(builder, whole):
     for block in section.blocks:
         if isinstance(block, Table):
             assert all(len(row) == len(block.head) for row in block.rows)
+            check_columns(block)
         if isinstance(block, Panels):
             assert not block.reading[0].isupper() or block.reading.startswith("R₀"), "it follows 'How to read:'"
             assert block.reading.endswith(".")
             for figure in block.figures:
                 check_figure(figure)
     json.loads(to_json(section.numbers))
+
+
+def check_columns(table: Table) -> None:
+    """A column is declared as words where it holds any: no page guesses it from the cells."""
+    assert set(table.words) <= set(table.head)
+    for title, cells in list(zip(table.head, zip(*table.rows, strict=True), strict=False))[table.left :]:
+        texts = [cell for cell in cells if isinstance(cell, str) and cell]
+        if title not in table.words:
+            assert all(NUMBER.match(cell) for cell in texts), (table.caption, title, texts)
 
 
 def check_figure(figure) -> None:

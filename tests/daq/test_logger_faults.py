@@ -444,6 +444,25 @@ def test_a_folder_that_takes_no_file_any_more_is_reported_and_no_frame_is_lost(o
     assert len(texts(summary, "folder")) == 2
 
 
+@pytest.mark.parametrize("shut", ["out", "out/between"])
+def test_a_folder_that_the_next_run_or_pause_needs_is_looked_at_too(open_folder: Path, shut: str) -> None:
+    """Between runs the next run begins in another folder than that of the file that is written; in a run, a pause."""
+    opener, panel, out = Opener("x"), Handset(), open_folder / "out"
+    recorder = Recorder(SCRIPTED, out, opener=opener, panel=panel, run=RunInfo(id="r"), wait=True)
+    panel.wait_for(lambda now: now["state"] == "between" and not closed(now))
+    if shut == "out/between":
+        panel.press("start", "r")
+        panel.wait_for(lambda now: now["state"] == "recording" and not closed(now))
+    out.chmod(0o777)
+    (open_folder / shut).chmod(0o555)
+    with as_nobody():
+        shown = panel.wait_for(closed)
+    recorder.end()
+    assert [what for _, _, what in closed(shown)] == [
+        f"no file can be made in {open_folder / shut}; recording continues in {shown['run']['file']}"
+    ]
+
+
 def closed(now: dict[str, Any]) -> list[tuple[str, str, str]]:
     return [(one["level"], one["where"], one["what"]) for one in now["reasons"] if one["code"] == "folder_closed"]
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from closed_folders import as_nobody, closed
 
-from daq.errors import WheelsoilError
+from daq.config import VehicleConfig
+from daq.errors import ConfigError, WheelsoilError
 from daq.runs.open import campaign_folders, open_runs
+from daq.runs.run import Configuration
 
 RUN = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
 
@@ -42,6 +44,21 @@ def test_a_folder_inside_that_may_not_be_read_hides_no_other_fault(disk: Path) -
     faults = faults_of(disk, disk / "gone.mcap")
     assert set(faults) == {str(disk), str(disk / "gone.mcap")}
     assert "the folder holds no run; lost+found; name the folder of a campaign" in faults[str(disk)]
+
+
+def test_a_folder_of_tables_is_told_what_makes_them_runs(disk: Path) -> None:
+    for name in ("pull", "speed"):
+        (disk / f"{name}.csv").write_text("time [s],force [N]\n0.0,1\n0.5,1\n")
+    said = faults_of(disk)[str(disk)]
+    assert "pull.csv, speed.csv; no vehicle.toml, no runs.toml" in said
+    assert "write vehicle.toml with [wheel] and [signals] beside pull.csv, speed.csv" in said
+    wrong = VehicleConfig.model_validate({"signals": {"drawbar_pull": "pull", "vertical_load": "force"}})
+    runs = open_runs([disk], given=Configuration(vehicle=wrong))
+    assert [run.id for run in runs] == ["pull", "speed"], "a vehicle.toml from elsewhere is one as well"
+    for run in runs:
+        with pytest.raises(ConfigError, match=rf"{run.path.name}: no column is called 'pull'") as caught:
+            run.channels(["drawbar_pull"])
+        assert "wheelsoil import" in caught.value.faults[0].next_step
 
 
 def test_a_folder_that_is_named_and_may_not_be_read_is_a_fault_among_others(disk: Path) -> None:

@@ -143,6 +143,16 @@ def test_a_part_that_cannot_be_begun_is_tried_again_after_a_while(tmp_path):
             assert parts.part == part
 
 
+def test_a_part_that_is_begun_before_it_is_due_ends_the_fault(tmp_path):
+    """As where the file was moved away."""
+    with writer(tmp_path / "r.mcap", rotate_bytes=1, flush_every_s=0.0, clock=Clocks().seconds) as parts:
+        with limited(resource.RLIMIT_NOFILE, 3):
+            parts.write_frames(FRAMES[:100])
+        assert parts.rotation_fault is not None
+        parts.rotate()
+        assert (parts.part, parts.rotation_fault) == (2, None)
+
+
 def test_an_old_part_is_kept_when_the_next_cannot_be_opened(tmp_path, monkeypatch):
     first = tmp_path / "r.mcap"
     monkeypatch.setattr("daq.recording.part_writer._RETRY_AFTER_S", 0.0)

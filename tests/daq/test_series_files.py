@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsFile, TdmsWriter
 from rosbags.rosbag1 import Writer as Writer1
@@ -152,6 +153,24 @@ def test_every_row_is_accounted_for(tmp_path: Path) -> None:
     lost = {kind: loss.count for kind, loss in report.balance.losses.items()}
     assert lost == {"unreadable": 1, "of table without a usable time": 2} and report.bad_cells == {"Fz [N]": 1}
     assert "line 4" in report.balance.losses["unreadable"].first and report.skipped == {"state": "text"}
+    assert report.first_bad_cell == {"Fz [N]": "line 3: 'broken'"}
+
+
+@given(
+    st.lists(st.sampled_from(["1.5,2", "1.5", "", "time [s],Fz [N],Fx [N]", "over,2"]), max_size=8),
+    st.integers(20, 40),
+)
+@example(["1.5,2", "1.5", "time [s],Fz [N],Fx [N]", "over,2"], 40)
+def test_the_first_cell_without_a_number_is_found_where_it_is(rows: list[str], before: int) -> None:
+    """Whatever is above it: rows with too few cells, empty lines, headers that are repeated."""
+    body = ["1.5,2"] * before + rows + ["over,2"]
+    timed = [f"{i / 100},{one}" if one[:1] in ("1", "o") else one for i, one in enumerate(body)]
+    lines = ["time [s],Fz [N],Fx [N]", "0,1,2", *timed]
+    with tempfile.TemporaryDirectory() as folder:
+        series = read(text(Path(folder, "run.csv"), *lines))
+        columns(series)
+    first = next(i for i, line in enumerate(lines, 1) if line.endswith("over,2"))
+    assert series.report.first_bad_cell == {"Fz [N]": f"line {first}: 'over'"}
 
 
 def parquet(path: Path) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic_run import forces, speeds, vehicle
 
-from daq.config import RunInfo
+from daq.config import RunInfo, SensorSection
 from processing.pipeline.pipeline import process
 from processing.processed_run import UNITS, Column, ProcessedRun, Reason, block_of, units_of
 from wheelsoil.wording.run_summary import summary_table
@@ -27,6 +27,23 @@ def test_the_table_says_what_was_kept(full: ProcessedRun) -> None:
     assert "filter edge" in table["left out"]
     assert table["slip"].startswith("0.200 / 0.200 / 0.200")
     assert "1000 Hz, no gaps" in table["vertical_load"]
+
+
+def test_a_sigma_says_what_is_in_it() -> None:
+    """That of one filtered sample is not the declared one: the correction for the outboard parts adds noise."""
+    config = vehicle()
+    assert config.wheel is not None
+    sensors = {**config.sensors, "drawbar_pull": SensorSection(sigma=20.0)}
+    channels = speeds(30.0, 0.2) | forces(30.0, rng=np.random.default_rng(1))
+    sigmas = []
+    for mass_kg, corrected in ((0.0, ""), (75.0, " and the correction for 75 kg outboard")):
+        wheel = config.wheel.model_copy(update={"outboard_mass_kg": mass_kg, "outboard_inertia_kgm2": 0.0})
+        run = process(channels, config.model_copy(update={"wheel": wheel, "sensors": sensors}), RunInfo(id="r"))
+        table = dict(summary_table(run))
+        assert f" N after the filter (from the declared one{corrected})" in table["drawbar_pull"]
+        assert "after the filter (estimated)" in table["driving_torque"]
+        sigmas.append(run.quality.sensors["drawbar_pull"].sigma)
+    assert sigmas[1] > sigmas[0]
 
 
 def test_the_table_of_a_run_that_tells_little_has_no_nan(bare: ProcessedRun) -> None:

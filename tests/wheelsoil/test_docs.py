@@ -13,6 +13,7 @@ import pytest
 from pydantic import BaseModel
 
 from daq.config import RunsConfig, TerrainConfig, VehicleConfig, parse_toml
+from model.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
@@ -107,6 +108,15 @@ def _leads_somewhere(name: str) -> bool:
 
 def _is_module(name: str) -> bool:
     return importlib.util.find_spec(name) is not None
+
+
+def test_the_readme_counts_the_families_of_the_library() -> None:
+    kinds = {effect.name: (effect.kind, effect.reading) for effect in EFFECTS.values()}
+    physical, measurement = ([kind for kind, _ in kinds.values()].count(kind) for kind in ("physical", "measurement"))
+    assert [reading for _, reading in kinds.values() if reading != "any"] == ["literal"]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"[{len(kinds)} families of causes](docs/effects/README.md) (one only under `--sinkage literal`)" in readme
+    assert f"{physical} in soil and wheel and {measurement} in the measurement" in readme
 
 
 def test_the_readme_quotes_the_worst_figures_of_the_blind_study() -> None:

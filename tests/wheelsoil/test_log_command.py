@@ -86,6 +86,19 @@ def test_a_page_on_a_port_that_is_taken_costs_no_recording_unless_it_was_asked_f
     assert "--page-port" in result.err
 
 
+def test_a_page_whose_process_does_not_start_is_reported_and_not_announced(tmp_path, monkeypatch):
+    vehicle = write_vehicle(tmp_path, "lone")
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no-python"))
+    with busy("lone"):
+        result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 1.0, "--page-port", 0)
+    said = result.err.splitlines()
+    assert (
+        said.count("no status page: its process cannot be started: No such file or directory; it is tried again") == 1
+    )
+    assert not any(line.startswith("status page: ") for line in said)
+    assert len(Recording.open(*(tmp_path / "out").glob("*.mcap")).frames()) > 10
+
+
 def test_the_page_shows_the_run_that_is_recorded(tmp_path):
     vehicle = write_vehicle(tmp_path, "shown")
     with logging(vehicle, "-o", tmp_path / "out", "--page-port", 0, "--run-id", "seven") as process:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from math import nan
 
@@ -29,8 +30,12 @@ from model.diagnosis.core.result import (
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from model.notes import DiagnosisCode, LackCode
-from wheelsoil.wording.notes import note_text
+from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import (
+    Statement,
+    details_of,
+    finding_of,
     gain_words,
     named_words,
     nothing_words,
@@ -38,6 +43,7 @@ from wheelsoil.wording.verdict import (
     rival_words,
     sentence_of,
     sentences_of,
+    statements_of,
     unexplained_words,
     want_words,
 )
@@ -50,6 +56,10 @@ DRIFT = Note(LackCode.ONE_RUN_NO_DRIFT)
 BARE = replace(
     diagnosis("named"), causes=(CAUSE,), gain=None, next_run=(), sets=(), not_identifiable={}, grounds=Grounds()
 )
+
+
+def words(statements: Iterable[Statement]) -> str:
+    return " ".join(one.text for one in statements)
 
 
 def gain(reduction_percent: float = 20.0) -> Gain:
@@ -75,15 +85,15 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
     runs = (NextRun(MORE_LOAD, ("slip_sinkage", "grouser"), 9.0),)
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
-    said = " ".join(named_words(alike, CHANCES))
+    said = words(named_words(alike, CHANCES))
     assert said.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     assert "p = m1 + m2 = 0.615 (0.580 to 0.640)" in said
-    assert "Next:" not in " ".join(named_words(replace(alike, grounds=Grounds()), CHANCES))
+    assert "Next:" not in words(named_words(replace(alike, grounds=Grounds()), CHANCES))
 
 
 def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
     worse = replace(gain(), reduction_percent=-38.0, interval95=(-75.0, -4.6))
-    said = " ".join(named_words(replace(BARE, gain=worse), CHANCES))
+    said = words(named_words(replace(BARE, gain=worse), CHANCES))
     assert "the error of drawbar pull grows by 38 (5 to 75) % and that of driving torque falls by 50 %" in said
 
 
@@ -101,24 +111,41 @@ def causes(*families: str) -> tuple[Cause, ...]:
 
 
 def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
-    named = " ".join(named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES))
+    named = words(named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES))
     assert named.startswith("Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %): ")
     assert "H = 0.0310 (0.0270 to 0.0350) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
     assert "A further cause acts: one of slope (40.0 %), bulldozing (50.0 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
-    alone = " ".join(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
+    alone = words(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
     assert "H = 0.031" in alone
     assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in alone
 
 
+def test_other_places_take_the_parts_of_a_verdict_that_they_show_by_themselves() -> None:
+    """The page shows finding, gain and next step apart: each is marked, none is found again by its words."""
+    run = NextRun(MORE_LOAD, (), 4.0)
+    found = replace(BARE, gain=gain(), grounds=Grounds(confounded=("grouser",)), next_run=(run,))
+    assert [one.about for one in statements_of(found)] == ["cause", "gain", "", "next"]
+    assert finding_of(found) == "Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %)"
+    assert statements_of(found)[0].text.startswith(f"{finding_of(found)}: H = ")
+    shown = shown_of(found)
+    assert shown["next"] == f"Next: {step_text(run)}."
+    assert shown["details"] == " ".join(one.text for one in statements_of(found)[1:-1])
+    doubtful = replace(run, naming_chance=0.1)
+    open_one = replace(BARE, verdict="one_of", causes=causes("slope", "bulldozing"), next_run=(doubtful,))
+    assert [one.about for one in statements_of(open_one)][-2:] == ["", "next"]
+    assert "No single run decides." in details_of(open_one)
+
+
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     runs = (NextRun(MORE_LOAD, ("slope",), 4.0),)
-    one_of = " ".join(one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04))
+    said = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
+    one_of = words(said)
     assert one_of.startswith("A cause acts (with probability 96.0 %): one of slope (40.0 %), bulldozing (50.0 %).")
     assert one_of.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
-    barred = " ".join(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
+    barred = words(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
     assert "Slope is not named: all runs go one way: drive some back" in barred
     assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in barred
 
@@ -144,16 +171,16 @@ def test_the_verdict_comes_before_the_soil() -> None:
 @pytest.mark.parametrize("families", [("slope",), ("slope", "bulldozing")])
 def test_what_is_unlisted_is_the_reason_where_it_keeps_a_name_back(families: tuple[str, ...]) -> None:
     doubted = replace(BARE, causes=causes(*families), adequacy=Adequacy(0.16, 0.5, True, "probability"))
-    said = " ".join(one_of_words(doubted, CHANCES, 0.0))
+    said = words(one_of_words(doubted, CHANCES, 0.0))
     assert "sure enough for a name: something that the library does not have may act (16.0 %)." in said
     surely = replace(doubted, adequacy=Adequacy(0.01, 0.5, True, "probability"))
-    assert "library" not in " ".join(one_of_words(surely, CHANCES, 0.0))
+    assert "library" not in words(one_of_words(surely, CHANCES, 0.0))
 
 
 def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
     sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
-    said = " ".join(one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02))
+    said = words(one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02))
     assert "Several may act together: load gain and grouser (43.0 %)." in said
 
 
@@ -173,34 +200,34 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     worst = Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)
     found = LackOfFit((worst,), {"drawbar_pull": 31.4, "driving_torque": 2.0})
     judged = Adequacy(0.9876, 0.5, ok=False, measure="probability")
-    left = " ".join(unexplained_words(judged, found, ("slope",), (("r1",), ("r2", "r3"))))
+    left = words(unexplained_words(judged, found, ("slope",), (("r1",), ("r2", "r3"))))
     assert "something that the library does not have acts with a probability of 98.8 %" in left
     assert "off most in drawbar pull, slip 0.4 to 0.9: -120 N. " in left
     assert "rms over all samples, 31.4 N of drawbar pull and 2 N m of driving torque" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
-    for why, words in REASONS.items():
-        said = unexplained_words(Adequacy(nan, nan, ok=False), found, (), None, why)
-        assert said[0].startswith(f"These runs are not explained: {words}"), said
+    for why, reason in REASONS.items():
+        said = [one.text for one in unexplained_words(Adequacy(nan, nan, ok=False), found, (), None, why)]
+        assert said[0].startswith(f"These runs are not explained: {reason}"), said
         assert said[-1].startswith("Next: check zeros")
-    unsure = " ".join(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
+    unsure = words(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
     assert unsure.startswith(
         "No cause is distinguishable from chance (no cause: 30.0 %). The most probable one is slope"
     )
-    nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
+    nothing = words(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
     assert "no cause: 93.0 %" in nothing
     assert "slip sinkage from H = 0.0034 m on would be detected in half of such campaigns" in nothing
 
 
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
     want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
-    assert want == [
+    assert [one.text for one in want] == [
         "Slope and track drift are not identifiable from these runs: all runs go one way: drive some back.",
         "Zero drift is not identifiable from these runs: one run only: a drift over the campaign does not show.",
     ]
     assert want_words({}) == []
     usual = {"multi_pass": Note(LackCode.SAME_PASS), "tyre_flattening": Note(LackCode.PRESSURE_UNKNOWN)}
     assert want_words(usual) == [], "what is wanting nearly always stands in the table alone"
-    assert "Zero drift" in " ".join(want_words({**usual, "zero_drift": DRIFT}))
+    assert "Zero drift" in words(want_words({**usual, "zero_drift": DRIFT}))
 
 
 @pytest.mark.parametrize("verdict", ["named", "unexplained"])

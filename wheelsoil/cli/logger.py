@@ -19,8 +19,9 @@ from wheelsoil.console import hanging, print_json, print_pairs, printable_addres
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
-    from daq.logger import LogStatus, LogSummary, Panel, Progress
+    from daq.logger import LogStatus, LogSummary, Progress
     from daq.logger.doctor import Line
+    from wheelsoil.live import PagePanel
 
 
 _PAGE_PORT = 8100
@@ -141,7 +142,7 @@ def log_command(
         )
     with (
         _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as (panel, addresses),
-        _status(addresses) as progress,
+        _status(panel, addresses) as progress,
     ):
         summary = log(
             known.vehicle,
@@ -232,7 +233,7 @@ def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
 @contextmanager
 def _page(
     wanted: bool, host: str, port: int | None, token: str | None, vehicle: str
-) -> Iterator[tuple[Panel | None, tuple[str, ...]]]:
+) -> Iterator[tuple[PagePanel | None, tuple[str, ...]]]:
     """Open the status page and yield its addresses; none if the default port is taken and no other was given."""
     if not wanted:
         yield None, ()
@@ -254,9 +255,9 @@ def _page(
 
 
 @contextmanager
-def _status(addresses: tuple[str, ...]) -> Iterator[Progress]:
+def _status(page: PagePanel | None, addresses: tuple[str, ...]) -> Iterator[Progress]:
     """Print changes line by line; show counters while recording, on a terminal only."""
-    changes = _Changes(addresses)
+    changes = _Changes(page, addresses)
     if not sys.stderr.isatty():
         yield changes.report
         return
@@ -275,9 +276,11 @@ def _status(addresses: tuple[str, ...]) -> Iterator[Progress]:
 
 
 class _Changes:
-    """Reports the file and the state of the recording whenever they change."""
+    """Reports the file, the state of the recording and a status page that is not there whenever they change."""
 
-    def __init__(self, addresses: tuple[str, ...]) -> None:
+    def __init__(self, page: PagePanel | None, addresses: tuple[str, ...]) -> None:
+        self._page = page
+        self._page_fault = ""
         self._addresses = addresses
         self._path: Path | None = None
         self._level = "green"
@@ -285,13 +288,16 @@ class _Changes:
     def report(self, now: LogStatus) -> None:
         """Print the changes; a closed terminal or pipe does not end the recording."""
         lines = []
-        if self._path is None:
+        fault = "" if self._page is None else self._page.fault
+        if not fault and (self._path is None or self._page_fault):
             lines += [f"status page: {address}" for address in self._addresses]
+        elif fault != self._page_fault:
+            lines.append(f"no status page: {fault}; it is tried again")
         if now.path != self._path:
             lines.append(_opened(now, first=self._path is None))
         if now.level != self._level:
             lines.append(f"{now.level}: {now.what}" if now.what else now.level)
-        self._path, self._level = now.path, now.level
+        self._path, self._level, self._page_fault = now.path, now.level, fault
         with suppress(OSError):
             for line in lines:
                 say(line)

@@ -91,7 +91,7 @@ def export_command(
     if json:
         print_json({"files": written})
     else:
-        print_pairs([(path.name, f"{path.stat().st_size / 1e6:.3f} MB") for path in written])
+        print_pairs([(path.name, _megabytes(path.stat().st_size)) for path in written])
 
 
 def info_command(
@@ -130,10 +130,10 @@ def info_command(
     for run, one in zip(opened, facts, strict=True):
         for text in [] if one.recording_now else doubts_of(run):
             say_folded(f"{one.file}: {text}")
-    for one in facts:
+    for run, one in zip(opened, facts, strict=True):
         if one.recording_now:
             say(f"{one.file}: still being recorded; the part written so far was read")
-        elif one.loss and one.kind.startswith("recording"):
+        elif one.loss and run.recording is not None:
             say(f"{one.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
 
 
@@ -188,14 +188,14 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("file", facts.file),
         (
             "kind",
-            f"{facts.kind}, {facts.bytes / 1e6:.3f} MB" + (f", by {facts.written_by}" if facts.written_by else ""),
+            f"{facts.kind}, {_megabytes(facts.bytes)}" + (f", by {facts.written_by}" if facts.written_by else ""),
         ),
         ("sha256", facts.sha256),
         ("run", run),
         ("vehicle", facts.vehicle),
         ("terrain", facts.terrain),
         ("start", moment(facts.start_ns) if facts.start_ns is not None else ""),
-        ("duration", f"{facts.duration_s:.3f} s" if facts.start_ns is not None else ""),
+        ("duration", f"{facts.duration_s:.2f} s" if facts.start_ns is not None else ""),
     ]
     for bus, count in facts.frames.items():
         lost = f", {facts.drops[bus]:,} lost before recording" if facts.drops.get(bus) else ""
@@ -243,12 +243,17 @@ def _shortened(text: str) -> str:
         return text
 
 
+def _megabytes(size: int) -> str:
+    """Return a size with three digits: 8.008 beside 3,001 could be read as eight thousand and eight."""
+    return f"{number(size / 1e6, 3)} MB"
+
+
 def _print_parts(facts: FileFacts) -> None:
     rows = [
         [
             Path(part.file).name,
             f"{part.frames:,}",
-            f"{part.bytes / 1e6:.3f}",
+            number(part.bytes / 1e6, 3),
             moment(part.start_ns) if part.start_ns is not None else "-",
             part.exit_status or ("still being recorded" if part.recording_now else "cut off"),
         ]

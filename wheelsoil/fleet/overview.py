@@ -26,6 +26,7 @@ from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
+from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
 
@@ -143,7 +144,7 @@ class Overview:
             loader=PackageLoader("wheelsoil.fleet", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
         )
         bars = sorted(self.causes.items(), key=lambda item: (-item[1][0], -item[1][1]))[:_MOST_BARS]
-        return environment.get_template("page.html.j2").render(
+        page = environment.get_template("page.html.j2").render(
             overview=self,
             rows=[_cells(row, folder) for row in self.campaigns.head(_MOST_ROWS).to_dict("records")],
             bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
@@ -161,6 +162,7 @@ class Overview:
             script_hash=f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'",
             style="".join(part.read_text(encoding="utf-8") for part in style),
         )
+        return isolated(page)
 
 
 def overview_of(store: Store) -> Overview:

@@ -63,6 +63,8 @@ class PagePanel:
         Number of starts of the page's process.
     pid : int or None
         Process id of the page; None while it is not running.
+    fault : str
+        Why the page's process does not start or stay; empty while it runs.
     """
 
     def __init__(self, host: str, port: int, token: str | None, vehicle: str, restart_s: float = RESTART_S) -> None:
@@ -76,6 +78,7 @@ class PagePanel:
         self.addresses = page_addresses(self._listening, self.token)
         self.dropped = self.starts = 0
         self.pid: int | None = None
+        self.fault = ""
         self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for end, size in ((self._ours, LARGEST_BYTES), (self._theirs, _COMMANDS_BYTES)):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, size)
@@ -137,13 +140,28 @@ class PagePanel:
         """Start the page's process whenever it is not running."""
         while not self._closing.is_set():
             started_s = time.monotonic()
-            with suppress(OSError):  # no memory or no process left: the logger has priority
+            try:
                 self._process = self._started()
+            except OSError as error:  # no memory or no process left: the logger has priority
+                self.fault = f"its process cannot be started: {error.strerror or error}"
+            else:
                 self.starts += 1
                 self.pid = self._process.pid
-                self._process.wait()
+                if not self._ends_early(self._process):
+                    self.fault = ""
+                    self._process.wait()
                 self.pid = None
             self._closing.wait(max(0.0, started_s + self._restart_s - time.monotonic()))
+
+    def _ends_early(self, process: subprocess.Popen[bytes]) -> bool:
+        """Return whether the process ends before the next start would be due, and note that as the fault."""
+        try:
+            status = process.wait(self._restart_s)
+        except subprocess.TimeoutExpired:
+            return False
+        if status > 0:  # below zero somebody ended it
+            self.fault = f"its process ended at once, with status {status}"
+        return True
 
     def _started(self) -> subprocess.Popen[bytes]:
         handles = (self._listening.fileno(), self._theirs.fileno())

@@ -6,7 +6,6 @@ import gzip
 import json
 import logging
 import os
-import re
 import shutil
 import subprocess
 from base64 import b64encode
@@ -26,8 +25,8 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import EVIDENCE, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
+from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.workflows.key_figures import KeyFigure
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -43,7 +42,6 @@ _OPTIONS = (
 _PATIENCE_S = 180
 
 SCHEMA = "wheelsoil/report/2"
-_NUMBER = re.compile(r"^(?:[<>±+−–-]?\s?[\d.,\u202f]+.*|[–-]|∞)$")
 """A cell of a table that is a number."""
 
 _log = logging.getLogger(__name__)
@@ -76,7 +74,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
     summary, *others = sections
     evidence = {builder.key for builder in EVIDENCE}
-    return environment.get_template("template.html.j2").render(
+    page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
         evidence=[one for one in others if one.key in evidence],
@@ -94,17 +92,12 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
+    return isolated(page)
 
 
 def _text_columns(table: Table) -> set[int]:
-    """Return the columns that are read as words: the first ones, and those in which a cell is no number."""
-    columns = zip(*table.rows, strict=True)
-    words = {i for i, cells in enumerate(columns) if not all(_is_number(cell) for cell in cells)}
-    return words | set(range(table.left))
-
-
-def _is_number(cell: str | KeyFigure) -> bool:
-    return not isinstance(cell, str) or not cell or bool(_NUMBER.match(cell))
+    """Return the columns that are read as words."""
+    return {i for i, title in enumerate(table.head) if i < table.left or title in table.words}
 
 
 def _hash_of(script: str) -> str:

@@ -69,7 +69,11 @@ def _percent(value: float) -> str:
     return f"{number(100 * abs(value), 2)} %"
 
 
-_SLIP = ("Slip ratio", lambda s: s.slip)
+def _slip_of(samples: _Samples) -> FloatArray:
+    return samples.slip
+
+
+_SLIP = ("Slip ratio", _slip_of)
 _VIEWS: Mapping[str, _View] = {
     "drawbar_pull_zero": _View(
         *_SLIP, lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip", lambda x, s, _: x + 0.0 * s.slip
@@ -151,7 +155,7 @@ def cause_figure(material: ReportInputs, one: Recommendation, channel: str) -> D
     factor, unit = page_unit(channel)
     title = _title(view, cause, channel)
     caption = f"Measured − predicted by {against}. Points: median and middle half. Line: the correction."
-    over_slip = view.axis == "Slip ratio"
+    over_slip = view.across is _slip_of
     if over_slip or cause.name == "speed_latency":  # braking is so steep that the driven part would look flat
         left, line = (np.where(one.slip > 0, values, np.nan) for values in (left, line))
     edges = EDGES if over_slip else _edges(across)

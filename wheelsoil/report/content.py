@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,13 +23,14 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts; the first `left` columns are names, the others numbers."""
+    """A table of texts; the first `left` columns and those titled as in `words` are words, the others numbers."""
 
     caption: str
     head: Sequence[str]
     rows: Sequence[Sequence[str | KeyFigure]]
     note: str = ""
     left: int = 1
+    words: Collection[str] = ()
     strong: int | None = None
     """The row that is printed bold, e.g. the best model's."""
 

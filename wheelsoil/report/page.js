@@ -165,7 +165,9 @@ for (const div of document.querySelectorAll(".plot")) {
 for (const select of document.querySelectorAll(".figures select")) {
   const block = select.closest(".figures");
   select.addEventListener("change", () => {
-    block.querySelector(".chosen").textContent = `Shown: ${select.value}`;
+    const name = document.createElement("bdi");
+    name.textContent = select.value;
+    block.querySelector(".chosen").replaceChildren("Shown: ", name);
     for (const div of block.querySelectorAll(".plot")) figures.get(div).choose();
     maps.get(block)?.draw();
   });

@@ -24,6 +24,7 @@ from model.wheel_soil import (
     WheelSoilModel,
     speed_ratio,
 )
+from wheelsoil.wording.names import letter, named_with_unit
 
 SLIPS = np.linspace(-0.3, 0.95, 120)
 
@@ -175,7 +176,7 @@ def _soil_parameter(name: str, value: float, prior: SoilPrior) -> dict[str, Any]
     label, unit, least, most, usual = _SOIL[name]
     sigma = prior.sigma_of(name) or LABORATORY_SPREAD[name] * (abs(value) or usual)
     low, high = max(least, value - _SIGMAS * sigma), min(most, value + _SIGMAS * sigma)
-    return _parameter(name, label, unit, value, value, (low, high), (least, most), prior.source)
+    return _parameter(name, (label, label, letter(name)), unit, value, value, (low, high), (least, most), prior.source)
 
 
 def _entry(key: str, wheel: Wheel, reading: Reading, reasons: Mapping[str, str]) -> dict[str, Any]:
@@ -203,16 +204,17 @@ def _of_effect(key: str, parameter: EffectParameter, wheel: Wheel) -> dict[str, 
         low = max(low, min(neutral, high))
     elif parameter.side < 0:
         high = min(high, max(neutral, low))
-    label = parameter.name.replace("_", " ")
+    own = parameter.name
+    texts = (own.replace("_", " "), named_with_unit(own)[0], letter(own))
     bounds = (parameter.lower, parameter.upper)
-    return _parameter(key, label, parameter.unit, neutral, neutral, (low, high), bounds, parameter.source) | {
+    return _parameter(key, texts, parameter.unit, neutral, neutral, (low, high), bounds, parameter.source) | {
         "start": parameter.start
     }
 
 
 def _parameter(
     name: str,
-    label: str,
+    texts: tuple[str, str, str],
     unit: str,
     value: float,
     neutral: float,
@@ -222,7 +224,7 @@ def _parameter(
 ) -> dict[str, Any]:
     return {
         "name": name,
-        "label": label,
+        **dict(zip(("label", "words", "letter"), texts, strict=True)),
         "unit": unit,
         "value": value,
         "neutral": neutral,

@@ -24,7 +24,7 @@ from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import reduction_in, refusal_words, sentences_of, size_text
+from wheelsoil.wording.verdict import finding_of, reduction_in, refusal_words, size_text, statements_of
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -177,8 +177,11 @@ def _on_page(diagnosis: Diagnosis) -> dict[str, Any]:
 def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what the page writes of a diagnosis: its sentences, and its key figures as text and unrounded."""
     figures = figures_of_diagnosis(diagnosis)
+    _, *others = statements_of(diagnosis)
     return {
-        "sentences": sentences_of(diagnosis),
+        "finding": finding_of(diagnosis),
+        "details": " ".join(one.text for one in others if one.about != "next"),
+        "next": next((one.text for one in others if one.about == "next"), ""),
         "refused": refusal_words(diagnosis),
         "main_channel": diagnosis.main_channel,
         "change_percent": None

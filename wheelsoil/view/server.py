@@ -58,6 +58,7 @@ _log = logging.getLogger(__name__)
 PORT = 8200
 _TRIED = 20
 _PAGE = "analyst's page"
+_OTHER = "another `wheelsoil view`"
 _TERMINATED_EXIT = 143
 
 
@@ -215,10 +216,10 @@ def _print_addresses(remarks: Iterable[str], addresses: Iterable[str], say: Call
 def listening_on(host: str, port: int | None) -> socket.socket:
     """Return a listening socket; without a port on `PORT` or the next free one. See `listen` for errors."""
     if port is not None:
-        return listen(host, port, page=_PAGE)
+        return listen(host, port, page=_PAGE, other=_OTHER)
     for tried in range(PORT, PORT + _TRIED):
         try:
-            return listen(host, tried, 0.0, page=_PAGE)
+            return listen(host, tried, 0.0, page=_PAGE, other=_OTHER)
         except PortTakenError:
             if tried == PORT + _TRIED - 1:
                 raise

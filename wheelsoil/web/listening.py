@@ -27,8 +27,15 @@ class PortTakenError(HardwareError):
     """Another program listens on the port."""
 
 
-def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = "status page") -> socket.socket:
-    """Return a listening socket; `page` is the name of the page in messages.
+def listen(
+    host: str,
+    port: int,
+    patience_s: float = PATIENCE_S,
+    *,
+    page: str = "status page",
+    other: str = "a second logger",
+) -> socket.socket:
+    """Return a listening socket; `page` is the name of the page in messages, `other` what may have taken its port.
 
     Raises
     ------
@@ -49,7 +56,7 @@ def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = 
             taken = error.errno == errno.EADDRINUSE
             if not taken or time.monotonic() >= until:
                 kind = PortTakenError if taken else HardwareError
-                raise kind(_fault(error, host, port, page)) from None
+                raise kind(_fault(error, host, port, page, other)) from None
             time.sleep(0.05)
 
 
@@ -104,14 +111,14 @@ def _listening(host: str, port: int) -> socket.socket:
     return listening
 
 
-def _fault(error: OSError, host: str, port: int, page: str) -> Fault:
+def _fault(error: OSError, host: str, port: int, page: str, other: str) -> Fault:
     where = f"{page} on {host}:{port}"
     if error.errno == errno.EADDRINUSE:
         return Fault(
             f"port {port} is taken",
             where,
-            next_step="choose another port, or end the program that listens there (`ss -ltnp` names it)"
-            + ("; it may be a second logger" if page == "status page" else ""),
+            next_step="choose another port, or end the program that listens there (`ss -ltnp` names it); "
+            f"it may be {other}",
         )
     if error.errno == errno.EACCES:
         return Fault(f"port {port} is not allowed", where, str(error.strerror), next_step="choose a port above 1023")

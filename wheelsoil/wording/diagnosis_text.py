@@ -161,8 +161,7 @@ def diagnosis_lines(
 
 def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig | None, width: int) -> list[str]:
     step = (next_steps(diagnosis, vehicle or VehicleConfig()) or [step_of(diagnosis)])[0]
-    named = any(step.what.startswith(f"{run.campaign}: ") for run in diagnosis.next_run if run.campaign)
-    what = step.what if named else f"{step.what[0].lower()}{step.what[1:]}"
+    what = step.what if step.campaign else f"{step.what[0].lower()}{step.what[1:]}"
     text = wrapped(f"Next: {what.rstrip('.')}. {step.why}".rstrip(), width)
     return [*text, *_indented(step.paste.splitlines() if vehicle is not None else ())]
 

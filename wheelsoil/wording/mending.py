@@ -21,11 +21,15 @@ MENDED = ("wheel_inertia",)
 
 @dataclass(frozen=True)
 class Step:
-    """A thing to do next, why, and the command or the lines of a file to paste."""
+    """A thing to do next, why, and the command or the lines of a file to paste; where there are several, its campaign.
+
+    `what` then begins with the campaign.
+    """
 
     what: str
     why: str = ""
     paste: str = ""
+    campaign: str = ""
 
 
 def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
@@ -63,7 +67,7 @@ def _step_of_run(run: NextRun) -> Step:
     reason = [f"Separates {parted}; {tells}{cost}."] if parted else []
     written = [f"Write {key}."] if (key := key_text(run)) else []
     what = step_text(run) if run.campaign else upper(step_text(run))
-    return Step(what, " ".join([*reason, *written]))
+    return Step(what, " ".join([*reason, *written]), campaign=run.campaign)
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:

@@ -7,6 +7,7 @@ from math import isfinite
 
 from daq import FloatArray, number, table_lines
 from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
+from model.effects import EFFECTS
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 from wheelsoil.wording.notes import step_text, worth_text
@@ -39,9 +40,11 @@ def _sentence(plan: Plan) -> str:
         for f, d in zip(found.families, found.separation, strict=True)
         if d >= DETECTABLE_D and f not in plan.not_identifiable
     )
+    library = {effect.name for effect in EFFECTS.values()}
     return (
-        f"Of {len(families)} families, {len(seen)} are detectable in these runs at a plausible size; {len(apart)} of "
-        "them are separable from every other (d_sep of 5 or more, on average)."
+        f"Of the {len(families)} families considered (the library has {len(library)}), {len(seen)} are detectable in "
+        f"these runs at a plausible size; {len(apart)} of them are separable from every other (d_sep of 5 or more, on "
+        "average)."
     )
 
 
@@ -49,11 +52,11 @@ def _effects(plan: Plan, width: int) -> list[str]:
     found = plan.isolability
     rows = [
         [
-            effect_name(key),
+            _short(key),
             f"{left:.2f}",
             number(d, 2),
             number(apart, 2),
-            effect_name(rival) if rival else "-",
+            _short(rival) if rival else "-",
             _size(plan.minimum_detectable[key]),
             "not named" if family in plan.not_identifiable else _size(plan.minimum_separable[key]),
         ]
@@ -62,7 +65,7 @@ def _effects(plan: Plan, width: int) -> list[str]:
         )
     ]
     head = ["cause", "left", "d", "d_sep", "closest", "detectable", "separable"]
-    lines = table_lines(head, [_short(row) for row in rows], width=width - 2)
+    lines = table_lines(head, rows, width=width - 2)
     title = "At a plausible size: share left by the soil, d (5: detectable), d_sep (5: separable from all others)"
     return [
         *wrapped(title, width),
@@ -81,9 +84,9 @@ def _footnote(plan: Plan, width: int) -> list[str]:
     return wrapped(f"{text}.", width, "  ")
 
 
-def _short(row: list[str]) -> list[str]:
-    """Keep names to what fits: of a family with forms the form is enough."""
-    return [cell.replace("slip sinkage (", "").removesuffix(")") if i in (0, 4) else cell for i, cell in enumerate(row)]
+def _short(key: str) -> str:
+    """Return a name that fits: of a family with forms the form is enough."""
+    return plain_name(EFFECTS[key].form) or effect_name(key)
 
 
 def _size(found: Detectable) -> str:

@@ -17,6 +17,11 @@ _QUANTITIES = (
     ("driving torque kNm", "driving_torque_nm", ".2f", 1e-3),
     ("sinkage mm", "sinkage_m", ".0f", 1e3),
 )
+_SIGMA_SOURCES = {
+    "declared": "from the declared one",
+    "estimated": "estimated",
+    "standstill": "from standstill",
+}
 
 
 def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
@@ -35,7 +40,9 @@ def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
         *_radius(run),
         *_clock(quality.clock),
     ]
-    return rows + [(role, _sensor(facts, ROLES[role].unit_text)) for role, facts in quality.sensors.items()]
+    return rows + [
+        (role, _sensor(facts, ROLES[role].unit_text, _outboard(run, role))) for role, facts in quality.sensors.items()
+    ]
 
 
 def _left_out(shares: dict[str, float]) -> str:
@@ -92,10 +99,22 @@ def _clock(clock: dict[str, float]) -> list[tuple[str, str]]:
     return [("host clock against GNSS", said)]
 
 
-def _sensor(facts: SensorFacts, unit: str) -> str:
+def _outboard(run: ProcessedRun, role: str) -> str:
+    """Return what of the parts outboard of the transducer a force is corrected for; empty where it is not."""
+    inertia = {
+        "drawbar_pull": ("ground_speed", run.outboard_mass_kg, "kg"),
+        "driving_torque": ("wheel_speed", run.outboard_inertia_kgm2, "kg m2"),
+    }
+    speed, size, unit = inertia.get(role, ("", 0.0, ""))
+    return f"{size:g} {unit} outboard" if size and speed in run.quality.sensors else ""
+
+
+def _sensor(facts: SensorFacts, unit: str, outboard: str) -> str:
     if not isfinite(facts.rate_hz):
         return f"{facts.samples} samples"
     gaps = f"{facts.gaps} gaps, longest {facts.longest_gap_s:.2f} s" if facts.gaps else "no gaps"
     zero = f", zero +- {facts.systematic_sigma:.3g} {unit}" if isfinite(facts.systematic_sigma) else ""
     left_out = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
-    return f"{facts.rate_hz:.4g} Hz, {gaps}, sigma {facts.sigma:.3g} {unit} ({facts.sigma_source}){zero}{left_out}"
+    sources = [_SIGMA_SOURCES[facts.sigma_source], *([f"the correction for {outboard}"] if outboard else [])]
+    sigma = f"sigma {facts.sigma:.3g} {unit} after the filter ({' and '.join(sources)})"
+    return f"{facts.rate_hz:.4g} Hz, {gaps}, {sigma}{zero}{left_out}"

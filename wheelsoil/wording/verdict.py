@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import Literal, NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, number, without_powers
 from model import LackCode
@@ -17,6 +18,7 @@ from model.diagnosis import (
     Gain,
     Grounds,
     LackOfFit,
+    NextRun,
     ParameterEstimate,
     Reduction,
 )
@@ -60,6 +62,13 @@ _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
 """What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
 
 
+class Statement(NamedTuple):
+    """A sentence of a verdict, and which one it is where other places show that by itself."""
+
+    text: str
+    about: Literal["", "cause", "gain", "next"] = ""
+
+
 def sentence_of(found: Diagnosis) -> str:
     """Return the verdict in a sentence or a few, with what speaks against it and what to do next."""
     return " ".join(sentences_of(found))
@@ -67,11 +76,16 @@ def sentence_of(found: Diagnosis) -> str:
 
 def sentences_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict, the most important one first."""
+    return [one.text for one in statements_of(found)]
+
+
+def statements_of(found: Diagnosis) -> list[Statement]:
+    """Return the sentences of the verdict, the most important one first, each with what it is about."""
     grounds = found.grounds
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
-    before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
+    before_next = next((i for i, one in enumerate(said) if one.about == "next"), len(said))
     first = said[:1]
     rest = [*said[1:before_next], *instead_words(found), *prior_words(found), *said[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
@@ -108,12 +122,17 @@ def headline_of(found: Diagnosis) -> str:
 
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
-    said = [one for one in sentences_of(found) if not one.startswith(("Next: ", "On held-out "))]
-    if found.verdict != "named" or found.grounds.table_channels or found.grounds.undecided is not None:
-        return said
-    named = " and ".join(_cause(cause) for cause in found.causes)
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
-    return [f"{sizes}." if one[1:] == f"{named[1:]}." else one for one in said]
+    said = [one for one in statements_of(found) if one.about not in ("gain", "next")]
+    return [f"{sizes}." if one.about == "cause" else one.text for one in said]
+
+
+def finding_of(found: Diagnosis) -> str:
+    """Return the first sentence of the verdict, without the size where it is of a single cause."""
+    first = statements_of(found)[0]
+    if first.about != "cause" or len(found.causes) > 1:
+        return first.text
+    return upper(without_powers(_cause_named(found.causes[0])))
 
 
 def size_text(cause: Cause) -> str:
@@ -129,7 +148,7 @@ def _form_and_size(cause: Cause) -> str:
     return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
 
 
-def laboratory_words(found: Diagnosis) -> list[str]:
+def laboratory_words(found: Diagnosis) -> list[Statement]:
     """Return the sentence that the laboratory's soil is refuted; empty where it is not, or nothing explains the data.
 
     Of runs it is judged beside every probable set of causes; of tables beside the one that extends the simulation.
@@ -153,7 +172,7 @@ def laboratory_words(found: Diagnosis) -> list[str]:
     return _sentences([f"the laboratory's soil does not hold here: {listed(off)} its value"] if off else [])
 
 
-def prior_words(found: Diagnosis) -> list[str]:
+def prior_words(found: Diagnosis) -> list[Statement]:
     """Return the sentence that the verdict depends on the prior; empty where it does not."""
     shifts = found.grounds.prior_shifts
     if not shifts or found.verdict not in ("named", "one_of"):
@@ -167,13 +186,15 @@ def prior_words(found: Diagnosis) -> list[str]:
     other = other or VERDICT_WORDS[first.verdict]
     turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
     more = f"; it also depends on that of {listed([plain_name(one) for one in turned])}" if turned else ""
-    return [
-        f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is {times}, "
-        f"it is {other}{more}."
-    ]
+    return _sentences(
+        [
+            f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is "
+            f"{times}, it is {other}{more}"
+        ]
+    )
 
 
-def instead_words(found: Diagnosis) -> list[str]:
+def instead_words(found: Diagnosis) -> list[Statement]:
     """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
     return _sentences(
         [
@@ -185,12 +206,13 @@ def instead_words(found: Diagnosis) -> list[str]:
     )
 
 
-def _undecided(why: Note) -> list[str]:
+def _undecided(why: Note) -> list[Statement]:
     steps = dict.fromkeys(fault.next_step for fault in why.values.get("faults", ()) if fault.next_step)
-    return _sentences([f"nothing can be decided: {note_text(why)}", f"next: {'; '.join(steps)}" if steps else ""])
+    onward = [Statement(f"next: {'; '.join(steps)}", "next")] if steps else []
+    return _sentences([f"nothing can be decided: {note_text(why)}", *onward])
 
 
-def _of_runs(found: Diagnosis) -> list[str]:
+def _of_runs(found: Diagnosis) -> list[Statement]:
     grounds = found.grounds
     chances = {cause.name: cause.probability for cause in found.causes}
     chances |= {one.name: one.probability for one in found.candidates}
@@ -215,13 +237,13 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
     return first
 
 
-def _of_table(found: Diagnosis) -> list[str]:
+def _of_table(found: Diagnosis) -> list[Statement]:
     return [*_verdict_of_table(found), *_error_of_form(found.grounds)]
 
 
-def _error_of_form(grounds: Grounds) -> list[str]:
+def _error_of_form(grounds: Grounds) -> list[Statement]:
     """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
-    said = form_error_words(grounds.form_errors)
+    said = [Statement(one) for one in form_error_words(grounds.form_errors)]
     if grounds.form_matters is None:
         return said
     return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
@@ -239,7 +261,7 @@ def form_error_words(used: Sequence[FormUsed]) -> list[str]:
     else:
         why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
         said = f"The error of form of a right model is assumed to be {share}: {why}"
-    return _sentences([said])
+    return [f"{said}."]
 
 
 def _in_unit(size: float, channel: str) -> str:
@@ -247,31 +269,31 @@ def _in_unit(size: float, channel: str) -> str:
     return f"{factor * size:.2g} {unit}"
 
 
-def _verdict_of_table(found: Diagnosis) -> list[str]:
+def _verdict_of_table(found: Diagnosis) -> list[Statement]:
     channels = listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
-    onward = [f"Next: {step_text(found.next_run[0])}."] if found.next_run else []
+    onward = [_next(found.next_run[0])] if found.next_run else []
     if found.verdict == "named":
         names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         others = [f"{plain_name(name)} ({chance(chances[name])})" for name in found.grounds.beside]
-        more = [f"Beside it, one of: {', '.join(others)}."] if others else []
+        more = [f"Beside it, one of: {', '.join(others)}"] if others else []
         worth = gain_words(found.gain, found.main_channel)
-        held_out = [f"On held-out conditions {worth}."] if worth else []
-        seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate."
+        held_out = [Statement(f"On held-out conditions {worth}", "gain")] if worth else []
+        seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate"
         if found.grounds.barred is not None and found.grounds.beside:
             first = plain_name(found.grounds.beside[0]).capitalize()
-            more = [*more, f"{first} is not named: {note_text(found.grounds.barred)}."]
-        return [seen, *held_out, *more, *onward]
+            more = [*more, f"{first} is not named: {note_text(found.grounds.barred)}"]
+        return _sentences([seen, *held_out, *more, *onward])
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         barred = found.grounds.barred if found.grounds.form_matters is None else None
         why = "" if barred is None else f": {note_text(barred)}"
         if len(found.causes) == 1:
-            return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
-        named = f" {plain_name(found.causes[0].name).capitalize()} is not named{why}." if why else ""
+            return _sentences([f"Most probable: {names}, but not sure enough for a name{why}", *onward])
+        named = f"{plain_name(found.causes[0].name).capitalize()} is not named{why}" if why else ""
         in_all = [c for c in found.causes if c.probability > _IN_ALL]
         open_causes = [c for c in found.causes if c not in in_all]
-        said = f"One of {names}: {channels} of these rows cannot separate them."
+        said = f"One of {names}: {channels} of these rows cannot separate them"
         if in_all and open_causes:
             sure, open_ones = (
                 ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part)
@@ -279,46 +301,50 @@ def _verdict_of_table(found: Diagnosis) -> list[str]:
             )
             said = (
                 f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "
-                "cannot separate them."
+                "cannot separate them"
             )
         elif in_all:
-            said = f"In every adequate explanation: {names}; that is not sure enough for names."
-        return [f"{said}{named}", *onward]
+            said = f"In every adequate explanation: {names}; that is not sure enough for names"
+        return _sentences([said, named, *onward])
     if found.verdict == "unexplained":
         left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
         tried = listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
-        where = [f"The most probable set, {tried}, is off most in {_findings(left)}."] if left else []
+        where = [f"The most probable set, {tried}, is off most in {_findings(left)}"] if left else []
         if found.adequacy is not None:
-            where.insert(0, f"{adequacy_words(found.adequacy).capitalize()}.")
-        return [
-            f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
-            "and a right model may miss.",
-            *where,
-        ]
-    return [f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them."]
+            where.insert(0, adequacy_words(found.adequacy).capitalize())
+        return _sentences(
+            [
+                f"No cause of the library, alone or with two others, explains {channels} to within what repeats "
+                "scatter and a right model may miss",
+                *where,
+            ]
+        )
+    return _sentences([f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"])
 
 
-def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
+def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statement]:
     """Return the sentences of "named"."""
     alike = found.grounds.confounded
-    said = [" and ".join(_cause(cause) for cause in found.causes)]
+    causes = " and ".join(f"{_cause_named(cause)}: {size_text(cause)}" for cause in found.causes)
+    said: list[str | Statement] = [Statement(causes, "cause")]
     if found.grounds.free_form:
         family, over = found.grounds.free_form
         said.append(f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}")
     if worth := gain_words(found.gain, found.main_channel):
-        said.append(f"On held-out runs {worth}")
+        said.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
         said.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
     said += rival_words(alike, chances)
     if alike and found.next_run:
-        said.append(f"Next: {step_text(found.next_run[0])}")
+        said.append(_next(found.next_run[0]))
     return _sentences(said)
 
 
-def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[str]:
+def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[Statement]:
     """Return the sentences of "one_of"."""
     families, barred = [cause.name for cause in found.causes], found.grounds.barred
     likely = f"with probability {chance(1.0 - none)}"
+    said: list[str | Statement]
     if len(families) == 1:
         one = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
         said = [f"A cause acts ({likely}), most probably {one}"]
@@ -338,8 +364,12 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     said += rival_words(others, chances)
     if found.next_run:
         alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)
-        said.append(f"{'Next' if alone else 'No single run decides; next'}: {step_text(found.next_run[0])}")
+        said += [*([] if alone else ["No single run decides"]), _next(found.next_run[0])]
     return _sentences(said)
+
+
+def _next(run: NextRun) -> Statement:
+    return Statement(f"Next: {step_text(run)}", "next")
 
 
 def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[str]:
@@ -387,7 +417,7 @@ def unexplained_words(
     best: Sequence[str],
     soils: tuple[Sequence[str], Sequence[str]] | None,
     why: Note | None = None,
-) -> list[str]:
+) -> list[Statement]:
     """Return the sentences of "unexplained".
 
     Parameters
@@ -402,7 +432,7 @@ def unexplained_words(
         What leaves them unexplained where lack of fit does not.
     """
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
-    said = [
+    said: list[str | Statement] = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: {adequacy_words(judged)}"
     ]
     if why:
@@ -418,21 +448,23 @@ def unexplained_words(
             f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
         )
     if why:
-        said.append("Next: check zeros, signs and configuration, and the soil in terrain.toml")
+        said.append(Statement("Next: check zeros, signs and configuration, and the soil in terrain.toml", "next"))
     return _sentences(said)
 
 
 def nothing_words(
     chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
-) -> list[str]:
+) -> list[Statement]:
     """Return the sentences of "nothing_detectable"; `sizes` by family."""
-    said = [f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"]
+    said: list[str | Statement] = [
+        f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"
+    ]
     best = max(chances, key=lambda family: chances[family], default="")
     if best and chances[best] > _WORTH_SAYING:
         said = [
             f"No cause is distinguishable from chance (no cause: {chance(none)})",
             f"The most probable one is {plain_name(best)} ({chance(chances[best])})",
-            "Next: drive another run",
+            Statement("Next: drive another run", "next"),
         ]
     shown = [
         f"{plain_name(name)} from {letter(d.parameter)} = {_number(d.value)}{_unit(d.unit)} on"
@@ -446,22 +478,23 @@ def nothing_words(
     return _sentences(said)
 
 
-def want_words(not_identifiable: Mapping[str, Note]) -> list[str]:
+def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
     """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
     by_reason: dict[str, list[str]] = {}
     for family, why in not_identifiable.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
-    return [
-        f"{upper(listed(families))} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}."
-        for why, families in by_reason.items()
-    ]
+    return _sentences(
+        [
+            f"{listed(families)} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}"
+            for why, families in by_reason.items()
+        ]
+    )
 
 
-def _cause(cause: Cause) -> str:
+def _cause_named(cause: Cause) -> str:
     form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
-    sizes = size_text(cause)
-    return f"{plain_name(cause.name)} explains the misfit ({chance(cause.probability)}{form}): {sizes}"
+    return f"{plain_name(cause.name)} explains the misfit ({chance(cause.probability)}{form})"
 
 
 def _estimate(p: ParameterEstimate, name: str) -> str:
@@ -539,5 +572,6 @@ def _unit(unit: str) -> str:
     return "" if unit in ("", "1") else f" {unit}"
 
 
-def _sentences(said: Sequence[str]) -> list[str]:
-    return [f"{text[0].upper()}{without_powers(text[1:])}." for text in said if text]
+def _sentences(said: Sequence[str | Statement]) -> list[Statement]:
+    all_of = [one if isinstance(one, Statement) else Statement(one) for one in said if one]
+    return [one._replace(text=f"{upper(without_powers(one.text))}.") for one in all_of]

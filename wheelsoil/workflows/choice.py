@@ -279,7 +279,8 @@ def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[F
         return kind.model_validate(raw)
     except ValidationError as error:
         for item in error.errors():
-            key, said = str(item["loc"][0]), item["msg"].removeprefix("Value error, ")
+            said = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
+            key = str(item["loc"][0])
             place = ".".join(map(str, item["loc"]))
             if item["type"] == "extra_forbidden":
                 key = str(item["loc"][-1])

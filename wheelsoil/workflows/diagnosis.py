@@ -314,7 +314,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
     """Add what only the files tell, and that runs are hardly of one terrain."""
-    guessed = [one.name for one in given if one.soil_prior.source.startswith("default")]
+    guessed = [one.name for one in given if one.soil_prior.source == prior_of(one.soil).source]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for one in given for note in _mixed(one, diagnosis, alone=len(given) == 1)]
     grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))

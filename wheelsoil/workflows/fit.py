@@ -13,7 +13,7 @@ from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfi
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
-from model.fit import CampaignFit, FitOptions, ModelFit, Observations
+from model.fit import CampaignFit, FitOptions, ModelFit, Observations, StopReason
 from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept
@@ -234,7 +234,7 @@ def observations_of_table(table: WheelTable) -> Observations:
 
 def ended(model: ModelFit) -> bool:
     """Return whether the fit of a model came to an end of its own; see `NOT_AT_AN_END`."""
-    return model.stop_reason not in ("no_progress", "max_iterations")
+    return model.stop_reason not in (StopReason.NO_PROGRESS, StopReason.MAX_ITERATIONS)
 
 
 def load_terrain(path: Path | None) -> TerrainConfig | None:

@@ -247,7 +247,7 @@ CODES = {
     ),
     "folder_closed": HealthCode(
         "amber",
-        "no other file can be made beside the one that is written",
+        "no file can be made where the next part, run or time between runs begins",
         "changed owner or permissions",
         "let the logger's user write to the folder: no other run or part can begin there",
     ),

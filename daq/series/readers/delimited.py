@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import FloatArray
+from daq.arrays import FloatArray, IntArray
 from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError
 from daq.gunzip import Gunzip, unpacked
@@ -176,12 +176,15 @@ class _Reader:
         self._rare = next((bytes([one]) for one in self._mark if one not in _IN_NUMBERS), b"")
         self._line = head.first_line
         self._ended = False
+        self._line_of: IntArray = np.zeros(0, np.int64)
+        """Of each row that was read last."""
 
     def read(self, piece: bytes) -> dict[str, NDArray[Any]]:
         """Return the cells of each wanted column: numbers, or texts where it holds others."""
         import pyarrow as pa
 
         piece = _as_utf8(piece)
+        self._line_of = np.zeros(0, np.int64)
         tables = [self._table(part) for part in self._between_headers(piece)]
         table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(one) for one in tables])
         return {name: _as_numpy(table.column(name)) for name in self._wanted}
@@ -239,7 +242,10 @@ class _Reader:
             why = f"{row.actual_columns} cells in a table of {row.expected_columns} columns: {shown!r}"
             self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
         self._line += count
-        return self._above_another_header(table)
+        table = self._above_another_header(table)
+        rows = _row_lines(piece, count, bad, empty, table.num_rows)
+        self._line_of = np.concatenate([self._line_of, self._line - count + rows])
+        return table
 
     def _parsed(self, piece: bytes) -> tuple[Any, list[Any]]:
         """Return the rows and what is none; a column with a cell that is no number becomes one of text."""
@@ -379,8 +385,20 @@ class _Reader:
         import pandas as pd
 
         values = numbers_of(cells, *self._signs_of(name))
-        self._report.note_bad_cells(name, int(np.count_nonzero(np.isnan(values) & pd.notna(cells))))
+        bad = np.flatnonzero(np.isnan(values) & pd.notna(cells))
+        if len(bad):
+            where = f"line {self._line_of[bad[0]]}"
+            self._report.note_bad_cells(name, len(bad), where, str(cells[bad[0]]))
         return values
+
+
+def _row_lines(piece: bytes, count: int, bad: Sequence[Any], empty: int, rows: int) -> IntArray:
+    """Return which line of a piece each of its first rows is; uncertain behind a row over several lines."""
+    lines = np.arange(count)
+    if empty:
+        lines = np.flatnonzero([bool(line.strip(b"\r\n")) for line in _LINE.findall(piece)])
+    lines = np.delete(lines, [row.number - 1 for row in bad if row.number and row.number <= len(lines)])
+    return lines[:rows] if len(lines) >= rows else np.arange(rows)
 
 
 def _text_type() -> Any:

@@ -1,6 +1,6 @@
 // The buttons: what was asked for, whether it was sent, and whether the logger has done it.
 
-import { get } from "./dom.js";
+import { get, write } from "./dom.js";
 import { headers } from "./token.js";
 
 const PATIENCE_MS = 5000;
@@ -57,15 +57,15 @@ export class Commands {
 
   askStart() {
     const { state, run } = this.snapshot;
-    get("start-hint").textContent = state === "recording" ? `Run ${run.id} ends then.` : "";
+    write(get("start-hint"), state === "recording" ? `Run ${run.id} ends then.` : "");
     if (run?.id) get("run-name").value = following(run.id);
     this.open("start-dialog");
     get("run-name").select();
   }
 
   askStop() {
-    get("stop-question").textContent = `Stop run ${this.snapshot.run.id}?`;
-    get("stop-hint").textContent = this.leaving();
+    write(get("stop-question"), `Stop run ${this.snapshot.run.id}?`);
+    write(get("stop-hint"), this.leaving());
     this.open("stop-dialog");
   }
 
@@ -134,7 +134,7 @@ export class Commands {
 
   tell(kind, words) {
     get("feedback").dataset.kind = kind;
-    get("feedback").textContent = words;
+    write(get("feedback"), words);
     clearTimeout(this.fading);
     if (kind === "done") this.fading = setTimeout(() => { get("feedback").textContent = ""; }, 8000);
   }

@@ -37,7 +37,7 @@ function band(level, state, word, headline) {
 function speak(words) {
   if (words === page.spoken) return;
   page.spoken = words;
-  get("spoken").textContent = words;
+  write(get("spoken"), words);
 }
 
 function showBand() {

@@ -87,7 +87,7 @@ def _table(found: Diagnosis) -> Table:
         "The family is named first; the form within it only conditionally, with its probability given the family in "
         "brackets. Intervals allow for the noise, for the errors of speed and load, and for the soil."
     )
-    return Table(title, head, rows, note, left=2)
+    return Table(title, head, rows, note, left=2, words=("unit", "form", "kind"))
 
 
 def _rows(cause: Cause) -> list[list[str]]:

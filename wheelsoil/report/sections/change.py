@@ -59,7 +59,8 @@ def cost(material: ReportInputs) -> Contents:
         f"Steady driving at {load / 1e3:.1f} kN and {speed:.1f} m/s, by the recommended model. "
         "Interval: of the causes' sizes, soil held."
     )
-    table = Table(f"With and without {listed([plain_name(one.name) for one in causes])}", head, _rows(costs), note)
+    title = f"With and without {listed([plain_name(one.name) for one in causes])}"
+    table = Table(title, head, _rows(costs), note, words=("unit",))
     return [Text(_meaning(causes)), table], {
         "costs": [vars(one) | {"difference": one.difference} for one in costs],
         "load_n": load,
@@ -111,7 +112,7 @@ def against(material: ReportInputs) -> Contents:
     head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
     blocks: list[Block] = [Text(said, "warning" if beyond else "good")]
-    blocks.append(Table("Last time and now", head, [_row(one) for one in changes], note))
+    blocks.append(Table("Last time and now", head, [_row(one) for one in changes], note, words=head[4:]))
     return blocks, {
         "changes": [vars(one) | {"difference": one.difference, "beyond": one.beyond} for one in changes],
         "last": material.last.made_at,

@@ -61,8 +61,14 @@ def coefficients(material: ReportInputs) -> Contents:
     head = ["model", "variable", "value", "standard error", "relative error", percent, "initial", "min", "max", "unit"]
     blocks: list[Block] = [
         Text(SINGLE_LAW),
-        Table("Fit statistics", _STATISTICS, [_statistics(fit, model) for model in fit.models], _said_of_data(fit)),
-        Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2),
+        Table(
+            "Fit statistics",
+            _STATISTICS,
+            [_statistics(fit, model) for model in fit.models],
+            _said_of_data(fit),
+            words=("method", "ended by", "scatter left"),
+        ),
+        Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2, words=("unit", "held")),
         *_correlations(fit),
         *_pairs(fit),
         *(Text(_meaning(model)) for model in fit.models if model.effects),

@@ -237,7 +237,7 @@ def _gain_sentence(gain: Gain) -> str:
 
 def _gain_table(gain: Gain, verdict: str) -> Table:
     head = ["model", "R₀", "unit", "M₀ (%)", "R²", "log likelihood of a run"]
-    return Table("On held-out runs", head, score_rows(gain, number, verdict), _GAIN_NOTE)
+    return Table("On held-out runs", head, score_rows(gain, number, verdict), _GAIN_NOTE, words=("unit",))
 
 
 def _gain_figure(gain: Gain) -> Figure:

@@ -78,7 +78,7 @@ def _headline(material: ReportInputs, sentences: list[str]) -> tuple[str, list[s
         return sentences[0], sentences[1:]
     if material.campaign is not None:
         return fit_headline(rank(material)), sentences
-    return f"{sentences[0].split(':')[0]}: the reason is below.", sentences
+    return f"{'No diagnosis' if material.tables else 'No result'}: the reason is below.", sentences
 
 
 def _sentences(material: ReportInputs) -> list[str]:

@@ -34,7 +34,7 @@ from wheelsoil.report.recommendation import Recommendation, biases, caution_text
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.names import CALIBRATED, family_of, page_unit, parameter_name, plain_name, upper
+from wheelsoil.wording.names import CALIBRATED, LABORATORY, family_of, page_unit, parameter_name, plain_name, upper
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
@@ -45,6 +45,7 @@ _MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
+_SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
 _NO_BIAS = "no bias above the noise of a sample in a bin of slip, or above half of it nearly everywhere"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
@@ -140,7 +141,7 @@ def _residuals(one: Recommendation, channel: str) -> Drawing:
 
 
 def _short(name: str) -> str:
-    return name.removeprefix("Wong, ").capitalize()
+    return _SHORT.get(name, name)
 
 
 def _adequacy(found: Diagnosis | None) -> list[Check]:
@@ -256,7 +257,8 @@ def causes(material: ReportInputs) -> Contents:
         )
         chances = {one.name: one.probability for one in found.candidates}
         note += "".join(f" {said}." for said in rival_words(rivals, chances))
-        blocks.append(Table("Each cause", ["cause", "probability", "estimate", "minimum detectable"], rows, note))
+        head = ["cause", "probability", "estimate", "minimum detectable"]
+        blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:
         raise DataError("no cause was weighed")
     numbers = {
@@ -362,7 +364,7 @@ def runs(material: ReportInputs) -> Contents:
     ]
     more = f"The first {_MOST_RUNS} of {len(rows)}; the others are in the appendix. " if len(rows) > _MOST_RUNS else ""
     note = f"{more}Usable: share of the samples in motion."
-    return [Table("Go or drive again", head, rows[:_MOST_RUNS], note, left=2)], numbers
+    return [Table("Go or drive again", head, rows[:_MOST_RUNS], note, left=2, words=("reason",))], numbers
 
 
 @section("signals", "Sensors")

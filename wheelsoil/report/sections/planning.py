@@ -57,7 +57,7 @@ def detectable(material: ReportInputs) -> Contents:
     )
     if never:
         note += f" * {NOT_IDENTIFIABLE[0].lower()}{NOT_IDENTIFIABLE[1:]}: see the candidates."
-    blocks: list[Block] = [Table("Minimum detectable effect", head, rows, note, left=2)]
+    blocks: list[Block] = [Table("Minimum detectable effect", head, rows, note, left=2, words=("unit",))]
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}
     if drawn:
         blocks.insert(0, Panels([_figure(drawn)], _READING))
@@ -119,4 +119,4 @@ def next_run(material: ReportInputs) -> Contents:
     head = ["what to do", "separates", "right name", "expected odds", "cost, runs"]
     numbers = {"next_run": [next_run_json(run) for run in runs], "odds_to_1": odds}
     title = "Best first: of steps that tell enough, the cheapest"
-    return [Table(title, head, rows, _NAME_NOTE + _ODDS_NOTE, left=2)], numbers
+    return [Table(title, head, rows, _NAME_NOTE + _ODDS_NOTE, left=2, words=("right name",))], numbers

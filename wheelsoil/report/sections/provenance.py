@@ -29,7 +29,7 @@ def provenance(material: ReportInputs) -> Contents:
     """Build the section."""
     blocks: list[Block] = [
         Text(f"Made by: {material.command}"),
-        Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2),
+        Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2, words=_FILE_HEAD[-1:]),
         Table("Vehicle and terrain", ["what", "value"], material.facts, left=2),
         Table(
             "Options",
@@ -85,7 +85,7 @@ def workings(material: ReportInputs) -> Contents:
         named = [(*named_with_unit(name), value) for name, value in found.noise.items()]
         rows = [[name, number(value), unit] for name, unit, value in named]
         note = "Estimated from these runs by marginal likelihood; everything else on this page is weighed with it."
-        blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note))
+        blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note, words=("unit",)))
     for soil in found.soils:
         rows = [
             [
@@ -98,7 +98,7 @@ def workings(material: ReportInputs) -> Contents:
             for name, value in soil.values.items()
         ]
         note = "With the named cause in the model, or none where none is named."
-        blocks.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note))
+        blocks.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note, words=("unit",)))
     if found.stages_s:
         rows = [[plain_name(name), f"{seconds:.2f}"] for name, seconds in found.stages_s.items()]
         blocks.append(Table("Stages", ["stage", "time (s)"], rows))

@@ -104,7 +104,7 @@ def _runs_table(material: ReportInputs) -> Table:
         "Used in motion: share of the samples without standstill, speeds too low for slip, and edges of the filter. "
         "Good from 80 % on with slip beyond 0.5; below 50 % poor; hardly driven (slip below 0.1) fair."
     )
-    return Table("Runs", head, rows, note, left=2)
+    return Table("Runs", head, rows, note, left=2, words=("main exclusion reasons",))
 
 
 def _exclusion_reasons(run: ProcessedRun) -> str:
@@ -197,7 +197,7 @@ def _channels_table(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         "samples of a run, the largest known one of the runs; the intervals of the fit do not include it. "
         "Distrusted: the time stamp ran backward, or the transducer's status was not 0."
     )
-    return [Table("Channels as recorded", head, rows, note)] if rows else []
+    return [Table("Channels as recorded", head, rows, note, words=("sigma is",))] if rows else []
 
 
 def _systematic(sigmas: list[float]) -> str:
@@ -276,7 +276,8 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
         "had no counter. Unreadable: damaged, or not recorded between two parts of the run."
     )
     head = ["run", "frames", "frames lost", "recording ended", "unreadable", "clock of the host"]
-    blocks: list[Block] = [Table("Recordings", head, rows, note)] if rows else []
+    words = ("recording ended", "unreadable", "clock of the host")
+    blocks: list[Block] = [Table("Recordings", head, rows, note, words=words)] if rows else []
     counted = [[one.run_id, key, text] for one in sources for key, text in losses_as_texts(one.losses).items()]
     if counted:
         blocks.append(Table("Losses counted by the logger", ["run", "where", "frames"], counted, left=2))

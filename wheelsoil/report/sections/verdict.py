@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 from daq import OUTPUTS, DataError, FloatArray, IntArray
 from model.diagnosis import Diagnosis, Gain
 from model.effects import EFFECTS
-from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit
+from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit, StopReason
 from wheelsoil.report.content import Block, Contents, Text, section
 from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
@@ -31,18 +31,18 @@ _MIN_SLIP_RANGE = 0.5
 _LOW_R2 = 0.5
 _LAWS = frozenset(EFFECTS[key].name for effects in MODELS.values() for key in effects)
 """Families of the laws that the paper's models add."""
-_STOPS = {
-    "converged_step": "the coefficients no longer move",
-    "converged_cost": "no step could lower the error any further",
-    "at_bounds": "a coefficient is held by its bound",
-    "singular": "a combination of coefficients has no influence at all",
-    "no_progress": "no step lowered the error, although one should have",
-    "max_iterations": "it was not at an end yet",
-    "not_finite": "the model had no answer where it started",
+_STOPS: dict[str, str] = {
+    StopReason.CONVERGED_STEP: "the coefficients no longer move",
+    StopReason.CONVERGED_COST: "no step could lower the error any further",
+    StopReason.AT_BOUNDS: "a coefficient is held by its bound",
+    StopReason.SINGULAR: "a combination of coefficients has no influence at all",
+    StopReason.NO_PROGRESS: "no step lowered the error, although one should have",
+    StopReason.MAX_ITERATIONS: "it was not at an end yet",
+    StopReason.NOT_FINITE: "the model had no answer where it started",
 }
-"""What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
+"""What the reasons mean to the reader."""
 
-_CONVERGED = ("converged_step", "converged_cost")
+_CONVERGED = (StopReason.CONVERGED_STEP, StopReason.CONVERGED_COST)
 _MIN_BLOCKS = 6
 _CONFIDENCE = 0.95
 _RANKED = "dp"

@@ -27,7 +27,7 @@ export class Job {
     if (this.campaign) return;
     this.campaign = campaign;
     this.cancelled = false;
-    const since = performance.now(), seconds = part("span", "number"), name = this.button.textContent.replace(/R$/, "");
+    const since = performance.now(), seconds = part("span", "number"), name = this.words[0].textContent; // without the key behind it
     const tick = () => { seconds.textContent = `${Math.floor((performance.now() - since) / 1000)} s`; };
     tick();
     this.timer = setInterval(tick, 500);

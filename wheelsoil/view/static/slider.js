@@ -3,20 +3,15 @@
 import { sensible } from "./channels.js";
 import { part, write } from "./dom.js";
 
-const SUFFIXES = { "m/s": "mps", "N m": "nm", N: "n" };
 const SHORT = 5;
 
-/** "height m" in m is a height. */
-const plain = (label, unit) => (label.endsWith(` ${SUFFIXES[unit] ?? unit}`) ? label.slice(0, label.lastIndexOf(" ")) : label);
-
-/** Make the row of a parameter P = {name, label, unit, value, neutral, low, high, step, source}; on(value) is called at each change. */
+/** Make the row of a parameter P = {name, label, words, letter, unit, value, neutral, low, high, step, source}; on(value) is called at each change. */
 export class Slider {
   constructor(about, start, on) {
     this.about = about;
     this.on = on;
     this.row = part("div", "slider");
-    const { name, label = name, unit, low, high, step } = about, words = plain(label, unit), last = words.split(" ").at(-1);
-    const shown = words.includes("tan ") ? `tan ${last}` : /^.(_.)?$/u.test(last) ? last : words, [letter, index] = shown.length <= 3 ? shown.split("_") : [shown];
+    const { name, label = name, words = label, letter: shown = words, unit, low, high, step } = about, [letter, index] = shown.length <= 3 ? shown.split("_") : [shown];
     const title = part("span", "label", letter);
     if (index) title.append(part("sub", "", index));
     title.title = [words, about.source].filter(Boolean).join(": ");

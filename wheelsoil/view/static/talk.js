@@ -45,12 +45,12 @@ export function tellError(task, error) {
   show();
 }
 
-function say(level, word, headline) {
+function say(level, word, headline, spoken = headline) {
   const lost = link === "lost" || link === "locked";
   get("status").dataset.level = level;
   write(get("state"), word);
   write(get("headline"), headline);
-  write(get("spoken"), `${word}: ${headline.replace(/\d+ s\b/, "")}`);
+  write(get("spoken"), `${word}: ${spoken}`);
   get("alert").hidden = !lost;
   write(get("alert"), lost ? `${word}: ${headline}` : "");
 }
@@ -63,8 +63,8 @@ export function show() {
   if (link === "opening") return say("none", "OPENING", "asking the server");
   if (link === "locked") return say("none", "TOKEN NEEDED", "nothing is shown without it");
   if (link === "lost") {
-    const since = Math.round((performance.now() - lostAt) / 1000);
-    return say("none", "NO CONNECTION", `the server has not answered for ${since} s, trying again; what stands here stays: is \`wheelsoil view\` still running?`);
+    const since = Math.round((performance.now() - lostAt) / 1000), rest = "trying again; what stands here stays: is `wheelsoil view` still running?";
+    return say("none", "NO CONNECTION", `the server has not answered for ${since} s, ${rest}`, `the server does not answer, ${rest}`); // a clock is not read out
   }
   const runs = state.campaigns.flatMap((campaign) => campaign.runs);
   const unread = runs.filter((run) => run.state === "waiting" || run.state === "processing").length;

@@ -62,8 +62,8 @@ function showLine(told, diagnosis) {
   if (current()) setJudged(current().key, model);
   get("recommended").hidden = !model;
   if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
-  const [first, ...rest] = diagnosis.sentences, next = rest.findLast((each) => each.startsWith("Next:")), gain = diagnosis.gain, best = diagnosis.causes[0];
-  const parts = [part("b", "", diagnosis.sizes.length === 1 ? first.split(`: ${diagnosis.sizes[0]}`)[0] : first)]; // a single size stands behind it by itself
+  const { gain, next } = diagnosis, best = diagnosis.causes[0];
+  const parts = [part("b", "", diagnosis.finding)]; // a single size stands behind it by itself
   if (best?.parameters.length && diagnosis.sizes.length === 1) parts.push(keyed(part("span", "", diagnosis.sizes[0]), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
   const [was, now] = ["calibrated_soil", "with_causes"].map((which) => `error.${diagnosis.main_channel}.${which}`);
   if (gain?.held_out && diagnosis.figures[now]) {
@@ -71,7 +71,7 @@ function showLine(told, diagnosis) {
     better.append(figure(diagnosis, was), " → ", figure(diagnosis, now), ` ${diagnosis.figures[now].unit} `, part("strong", change > 0 ? "better" : "", `${fixed(-change, 0)} %`));
     parts.push(better);
   }
-  parts.push(part("span", "rest", rest.filter((each) => each !== next).join(" ")));
+  parts.push(part("span", "rest", diagnosis.details));
   if (next) parts.push(part("span", "next", next));
   line.replaceChildren(...parts.flatMap((each) => [each, " "]));
   line.title = diagnosis.sentence;

@@ -4,14 +4,24 @@ export const get = (id) => document.getElementById(id);
 export const known = (value) => value !== null && value !== undefined;
 export const spaced = (name) => name.replaceAll("_", " ");
 
+const TURNING = "\\u0590-\\u08ff\\u200e\\u200f\\u202a-\\u202e\\u2066-\\u2069\\ufb1d-\\ufdff\\ufe70-\\ufefc", TURNED = `[^\\s${TURNING}]*[${TURNING}]\\S*`;
+const TURNS = new RegExp(`(${TURNED}(?:\\s+${TURNED})*)`);
+
 export function write(element, words) {
-  if (element.textContent !== words) element.textContent = words;
+  if (element.textContent !== words) fill(element, words);
+}
+
+/** Words that turn the direction of writing are isolated, so that the rest reads as it is; see web/bidi.py. */
+function fill(element, words) {
+  if (!TURNS.test(words) || element instanceof SVGElement) element.textContent = words;
+  else element.replaceChildren(...words.split(TURNS).map((each, i) => (i % 2 ? part("bdi", "", each) : each)));
 }
 
 export function part(tag, className, words = "") {
   const made = document.createElement(tag);
   if (className) made.className = className;
-  made.textContent = words;
+  if (tag === "bdi") made.textContent = words;
+  else fill(made, words);
   return made;
 }
 
