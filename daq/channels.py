@@ -101,6 +101,8 @@ CHANNELS = (
     ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True),
     ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z"),
     ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA),
+    ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA),
+    ChannelDefinition("longitudinal_acceleration", (Quantity.ACCELERATION,), Use.EXTRA),
     ChannelDefinition("ground_speed_valid", (Quantity.RATIO,), Use.FLAG),
     ChannelDefinition("latitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
     ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),

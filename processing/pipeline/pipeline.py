@@ -214,12 +214,13 @@ class _ReadyRun:
         base, ends = _time_base(samples, self.cutoff_hz, options)
         roles = _put_all(samples, base, self.cutoff_hz, options, self.vehicle)
         roles = self.gate.with_counts(self.removal.with_sigma(roles))
-        kernel_s = kernel_sigma_s(self.cutoff_hz)
-        roles, left = at_soil(roles, self.wheel, kernel_s, self.removal.zero_of_load())
+        roles, outboard_role, left = at_soil(roles, self.wheel, self.cutoff_hz, self.removal.zero_of_load())
         position = _position(samples, base)
         brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
         notes = (*self.notes, *ends, *left)
-        filtered = FilteredRun(*base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing)
+        filtered = FilteredRun(
+            *base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing, outboard_role
+        )
         return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle.standstill_brakes))
 
 

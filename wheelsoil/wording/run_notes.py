@@ -113,6 +113,15 @@ def _determination(one: Values) -> str:
     return f"{one['recording']} ({axes})"
 
 
+def _doubted(v: Values) -> str:
+    ratio, role = v["ratio"], v["role"]
+    cure = "its sign: x is forward" if ratio < 0 else 'its unit: 9.81 says {signal = "...", unit = "g"}'
+    return (
+        f"the slope of the ground speed is {ratio:.2f} +- {v['sigma']:.2f} times {role}, where 1 is expected: correct "
+        f"{cure}; until then the ground speed compensates the outboard mass"
+    )
+
+
 SENTENCES: dict[str, Sentence] = {
     RecordingCode.ANOTHER_FILE: (
         "{file} is another recording than the one that {choice} was made of; look at it again"
@@ -154,6 +163,12 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.INERTIA_LEFT: (
         "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
     ),
+    RunCode.OUTBOARD_BY_ACCELEROMETER: "the outboard mass is compensated with {role}, slope included",
+    RunCode.ACCELEROMETER_SLOW: (
+        "{role} comes at {rate_hz:.3g} Hz, too slow for the common filter, so that the ground speed compensates the "
+        "outboard mass: send it at {least_hz:.3g} Hz or more, or lower --cutoff"
+    ),
+    RunCode.ACCELEROMETER_DOUBTED: _doubted,
     RunCode.DISTRUSTED: _distrusted,
     RunCode.STATUS_NEVER_CAME: "the transducer's status never came: no sample is excluded by it",
     RunCode.STATUS_UNKNOWN: (
