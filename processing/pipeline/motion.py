@@ -1,4 +1,4 @@
-r"""How the vehicle moves: the accelerometer of the outboard mass.
+r"""How the vehicle moves: the accelerometer of the outboard mass, and the ground speed at the wheel in a curve.
 
 An accelerometer that points forward reads the specific force f = dV/dt + g sin(theta), with theta positive nose up: at
 rest with its nose up, +g sin(theta). That is what the parts outboard of the transducer need of it, slope included,
@@ -6,16 +6,25 @@ rest with its nose up, +g sin(theta). That is what the parts outboard of the tra
 .. math:: F_{x,soil} = F_{x,wft} + m_o (\dot V + g \sin\theta) = F_{x,wft} + m_o f ,
 
 so that its reading is taken as it is: without pitch taken off, and without a zero.
+
+The antenna of a receiver of ground speed is at (x_a, y_a), z_a above the wheel's centre, the wheel at (x_w, y_w); x
+forward, y left. With the yaw rate r, positive to the left, and the rate of pitch, positive nose up, the rigid vehicle
+has at a wheel that is not steered and does not slide sideways
+
+.. math:: V_w = \sqrt{V_a^2 - r^2 (x_a - x_w)^2} - r (y_w - y_a) + \dot\theta z_a .
+
+Source: rigid-body kinematics, v_w = v_a + omega x (r_w - r_a); ISO 8855 for axes. Pitch is counted against its y axis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite, nan, sqrt
+from dataclasses import replace
+from math import hypot, isfinite, nan, radians, sqrt
 
 import numpy as np
 
-from daq import Note, Severity
+from daq import BoolArray, FloatArray, Note, SensorSection, Severity, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.filters import CUTOFF_PER_RATE
 from processing.pipeline.resampling import OnBase
@@ -24,6 +33,10 @@ from processing.robust import block_covariance, robust_linear
 
 ACCELEROMETERS = ("wheel_acceleration_x", "longitudinal_acceleration")
 """Roles that can compensate the outboard mass, the one at the hub first."""
+STEERED_RADPS = 0.05
+"""Yaw rate from which a stretch is steered: a metre of lever arm is 0.05 m/s, the noise of a receiver."""
+STEERED_RAD = radians(3.0)
+"""Angle of the steered wheels that turns a vehicle of 3 m wheelbase at that rate at 3 m/s."""
 _NEARLY = 0.95
 """A rate is known no better."""
 _ROWS = 3000
@@ -75,3 +88,87 @@ def _speed_over(accelerometer: OnBase, speed: OnBase | None) -> tuple[float, flo
     matrix = np.column_stack([accelerometer.values[rows], np.ones(len(rows))])
     fit = robust_linear(matrix, speed.slope[rows])
     return float(fit.coefficients[0]), sqrt(block_covariance(matrix, speed.slope[rows], fit.weights)[0, 0])
+
+
+def speed_at_wheel(
+    roles: dict[str, OnBase], vehicle: VehicleConfig, rate_hz: float, kernel_s: float
+) -> tuple[dict[str, OnBase], BoolArray | None, list[Note]]:
+    """Return the roles with the ground speed carried from the antenna to the wheel, and where it could not be.
+
+    Where a rate of the vehicle is not known, the speed stays as it was received, and its reason is that of the rate.
+
+    Parameters
+    ----------
+    roles : mapping role -> OnBase
+        With the slope of ``pitch``.
+    kernel_s : float
+        Standard deviation of the filter's kernel.
+
+    Returns
+    -------
+    roles : mapping role -> OnBase
+    steered : bool array, shape (n,), or None
+        Where the vehicle is steered and the speed is that of the antenna; None where that is not known or not so.
+    notes : list of Note
+    """
+    speed, antenna = roles.get(GROUND_SPEED), vehicle.sensors.get(GROUND_SPEED, SensorSection())
+    if speed is None:
+        return roles, None, []
+    needed = {"yaw_rate": antenna.x_m, "pitch": antenna.z_m}
+    rates = {role: roles[role] for role, place in needed.items() if role in roles and place is not None}
+    steered = None if "yaw_rate" in rates else _steered(roles)
+    notes = [Note(RunCode.SPEED_AT_WHEEL, values={"roles": tuple(rates)})] * bool(rates)
+    if steered is not None and steered.any():
+        lacking = "places" if "yaw_rate" in roles else "yaw_rate"
+        notes.append(Note(RunCode.STEERED, values={"share": float(steered.mean()), "lacking": lacking}))
+    if rates:
+        roles = roles | {GROUND_SPEED: _carried(speed, rates, antenna, vehicle, rate_hz, kernel_s)}
+    return roles, steered, notes
+
+
+def _carried(
+    speed: OnBase,
+    rates: Mapping[str, OnBase],
+    antenna: SensorSection,
+    vehicle: VehicleConfig,
+    rate_hz: float,
+    kernel_s: float,
+) -> OnBase:
+    """Return the ground speed at the wheel, by those rates that are there."""
+    change, sigma, reason = np.zeros(len(speed.values)), speed.facts.sigma, speed.reason
+    if "yaw_rate" in rates:
+        turning, (ahead_m, left_m) = rates["yaw_rate"], _arm(antenna, vehicle)
+        change = _in_a_curve(speed.values, turning.values, ahead_m, left_m)
+        sigma = hypot(sigma, left_m * turning.facts.sigma)
+    if "pitch" in rates:
+        height_m, pitch = antenna.z_m or 0.0, rates["pitch"]
+        change = change + height_m * pitch.slope
+        sigma = hypot(sigma, height_m * pitch.facts.sigma / (sqrt(2.0) * kernel_s))
+    for rate in rates.values():
+        reason = np.where(reason == Reason.USED, rate.reason, reason)
+    change = np.where(np.isfinite(change), change, 0.0)
+    slope = speed.slope + np.gradient(change) * rate_hz
+    return OnBase(speed.values + change, slope, reason, replace(speed.facts, sigma=sigma))
+
+
+def _arm(antenna: SensorSection, vehicle: VehicleConfig) -> tuple[float, float]:
+    """Return how far the antenna is ahead of the wheel and to its left, m."""
+    wheel = vehicle.wheel
+    at = ((wheel.x_m or 0.0), (wheel.y_m or 0.0)) if wheel else (0.0, 0.0)
+    return (antenna.x_m or 0.0) - at[0], (antenna.y_m or 0.0) - at[1]
+
+
+def _in_a_curve(speed_mps: FloatArray, yaw_rate_radps: FloatArray, ahead_m: float, left_m: float) -> FloatArray:
+    """Return the speed forward at the wheel less that of the antenna."""
+    sideways = yaw_rate_radps * ahead_m
+    forward = np.sign(speed_mps) * np.sqrt(np.maximum(speed_mps**2 - sideways**2, 0.0))
+    return np.asarray(forward - speed_mps + yaw_rate_radps * left_m)
+
+
+def _steered(roles: Mapping[str, OnBase]) -> BoolArray | None:
+    found = [
+        np.abs(roles[role].values) > least
+        for role, least in (("yaw_rate", STEERED_RADPS), ("steering_angle", STEERED_RAD))
+        if role in roles
+    ]
+    return np.logical_or.reduce(found) if found else None

@@ -37,6 +37,7 @@ from processing.pipeline.inputs import (
     without_jitter,
     without_null_island,
 )
+from processing.pipeline.motion import speed_at_wheel
 from processing.pipeline.resampling import (
     OnBase,
     choose_cutoff,
@@ -54,6 +55,7 @@ from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
+_SLOPES = (*SLIP_ROLES, "pitch")
 _NOTABLE_END_S = 1.0
 
 Base = tuple[int, FloatArray]
@@ -214,12 +216,14 @@ class _ReadyRun:
         base, ends = _time_base(samples, self.cutoff_hz, options)
         roles = _put_all(samples, base, self.cutoff_hz, options, self.vehicle)
         roles = self.gate.with_counts(self.removal.with_sigma(roles))
+        kernel_s = kernel_sigma_s(self.cutoff_hz)
+        roles, steered, carried = speed_at_wheel(roles, self.vehicle, options.rate_hz, kernel_s)
         roles, outboard_role, left = at_soil(roles, self.wheel, self.cutoff_hz, self.removal.zero_of_load())
         position = _position(samples, base)
         brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
-        notes = (*self.notes, *ends, *left)
+        notes = (*self.notes, *ends, *carried, *left)
         filtered = FilteredRun(
-            *base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing, outboard_role
+            *base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing, steered, outboard_role
         )
         return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle.standstill_brakes))
 
@@ -344,7 +348,7 @@ def _put_all(
             sensor = vehicle.sensors.get(role)
             declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
             roles[role] = put_on_base(
-                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in SLIP_ROLES
+                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in _SLOPES
             )
     return roles
 

@@ -1,4 +1,4 @@
-"""The vehicle's motion against dynamics of our own."""
+"""The vehicle's motion against kinematics of our own: positions of wheel and antenna in the world, differentiated."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamps, vehicle
+from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
-from daq import Channel, FloatArray, Severity, VehicleConfig, WheelSection
+from daq import Channel, FloatArray, SensorSection, Severity, VehicleConfig, WheelSection
 from processing import ProcessedRun, Reason, RunCode
 from processing.pipeline import process
 
@@ -16,11 +16,17 @@ SECONDS, GRAVITY = 60.0, 9.80665
 MASS_KG, PULL_N = 75.0, 500.0
 GNSS_MPS, ACCELEROMETER_MPS2, BIAS_MPS2 = 0.0335, 0.1, 0.02
 """Noise of one sample of a receiver at 20 Hz and of an accelerometer at 100 Hz, and the latter's zero."""
+ANTENNA, WHEEL = {"x_m": 2.4, "y_m": 0.1, "z_m": 1.6}, {"x_m": 0.3, "y_m": -0.9}
 
 
 def nose_up(time_s: FloatArray) -> FloatArray:
     """Return the pitch of a field of 3 degrees and of a body on springs."""
     return np.radians(3.0 * np.sin(0.4 * time_s) + 0.8 * np.sin(2.1 * time_s))
+
+
+def yaw_rate(time_s: FloatArray) -> FloatArray:
+    """Return that of two curves to the left and two to the right, up to 0.35 rad/s, with straights between."""
+    return 0.35 * np.sin(2 * np.pi * time_s / 30) ** 3
 
 
 def outboard(time_s: FloatArray, slope: float, rng: np.random.Generator) -> dict[str, Channel]:
@@ -116,15 +122,121 @@ def test_pull_without_its_accelerometer_is_a_gap() -> None:
     assert np.isfinite(run.drawbar_pull_n[run.used]).all()
 
 
+# --- lever arm of the antenna -----------------------------------------------------------------------------------------
+
+
+def curves(noise_radps: float = 0.0, delay_s: float = 0.0) -> tuple[dict[str, Channel], FloatArray, FloatArray]:
+    """Return the channels of a drive in curves, and the wheel's speed forward over time.
+
+    The vehicle pitches about its axle, which moves along the heading; antenna and wheel are placed in the world, and
+    their speeds are differences of their positions.
+    """
+    at = np.arange(0, SECONDS, 1e-3)
+    heading = np.cumsum(yaw_rate(at)) * 1e-3
+    along = np.stack([np.cos(heading), np.sin(heading)])
+    left = np.stack([-along[1], along[0]])
+    axle = np.cumsum(driven_speed(at) * along, axis=1) * 1e-3
+    pitch = nose_up(at)
+    arm = ANTENNA["x_m"] - WHEEL["x_m"]
+    antenna = axle + (arm * np.cos(pitch) - ANTENNA["z_m"] * np.sin(pitch)) * along + ANTENNA["y_m"] * left
+    wheel = axle + WHEEL["y_m"] * left
+    over_ground, at_wheel = (np.gradient(place, 1e-3, axis=1) for place in (antenna, wheel))
+    forward = (at_wheel * along).sum(axis=0)
+    rng = np.random.default_rng(8)
+    every = slice(0, None, 10)
+    turning = yaw_rate(at)[every] + noise_radps * rng.standard_normal(len(at[every]))
+    channels = {
+        "ground_speed": channel("ground_speed", at[::50] + delay_s, np.hypot(*over_ground)[::50], "m/s"),
+        "wheel_speed": channel("wheel_speed", at[every], forward[every] / RADIUS_M, "rad/s"),
+        "yaw_rate": channel("yaw_rate", at[every], turning),
+        "pitch": channel("pitch", at[every], pitch[every]),
+    }
+    return channels, at, forward
+
+
+def placed() -> VehicleConfig:
+    """Return a vehicle with the places of antenna and wheel."""
+    wheel = WheelSection(radius_m=RADIUS_M, width_m=0.3, **WHEEL)
+    return vehicle(wheel=wheel, sensors={"ground_speed": SensorSection(**ANTENNA)})
+
+
+def error_of(run: ProcessedRun, at: FloatArray, forward: FloatArray) -> FloatArray:
+    """Return the error of the ground speed at the wheel, in the middle of the run."""
+    middle = (run.time_s > 2) & (run.time_s < SECONDS - 2)
+    offset_s = (run.start_ns - START_NS) * 1e-9
+    return (run.ground_speed_mps - np.interp(run.time_s + offset_s, at, forward))[middle]
+
+
+def test_the_speed_in_a_curve_is_that_of_the_wheel() -> None:
+    channels, at, forward = curves()
+    run = process(channels, placed())
+    at_antenna = process(without(channels, "yaw_rate", "pitch"), placed())
+    assert np.abs(error_of(at_antenna, at, forward)).max() > 0.3
+    assert np.abs(error_of(run, at, forward)).max() < 0.03
+    assert np.median(np.abs(run.slip[run.used])) < 0.002
+    assert run.used.mean() > 0.97 and Reason.STEERED.name not in run.quality.shares
+    assert RunCode.SPEED_AT_WHEEL in codes(run) and RunCode.STEERED not in codes(run)
+    change = np.gradient(run.ground_speed_mps) * run.rate_hz
+    assert np.abs((change - run.ground_acceleration_mps2)[100:-100]).max() < 0.05
+
+
+@pytest.mark.parametrize("role", ["yaw_rate", "pitch"])
+def test_each_rate_has_its_part(role: str) -> None:
+    channels, at, forward = curves()
+    whole, less = (process(c, placed()) for c in (channels, without(channels, role)))
+    assert np.std(error_of(less, at, forward)) > 3 * np.std(error_of(whole, at, forward))
+
+
+def test_the_noise_of_the_yaw_rate_is_in_the_sigma() -> None:
+    channels, at, forward = curves(noise_radps=0.2)
+    run, clean = (process(c, placed()) for c in (channels, curves()[0]))
+    added = np.std(error_of(run, at, forward) - error_of(clean, at, forward))
+    assert np.mean(run.ground_speed_sigma_mps) == pytest.approx(added, rel=0.25)
+
+
+def test_a_curve_without_places_is_excluded() -> None:
+    channels, _, _ = curves()
+    run = process(channels, vehicle())
+    turning = np.abs(run.extras["yaw_rate_radps"]) > 0.05
+    inside = run.reason != Reason.FILTER_EDGE
+    np.testing.assert_array_equal((run.reason == Reason.STEERED)[inside], turning[inside])
+    (note,) = (note for note in run.quality.notes if note.code == RunCode.STEERED)
+    assert note.values == {"share": pytest.approx(turning.mean()), "lacking": "places"}
+
+
+def test_so_is_one_that_only_the_steering_shows() -> None:
+    channels, _, _ = curves()
+    at = stamps(SECONDS, 50.0)
+    steering = channel("steering_angle", at, np.radians(10) * np.sin(2 * np.pi * at / 30))
+    run = process(without(channels, "yaw_rate") | {"steering_angle": steering}, placed())
+    steered = np.abs(run.extras["steering_angle_rad"]) > np.radians(3.0)
+    assert 0.5 < steered.mean() < 0.9
+    inside = run.reason != Reason.FILTER_EDGE
+    np.testing.assert_array_equal((run.reason == Reason.STEERED)[inside], steered[inside])
+
+
+def test_a_hole_in_the_yaw_rate_is_excluded() -> None:
+    channels, _, _ = curves()
+    held = channels["yaw_rate"]
+    kept = np.abs((held.time_ns - START_NS) * 1e-9 - 30) > 1
+    cut = Channel("yaw_rate", "", held.time_ns[kept], held.values[kept])
+    run = process(channels | {"yaw_rate": cut}, placed())
+    inside = np.abs(run.time_s - 30) < 0.9
+    assert (run.reason[inside] == Reason.GAP).all() and run.used[~inside].mean() > 0.9
+
+
 # --- nothing else -----------------------------------------------------------------------------------------------------
 
 
-def test_roles_that_have_nothing_to_do_change_nothing() -> None:
+def test_places_and_roles_that_have_nothing_to_do_change_nothing() -> None:
     rng = np.random.default_rng(9)
     channels = speeds(SECONDS, rng=rng, jitter=0.2) | forces(SECONDS, rng=rng)
     at = stamps(SECONDS, 100.0)
     idle = {
+        "pitch": channel("pitch", at, nose_up(at)),
+        "yaw_rate": channel("yaw_rate", at, np.full(len(at), 0.01)),
         "longitudinal_acceleration": channel("longitudinal_acceleration", at, np.gradient(driven_speed(at), at)),
     }
     plain = process(channels, vehicle())
     assert_equal_runs(process(channels | idle, vehicle()), plain)
+    assert_equal_runs(process(channels, placed()), plain)

@@ -113,6 +113,12 @@ def _determination(one: Values) -> str:
     return f"{one['recording']} ({axes})"
 
 
+def _steered(v: Values) -> str:
+    places = "[sensors.ground_speed] x_m and y_m, and those of [wheel]"
+    cure = f"declare {places}" if v["lacking"] == "places" else f"name yaw_rate, and declare {places}"
+    return f"the vehicle is steered for {v['share']:.0%} of the run, which is excluded: {cure}, to use it"
+
+
 def _doubted(v: Values) -> str:
     ratio, role = v["ratio"], v["role"]
     cure = "its sign: x is forward" if ratio < 0 else 'its unit: 9.81 says {signal = "...", unit = "g"}'
@@ -163,6 +169,10 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.INERTIA_LEFT: (
         "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
     ),
+    RunCode.SPEED_AT_WHEEL: lambda v: (
+        f"the ground speed is carried from the antenna to the wheel by {' and '.join(v['roles'])}"
+    ),
+    RunCode.STEERED: _steered,
     RunCode.OUTBOARD_BY_ACCELEROMETER: "the outboard mass is compensated with {role}, slope included",
     RunCode.ACCELEROMETER_SLOW: (
         "{role} comes at {rate_hz:.3g} Hz, too slow for the common filter, so that the ground speed compensates the "
