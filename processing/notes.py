@@ -46,6 +46,8 @@ class RunCode(StrEnum):
     """role, speed"""
     SPEED_AT_WHEEL = "speed_at_wheel"
     """roles: those of the rates that it was carried by"""
+    SPEED_BLENDED = "speed_blended"
+    """before_mps, sigma_mps (one-sigma of the ground speed)"""
     STEERED = "steered"
     """share, lacking ("yaw_rate" or "places")"""
     OUTBOARD_BY_ACCELEROMETER = "outboard_by_accelerometer"

@@ -18,7 +18,7 @@ Source: rigid-body kinematics, v_w = v_a + omega x (r_w - r_a); ISO 8855 for axe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from math import hypot, isfinite, nan, radians, sqrt
 
@@ -26,12 +26,14 @@ import numpy as np
 
 from daq import BoolArray, FloatArray, Note, SensorSection, Severity, VehicleConfig
 from processing.notes import RunCode
+from processing.pipeline.blending import blended
 from processing.pipeline.filters import CUTOFF_PER_RATE
 from processing.pipeline.resampling import OnBase
 from processing.processed_run import GROUND_SPEED, Reason
 from processing.robust import block_covariance, robust_linear
 
-ACCELEROMETERS = ("wheel_acceleration_x", "longitudinal_acceleration")
+ON_THE_BODY = "longitudinal_acceleration"
+ACCELEROMETERS = ("wheel_acceleration_x", ON_THE_BODY)
 """Roles that can compensate the outboard mass, the one at the hub first."""
 STEERED_RADPS = 0.05
 """Yaw rate from which a stretch is steered: a metre of lever arm is 0.05 m/s, the noise of a receiver."""
@@ -45,11 +47,10 @@ _MOST_RATIO, _LEAST_RATIO, _SURE = 3.0, -0.5, 4.0
 """Hills and coasting put dV/dt between these shares of what a right accelerometer reads."""
 
 
-def accelerometer_of(roles: Mapping[str, OnBase], cutoff_hz: float) -> tuple[str, list[Note]]:
-    """Return the role by whose acceleration the outboard mass is compensated, and notes on it.
+def usable_accelerometers(roles: Mapping[str, OnBase], cutoff_hz: float) -> tuple[tuple[str, ...], list[Note]]:
+    """Return the accelerometers to use, the one at the hub first, and a note on each that is not.
 
-    An accelerometer too slow for the common filter, or one that contradicts the ground speed, is not used: the slope of
-    the ground speed is, as without one.
+    One that is too slow for the common filter, or contradicts the ground speed, is not used.
 
     Parameters
     ----------
@@ -57,23 +58,21 @@ def accelerometer_of(roles: Mapping[str, OnBase], cutoff_hz: float) -> tuple[str
     cutoff_hz : float
         Of the common filter.
     """
-    notes = []
+    usable, notes = [], []
     for role in ACCELEROMETERS:
         rate_hz = roles[role].facts.rate_hz if role in roles else nan
         if not isfinite(rate_hz):
             continue
-        if rate_hz * CUTOFF_PER_RATE < _NEARLY * cutoff_hz:
-            least_hz = cutoff_hz / CUTOFF_PER_RATE
-            facts = {"role": role, "rate_hz": rate_hz, "least_hz": least_hz}
-            notes.append(Note(RunCode.ACCELEROMETER_SLOW, Severity.DOUBT, facts))
-            continue
         ratio, sigma = _speed_over(roles[role], roles.get(GROUND_SPEED))
-        if ratio - _SURE * sigma > _MOST_RATIO or ratio + _SURE * sigma < _LEAST_RATIO:
+        if rate_hz * CUTOFF_PER_RATE < _NEARLY * cutoff_hz:
+            facts = {"role": role, "rate_hz": rate_hz, "least_hz": cutoff_hz / CUTOFF_PER_RATE}
+            notes.append(Note(RunCode.ACCELEROMETER_SLOW, Severity.DOUBT, facts))
+        elif ratio - _SURE * sigma > _MOST_RATIO or ratio + _SURE * sigma < _LEAST_RATIO:
             facts = {"role": role, "ratio": ratio, "sigma": sigma}
             notes.append(Note(RunCode.ACCELEROMETER_DOUBTED, Severity.DOUBT, facts))
-            continue
-        return role, [*notes, Note(RunCode.OUTBOARD_BY_ACCELEROMETER, values={"role": role})]
-    return GROUND_SPEED, notes
+        else:
+            usable.append(role)
+    return tuple(usable), notes
 
 
 def _speed_over(accelerometer: OnBase, speed: OnBase | None) -> tuple[float, float]:
@@ -91,18 +90,26 @@ def _speed_over(accelerometer: OnBase, speed: OnBase | None) -> tuple[float, flo
 
 
 def speed_at_wheel(
-    roles: dict[str, OnBase], vehicle: VehicleConfig, rate_hz: float, kernel_s: float
+    roles: dict[str, OnBase],
+    vehicle: VehicleConfig,
+    time_s: FloatArray,
+    rate_hz: float,
+    kernel_s: float,
+    accelerometers: Collection[str],
 ) -> tuple[dict[str, OnBase], BoolArray | None, list[Note]]:
     """Return the roles with the ground speed carried from the antenna to the wheel, and where it could not be.
 
+    Between the two steps, with ``pitch``, it is blended with an accelerometer, which is on the body as the antenna is.
     Where a rate of the vehicle is not known, the speed stays as it was received, and its reason is that of the rate.
 
     Parameters
     ----------
     roles : mapping role -> OnBase
-        With the slope of ``pitch``.
+        On `time_s`, with the slope of ``pitch``.
     kernel_s : float
         Standard deviation of the filter's kernel.
+    accelerometers : collection of str
+        See `usable_accelerometers`.
 
     Returns
     -------
@@ -115,40 +122,44 @@ def speed_at_wheel(
     if speed is None:
         return roles, None, []
     needed = {"yaw_rate": antenna.x_m, "pitch": antenna.z_m}
-    rates = {role: roles[role] for role, place in needed.items() if role in roles and place is not None}
+    rates = tuple(role for role, place in needed.items() if role in roles and place is not None)
     steered = None if "yaw_rate" in rates else _steered(roles)
-    notes = [Note(RunCode.SPEED_AT_WHEEL, values={"roles": tuple(rates)})] * bool(rates)
+    notes = [Note(RunCode.SPEED_AT_WHEEL, values={"roles": rates})] * bool(rates)
     if steered is not None and steered.any():
         lacking = "places" if "yaw_rate" in roles else "yaw_rate"
         notes.append(Note(RunCode.STEERED, values={"share": float(steered.mean()), "lacking": lacking}))
-    if rates:
-        roles = roles | {GROUND_SPEED: _carried(speed, rates, antenna, vehicle, rate_hz, kernel_s)}
-    return roles, steered, notes
-
-
-def _carried(
-    speed: OnBase,
-    rates: Mapping[str, OnBase],
-    antenna: SensorSection,
-    vehicle: VehicleConfig,
-    rate_hz: float,
-    kernel_s: float,
-) -> OnBase:
-    """Return the ground speed at the wheel, by those rates that are there."""
-    change, sigma, reason = np.zeros(len(speed.values)), speed.facts.sigma, speed.reason
-    if "yaw_rate" in rates:
-        turning, (ahead_m, left_m) = rates["yaw_rate"], _arm(antenna, vehicle)
-        change = _in_a_curve(speed.values, turning.values, ahead_m, left_m)
-        sigma = hypot(sigma, left_m * turning.facts.sigma)
     if "pitch" in rates:
-        height_m, pitch = antenna.z_m or 0.0, rates["pitch"]
-        change = change + height_m * pitch.slope
-        sigma = hypot(sigma, height_m * pitch.facts.sigma / (sqrt(2.0) * kernel_s))
-    for rate in rates.values():
-        reason = np.where(reason == Reason.USED, rate.reason, reason)
-    change = np.where(np.isfinite(change), change, 0.0)
-    slope = speed.slope + np.gradient(change) * rate_hz
-    return OnBase(speed.values + change, slope, reason, replace(speed.facts, sigma=sigma))
+        speed = _without_nodding(speed, roles["pitch"], antenna.z_m or 0.0, rate_hz, kernel_s)
+    if "pitch" in roles and ON_THE_BODY in accelerometers:
+        before, speed = speed, blended(speed, roles[ON_THE_BODY], roles["pitch"], time_s, rate_hz, kernel_s)
+        values = {"before_mps": before.facts.sigma, "sigma_mps": speed.facts.sigma}
+        notes += [Note(RunCode.SPEED_BLENDED, values=values)] * (speed is not before)
+    if "yaw_rate" in rates:
+        speed = _at_wheel(speed, roles["yaw_rate"], *_arm(antenna, vehicle), rate_hz)
+    return (roles if speed is roles[GROUND_SPEED] else roles | {GROUND_SPEED: speed}), steered, notes
+
+
+def _without_nodding(speed: OnBase, pitch: OnBase, height_m: float, rate_hz: float, kernel_s: float) -> OnBase:
+    """Return the speed at the height of the wheel's centre."""
+    sigma = height_m * pitch.facts.sigma / (sqrt(2.0) * kernel_s)
+    return _changed(speed, height_m * pitch.slope, sigma, pitch, rate_hz)
+
+
+def _at_wheel(speed: OnBase, turning: OnBase, ahead_m: float, left_m: float, rate_hz: float) -> OnBase:
+    """Return the speed at the wheel in a curve, of an antenna that is so far ahead of it and to its left."""
+    change = _in_a_curve(speed.values, turning.values, ahead_m, left_m)
+    return _changed(speed, change, left_m * turning.facts.sigma, turning, rate_hz)
+
+
+def _changed(speed: OnBase, change_mps: FloatArray, sigma_mps: float, rate: OnBase, rate_hz: float) -> OnBase:
+    """Return the speed with a change that a rate of the vehicle gives; excluded where that is not known."""
+    known = np.where(np.isfinite(change_mps), change_mps, 0.0)
+    return OnBase(
+        speed.values + known,
+        speed.slope + np.gradient(known) * rate_hz,
+        np.where(speed.reason == Reason.USED, rate.reason, speed.reason),
+        replace(speed.facts, sigma=hypot(speed.facts.sigma, sigma_mps)),
+    )
 
 
 def _arm(antenna: SensorSection, vehicle: VehicleConfig) -> tuple[float, float]:

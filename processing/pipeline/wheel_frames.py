@@ -42,8 +42,7 @@ from daq import (
     sampling_of,
 )
 from processing.notes import RunCode
-from processing.pipeline.filters import kernel_sigma_s
-from processing.pipeline.motion import ACCELEROMETERS, accelerometer_of
+from processing.pipeline.motion import ACCELEROMETERS
 from processing.pipeline.resampling import OnBase
 from processing.processed_run import GROUND_SPEED, Reason
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
@@ -58,7 +57,11 @@ _PATIENCE_NS = 5_000_000_000
 
 
 def at_soil(
-    roles: dict[str, OnBase], wheel: WheelSection, cutoff_hz: float, zero: Literal["lifted", "spin", "none"]
+    roles: dict[str, OnBase],
+    wheel: WheelSection,
+    kernel_s: float,
+    zero: Literal["lifted", "spin", "none"],
+    outboard_role: str = GROUND_SPEED,
 ) -> tuple[dict[str, OnBase], str, list[Note]]:
     """Return the roles with drawbar pull, torque and load carried from the transducer to the soil, and by which role.
 
@@ -70,13 +73,18 @@ def at_soil(
         The slopes of ``ground_speed`` and ``wheel_speed`` are the accelerations.
     wheel : WheelSection
         Its declared outboard mass and inertia.
-    cutoff_hz : float
-        Of the filter: the noise of a derivative is that of the value over sqrt(2) times the deviation of its kernel.
+    kernel_s : float
+        Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
     zero : "lifted", "spin" or "none"
         What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
+    outboard_role : str
+        Where the acceleration of the outboard mass comes from: the slope of ``ground_speed``, or an accelerometer.
     """
-    moved, pulled = dict(roles), "drawbar_pull" in roles and wheel.outboard_mass_kg > 0
-    outboard_role, notes = accelerometer_of(roles, cutoff_hz) if pulled else (GROUND_SPEED, [])
+    moved, notes = dict(roles), []
+    if "drawbar_pull" not in roles or not wheel.outboard_mass_kg:
+        outboard_role = GROUND_SPEED
+    if outboard_role != GROUND_SPEED:
+        notes.append(Note(RunCode.OUTBOARD_BY_ACCELEROMETER, values={"role": outboard_role}))
     for role, factor, source in (
         ("drawbar_pull", wheel.outboard_mass_kg, outboard_role),
         ("driving_torque", -wheel.outboard_inertia_kgm2, "wheel_speed"),
@@ -86,7 +94,7 @@ def at_soil(
         if source not in roles:
             notes.append(Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": source}))
             continue
-        moved[role] = _compensated(roles[role], factor, roles[source], source, kernel_sigma_s(cutoff_hz))
+        moved[role] = _compensated(roles[role], factor, roles[source], source, kernel_s)
     if "vertical_load" in roles and zero == "spin":
         load = roles["vertical_load"]
         moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)

@@ -122,6 +122,65 @@ def test_pull_without_its_accelerometer_is_a_gap() -> None:
     assert np.isfinite(run.drawbar_pull_n[run.used]).all()
 
 
+# --- blended speed ----------------------------------------------------------------------------------------------------
+
+
+def with_pitch(channels: Mapping[str, Channel], slope: float, rng: np.random.Generator) -> dict[str, Channel]:
+    """Return the channels and a pitch with a noise of a tenth of a degree."""
+    at = stamps(SECONDS, 100.0)
+    pitch = slope * nose_up(at) + np.radians(0.1) * rng.standard_normal(len(at))
+    return {**channels, "pitch": channel("pitch", at, pitch)}
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0], ids=["level", "hills"])
+def test_the_error_of_the_speed_falls_to_a_half(slope: float) -> None:
+    rng = np.random.default_rng(10)
+    channels = outboard(stamps(SECONDS, 100.0), slope, rng)
+    run, before = (process(c, vehicle()) for c in (with_pitch(channels, slope, rng), channels))
+    error, was = (one.ground_speed_mps[one.used] - driven_speed(one.time_s)[one.used] for one in (run, before))
+    assert np.std(error) < np.std(was) / 2
+    assert np.mean(run.ground_speed_sigma_mps) == pytest.approx(np.std(error), rel=0.25)
+    assert np.mean(run.slip_sigma[run.used]) < 0.6 * np.mean(before.slip_sigma[before.used])
+    change = np.gradient(driven_speed(run.time_s)) * run.rate_hz
+    error, was = (one.ground_acceleration_mps2[one.used] - change[one.used] for one in (run, before))
+    assert np.std(error) < np.std(was) / 3
+    assert run.used.mean() > 0.98 * before.used.mean()
+
+
+def test_a_zero_of_the_accelerometer_does_not_matter() -> None:
+    rng = np.random.default_rng(11)
+    channels = with_pitch(outboard(stamps(SECONDS, 100.0), 1.0, rng), 1.0, rng)
+    held = channels["longitudinal_acceleration"]
+    shifted = Channel(held.name, "", held.time_ns, held.values + 0.5 + 0.002 * np.arange(len(held)) / 100)
+    one, other = (process(c, vehicle()) for c in (channels, channels | {held.name: shifted}))
+    np.testing.assert_allclose(other.ground_speed_mps[one.used], one.ground_speed_mps[one.used], atol=1e-3)
+
+
+def test_a_late_speed_is_still_seen_to_be_late() -> None:
+    rng = np.random.default_rng(12)
+    channels = with_pitch(outboard(stamps(SECONDS, 100.0), 0.0, rng), 0.0, rng)
+    late = Channel(
+        "ground_speed", "m/s", channels["ground_speed"].time_ns + 100_000_000, channels["ground_speed"].values
+    )
+    run = process(channels | {"ground_speed": late}, vehicle())
+    assert RunCode.SPEED_BLENDED in codes(run)
+    assert run.quality.residual_latency_s == pytest.approx(0.1, abs=0.01)
+    error = (run.ground_speed_mps - driven_speed(run.time_s - 0.1))[run.used]
+    assert np.std(error) < 0.012, "the whole of it is late"
+
+
+def test_where_pitch_is_missing_the_speed_is_not_used() -> None:
+    rng = np.random.default_rng(13)
+    channels = with_pitch(outboard(stamps(SECONDS, 100.0), 1.0, rng), 1.0, rng)
+    held = channels["pitch"]
+    kept = np.abs((held.time_ns - START_NS) * 1e-9 - 30) > 1
+    run = process(channels | {"pitch": Channel("pitch", "", held.time_ns[kept], held.values[kept])}, vehicle())
+    inside = np.abs(run.time_s - 30) < 0.9
+    assert (run.reason[inside] == Reason.GAP).all() and run.used[~inside].mean() > 0.9
+    error = (run.ground_speed_mps - driven_speed(run.time_s))[run.used]
+    assert np.abs(error).max() < 0.06
+
+
 # --- lever arm of the antenna -----------------------------------------------------------------------------------------
 
 
@@ -180,6 +239,15 @@ def test_the_speed_in_a_curve_is_that_of_the_wheel() -> None:
     assert np.abs((change - run.ground_acceleration_mps2)[100:-100]).max() < 0.05
 
 
+def test_so_it_is_with_an_accelerometer_at_the_axle() -> None:
+    channels, at, forward = curves()
+    felt = np.gradient(driven_speed(at), at) + GRAVITY * np.sin(nose_up(at))
+    body = channel("longitudinal_acceleration", at[::10], felt[::10])
+    run = process(channels | {"longitudinal_acceleration": body}, placed())
+    assert {RunCode.SPEED_AT_WHEEL, RunCode.SPEED_BLENDED} <= codes(run)
+    assert np.abs(error_of(run, at, forward)).max() < 0.03
+
+
 @pytest.mark.parametrize("role", ["yaw_rate", "pitch"])
 def test_each_rate_has_its_part(role: str) -> None:
     channels, at, forward = curves()
@@ -233,10 +301,11 @@ def test_places_and_roles_that_have_nothing_to_do_change_nothing() -> None:
     channels = speeds(SECONDS, rng=rng, jitter=0.2) | forces(SECONDS, rng=rng)
     at = stamps(SECONDS, 100.0)
     idle = {
-        "pitch": channel("pitch", at, nose_up(at)),
         "yaw_rate": channel("yaw_rate", at, np.full(len(at), 0.01)),
         "longitudinal_acceleration": channel("longitudinal_acceleration", at, np.gradient(driven_speed(at), at)),
     }
+    pitch = channel("pitch", at, nose_up(at))
     plain = process(channels, vehicle())
     assert_equal_runs(process(channels | idle, vehicle()), plain)
+    assert_equal_runs(process(channels | {"pitch": pitch}, vehicle()), plain)
     assert_equal_runs(process(channels, placed()), plain)

@@ -124,7 +124,7 @@ def _doubted(v: Values) -> str:
     cure = "its sign: x is forward" if ratio < 0 else 'its unit: 9.81 says {signal = "...", unit = "g"}'
     return (
         f"the slope of the ground speed is {ratio:.2f} +- {v['sigma']:.2f} times {role}, where 1 is expected: correct "
-        f"{cure}; until then the ground speed compensates the outboard mass"
+        f"{cure}; until then it is not used"
     )
 
 
@@ -172,11 +172,15 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.SPEED_AT_WHEEL: lambda v: (
         f"the ground speed is carried from the antenna to the wheel by {' and '.join(v['roles'])}"
     ),
+    RunCode.SPEED_BLENDED: (
+        "the ground speed is blended with longitudinal_acceleration: sigma {sigma_mps:.3f} m/s in place of "
+        "{before_mps:.3f}"
+    ),
     RunCode.STEERED: _steered,
     RunCode.OUTBOARD_BY_ACCELEROMETER: "the outboard mass is compensated with {role}, slope included",
     RunCode.ACCELEROMETER_SLOW: (
-        "{role} comes at {rate_hz:.3g} Hz, too slow for the common filter, so that the ground speed compensates the "
-        "outboard mass: send it at {least_hz:.3g} Hz or more, or lower --cutoff"
+        "{role} comes at {rate_hz:.3g} Hz, too slow for the common filter, and is not used: send it at {least_hz:.3g} "
+        "Hz or more, or lower --cutoff"
     ),
     RunCode.ACCELEROMETER_DOUBTED: _doubted,
     RunCode.DISTRUSTED: _distrusted,
