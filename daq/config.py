@@ -69,8 +69,40 @@ class VehicleSection(Section):
 _SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
 
 
-class WheelSection(Section):
-    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer."""
+_FARTHEST_M = 30.0
+
+
+class Placed(Section):
+    """What has a place on the vehicle: ISO 8855, x forward, y left, from one origin of the user's choice."""
+
+    x_m: Finite | None = None
+    y_m: Finite | None = None
+
+    @field_validator("x_m", "y_m", "z_m", check_fields=False)
+    @classmethod
+    def _on_the_vehicle(cls, value: float | None) -> float | None:
+        if value is None or abs(value) <= _FARTHEST_M:
+            return value
+        metres = value * 1e-3
+        said = f"; {value:g} mm are {metres:.4g} m" if abs(metres) <= _FARTHEST_M else ""
+        raise ValueError(f"{value:g} m is on no vehicle: a place is within {_FARTHEST_M:g} m of the origin{said}")
+
+    @model_validator(mode="after")
+    def _both_ways(self) -> Self:
+        if (self.x_m is None) != (self.y_m is None):
+            raise ValueError("x_m and y_m go together: x forward, y to the left, in metres; add the other one")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_place(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key not in _PLACE or value is not None}
+
+
+_PLACE = ("x_m", "y_m", "z_m")
+
+
+class WheelSection(Placed):
+    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer. Without a place: (0, 0)."""
 
     radius_m: Positive
     width_m: Annotated[float, Field(gt=0, lt=5)]
@@ -127,11 +159,15 @@ class BusSection(Section):
     bitrate: int | None = None
 
 
-class SensorSection(Section):
-    """``[sensors.<role>]``: whole delay of the sensor, and sigma of one sample in SI units."""
+class SensorSection(Placed):
+    """``[sensors.<role>]``: whole delay of the sensor, and sigma of one sample in SI units.
+
+    The place is that of the antenna of ``ground_speed``, ``z_m`` above the wheel's centre; no other sensor has one.
+    """
 
     latency_s: Finite = 0.0
     sigma: NonNegative | None = None
+    z_m: Finite | None = None
 
 
 class TransducerSection(Section):
@@ -240,6 +276,15 @@ class VehicleConfig(Section):
         unknown = [role for role in value if role not in ROLES]
         if unknown:
             raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
+        return value
+
+    @field_validator("sensors")
+    @classmethod
+    def _only_the_antenna_has_a_place(cls, value: dict[str, SensorSection]) -> dict[str, SensorSection]:
+        for role, sensor in value.items():
+            given = [key for key in _PLACE if getattr(sensor, key) is not None]
+            if given and role != "ground_speed":
+                raise ValueError(f"{role} takes no {given[0]}: only ground_speed has a place, that of its antenna")
         return value
 
     @model_validator(mode="after")

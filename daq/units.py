@@ -26,6 +26,7 @@ class Quantity(Enum):
     FORCE = "N"
     MOMENT = "Nm"
     SPEED = "m/s"
+    ACCELERATION = "m/s^2"
     ANGULAR_SPEED = "rad/s"
     ANGLE = "rad"
     LENGTH = "m"
@@ -57,7 +58,7 @@ def unit_text(unit: str) -> str:
 
 def unit_suffix(unit: str) -> str:
     """Return one of our units as names end in it: "radps" of "rad/s"; a number without a dimension has none."""
-    return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p")
+    return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p").replace("^", "")
 
 
 _POUND_FORCE = 4.4482216152605
@@ -88,6 +89,13 @@ _TABLE: dict[Quantity, dict[str, tuple[float, str]]] = {
         "mph": (0.44704, "mi/h mile/h miles/hour"),
         "kt": (1852.0 / 3600.0, "kts kn knot knots"),
         "ft/s": (_FOOT, "fps ft/sec"),
+    },
+    Quantity.ACCELERATION: {
+        "m/s^2": (1.0, "m/s² m/s/s m/sec2 ms-2 mps2 meter/secondsquared meter/secon2"),
+        "mm/s^2": (1e-3, "mm/s²"),
+        "g": (STANDARD_GRAVITY_MPS2, "gn g0"),
+        "mg": (1e-3 * STANDARD_GRAVITY_MPS2, ""),
+        "ft/s^2": (_FOOT, "ft/s²"),
     },
     Quantity.ANGULAR_SPEED: {
         "rad/s": (1.0, "rad/sec rads1 radian/second radia/secon"),

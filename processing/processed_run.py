@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Severity, Use, data_frame
+from daq import ON_TIME_BASE, ROLES, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Severity, Use, data_frame
 from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES
 
@@ -43,6 +43,10 @@ class Reason(IntEnum):
     TRANSDUCER = 9
     BY_HAND = 10
     SLIP_NOT_MEASURED = 11
+    STEERED = 12
+
+
+GROUND_SPEED = "ground_speed"
 
 
 @dataclass(frozen=True)
@@ -213,6 +217,9 @@ class ProcessedRun:
         As vehicle.toml declares it, 0 where it does not: its inertia is taken off the drawbar pull, its weight is not.
     outboard_inertia_kgm2 : float
         The same of the torque.
+    outboard_role : str
+        What the acceleration of that mass is of: the slope of ``ground_speed``, or an accelerometer, whose reading has
+        the weight along a slope in it.
     """
 
     run: RunInfo
@@ -246,6 +253,7 @@ class ProcessedRun:
     extras: dict[str, FloatArray] = field(default_factory=dict)
     outboard_mass_kg: float = 0.0
     outboard_inertia_kgm2: float = 0.0
+    outboard_role: str = GROUND_SPEED
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -254,6 +262,16 @@ class ProcessedRun:
     def used(self) -> BoolArray:
         """Samples that have no reason to be excluded."""
         return np.asarray(self.reason == Reason.USED)
+
+    @property
+    def has_accelerometer(self) -> bool:
+        """Whether an accelerometer compensates the outboard mass: its inertia, and its weight along a slope."""
+        return self.outboard_role != GROUND_SPEED
+
+    @property
+    def outboard_acceleration_mps2(self) -> FloatArray:
+        """What the outboard mass is multiplied by in the drawbar pull."""
+        return self.extras[ROLES[self.outboard_role].field] if self.has_accelerometer else self.ground_acceleration_mps2
 
     @property
     def rim_speed_mps(self) -> FloatArray:

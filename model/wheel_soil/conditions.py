@@ -51,9 +51,9 @@ class Conditions:
     pass_number : from 1
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
-    compensated_mass_kg : outboard mass whose acceleration was added to the measured drawbar pull
+    compensated_mass_kg : outboard mass whose acceleration, by the ground speed, was added to the measured drawbar pull
     compensated_inertia_kgm2 : outboard inertia whose acceleration was taken off the measured torque
-    outboard_mass_kg : between transducer and soil
+    outboard_mass_kg : between transducer and soil; NaN where an accelerometer took its weight along a slope off
     """
 
     slip: Number

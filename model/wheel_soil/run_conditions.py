@@ -154,7 +154,9 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
         ground_speed_shift_s=everywhere(0.0),
-        compensated_mass_kg=everywhere(run.outboard_mass_kg),
+        compensated_mass_kg=everywhere(0.0 if run.has_accelerometer else run.outboard_mass_kg),
         compensated_inertia_kgm2=everywhere(run.outboard_inertia_kgm2),
-        outboard_mass_kg=everywhere(run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
+        outboard_mass_kg=everywhere(
+            np.nan if run.has_accelerometer else run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG
+        ),
     )

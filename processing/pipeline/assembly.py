@@ -38,7 +38,7 @@ from processing.pipeline.kinematics import (
 from processing.pipeline.latency import SpeedComparison, compare_speeds
 from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
 from processing.pipeline.resampling import OnBase
-from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
+from processing.processed_run import GROUND_SPEED, ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
 
 _BRAKED_SHARE = 0.05
@@ -107,7 +107,7 @@ class FilteredRun:
     """Everything on one time base; arrays of shape (n,), NaN where not known.
 
     `roles` has those that the run carries, one of them at least; `missing` is that of `QualityReport`. `brake` is in
-    whatever unit, None without its channel.
+    whatever unit, None without its channel. `steered` is that of `combine_reasons`, `outboard_role` of `ProcessedRun`.
     """
 
     start_ns: int
@@ -120,6 +120,8 @@ class FilteredRun:
     clock: ClockFit | None
     notes: tuple[Note, ...]
     missing: dict[str, Note]
+    steered: BoolArray | None = None
+    outboard_role: str = GROUND_SPEED
 
     def values(self, role: str) -> FloatArray:
         """Return a role's values, NaN where the run does not carry it."""
@@ -162,7 +164,14 @@ def assemble(
     segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz, pace)
     stuck = stalled(segments, torque)
     filtered = _with_standstill_noise(filtered, np.where(stuck, Segment.COAST, segments), options.rate_hz)
-    reason = combine_reasons(filtered.reasons().values(), segments, slip, load, slip_is_measured=filtered.has_slip)
+    reason = combine_reasons(
+        filtered.reasons().values(),
+        segments,
+        slip,
+        load,
+        slip_is_measured=filtered.has_slip,
+        steered=filtered.steered,
+    )
     distance, bridged_m = distance_of(filtered.time_s, ground)
     notes = [Note(RunCode.DISTANCE_BRIDGED, values={"length_m": bridged_m})] * (bridged_m > 0)
     if pace < 1 and options.min_speed_mps is None:
@@ -189,6 +198,7 @@ def assemble(
         reason=reason,
         outboard_mass_kg=wheel.outboard_mass_kg,
         outboard_inertia_kgm2=wheel.outboard_inertia_kgm2,
+        outboard_role=filtered.outboard_role,
         quality=_quality(filtered, segments, stuck, reason, radius_m, options, brakes, notes, pace),
     )
 

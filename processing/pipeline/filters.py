@@ -50,7 +50,7 @@ EDGE_SIGMAS = 2.0
 _ROWS_AT_ONCE = 1 << 16
 _LEAST_STANDSTILL_SAMPLES = 10
 _LEAST_SAMPLES = 20
-_WHITE_NOISE_MARGIN = 1.2
+WHITE_NOISE_MARGIN = 1.2
 
 
 def kernel_sigma_s(cutoff_hz: float) -> float:
@@ -178,7 +178,7 @@ def filtered_sigma(
         white = samples.rough**2 if samples.node_s else min(white, samples.rough**2)
         white = min(white, total) if isfinite(white) else total
     passed = white * min(interval_s * white_noise_bandwidth(kernel_sigma_s), 1.0)
-    return sqrt(passed + max(total - _WHITE_NOISE_MARGIN * white, 0.0)), source
+    return sqrt(passed + max(total - WHITE_NOISE_MARGIN * white, 0.0)), source
 
 
 def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:

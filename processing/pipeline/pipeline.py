@@ -37,6 +37,7 @@ from processing.pipeline.inputs import (
     without_jitter,
     without_null_island,
 )
+from processing.pipeline.motion import speed_at_wheel, usable_accelerometers
 from processing.pipeline.resampling import (
     OnBase,
     choose_cutoff,
@@ -47,13 +48,14 @@ from processing.pipeline.resampling import (
 )
 from processing.pipeline.rut import with_ruts
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
-from processing.processed_run import ProcessedRun
+from processing.processed_run import GROUND_SPEED, ProcessedRun
 from processing.referee import plausibility_notes
 from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
+_SLOPES = (*SLIP_ROLES, "pitch")
 _NOTABLE_END_S = 1.0
 
 Base = tuple[int, FloatArray]
@@ -215,11 +217,18 @@ class _ReadyRun:
         roles = _put_all(samples, base, self.cutoff_hz, options, self.vehicle)
         roles = self.gate.with_counts(self.removal.with_sigma(roles))
         kernel_s = kernel_sigma_s(self.cutoff_hz)
-        roles, left = at_soil(roles, self.wheel, kernel_s, self.removal.zero_of_load())
+        accelerometers, doubts = usable_accelerometers(roles, self.cutoff_hz)
+        roles, steered, carried = speed_at_wheel(
+            roles, self.vehicle, base[1], options.rate_hz, kernel_s, accelerometers
+        )
+        outboard_role = next(iter(accelerometers), GROUND_SPEED)
+        roles, outboard_role, left = at_soil(roles, self.wheel, kernel_s, self.removal.zero_of_load(), outboard_role)
         position = _position(samples, base)
         brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
-        notes = (*self.notes, *ends, *left)
-        filtered = FilteredRun(*base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing)
+        notes = (*self.notes, *ends, *doubts, *carried, *left)
+        filtered = FilteredRun(
+            *base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing, steered, outboard_role
+        )
         return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle.standstill_brakes))
 
 
@@ -343,7 +352,7 @@ def _put_all(
             sensor = vehicle.sensors.get(role)
             declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
             roles[role] = put_on_base(
-                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in SLIP_ROLES
+                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in _SLOPES
             )
     return roles
 

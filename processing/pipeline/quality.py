@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import REACTIONS, ConfigError, Fault, FloatArray, Note, Severity
+from daq import REACTIONS, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts, Standstill
@@ -32,6 +32,7 @@ def combine_reasons(
     vertical_load_n: FloatArray,
     *,
     slip_is_measured: bool = True,
+    steered: BoolArray | None = None,
 ) -> NDArray[np.uint8]:
     """Return the first `Reason` that holds for each sample; all arrays of shape (n,).
 
@@ -43,6 +44,8 @@ def combine_reasons(
         NaN where both speeds are too small (or unknown, which the channels' reasons say).
     slip_is_measured : bool
         Whether the run carries both speeds.
+    steered : bool array or None
+        Where the ground speed is that of an antenna in a curve and not that of the wheel.
     """
     of_channels = np.stack(list(channels))
     hold = {
@@ -53,6 +56,8 @@ def combine_reasons(
     hold[Reason.TOO_SLOW if slip_is_measured else Reason.SLIP_NOT_MEASURED] = ~np.isfinite(slip)
     hold[Reason.NEGATIVE_LOAD] = vertical_load_n <= 0
     hold[Reason.SLIP_OUT_OF_RANGE] = np.abs(slip) > 1
+    if steered is not None:
+        hold[Reason.STEERED] = steered
     out = np.zeros(len(slip), np.uint8)
     for why in sorted(hold, key=_precedence, reverse=True):
         out[hold[why]] = why

@@ -18,7 +18,7 @@ A zero taken with the wheel lifted has the outboard weight in it already, so tha
 takes the bridges' offsets only. A determination of `wheelsoil zero` that was taken off the run says itself which of the
 two it is (`processing.transducer_zero`), whatever ``transducer.zero`` declares of the transducer's own zero.
 The derivatives come from the filter at the rate of the time base, before any averaging: after it they would be too
-small.
+small. Where the run carries an accelerometer, its reading takes the place of dV/dt (`processing.pipeline.motion`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ from daq import (
     sampling_of,
 )
 from processing.notes import RunCode
+from processing.pipeline.motion import ACCELEROMETERS
 from processing.pipeline.resampling import OnBase
+from processing.processed_run import GROUND_SPEED, Reason
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
@@ -55,9 +57,13 @@ _PATIENCE_NS = 5_000_000_000
 
 
 def at_soil(
-    roles: dict[str, OnBase], wheel: WheelSection, kernel_s: float, zero: Literal["lifted", "spin", "none"]
-) -> tuple[dict[str, OnBase], list[Note]]:
-    """Return the roles with drawbar pull, torque and load carried from the transducer to the soil.
+    roles: dict[str, OnBase],
+    wheel: WheelSection,
+    kernel_s: float,
+    zero: Literal["lifted", "spin", "none"],
+    outboard_role: str = GROUND_SPEED,
+) -> tuple[dict[str, OnBase], str, list[Note]]:
+    """Return the roles with drawbar pull, torque and load carried from the transducer to the soil, and by which role.
 
     A force without the speed that it needs stays as the transducer feels it, and a note says so.
 
@@ -71,25 +77,37 @@ def at_soil(
         Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
     zero : "lifted", "spin" or "none"
         What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
+    outboard_role : str
+        Where the acceleration of the outboard mass comes from: the slope of ``ground_speed``, or an accelerometer.
     """
     moved, notes = dict(roles), []
-    for role, factor, speed_role in (
-        ("drawbar_pull", wheel.outboard_mass_kg, "ground_speed"),
+    if "drawbar_pull" not in roles or not wheel.outboard_mass_kg:
+        outboard_role = GROUND_SPEED
+    if outboard_role != GROUND_SPEED:
+        notes.append(Note(RunCode.OUTBOARD_BY_ACCELEROMETER, values={"role": outboard_role}))
+    for role, factor, source in (
+        ("drawbar_pull", wheel.outboard_mass_kg, outboard_role),
         ("driving_torque", -wheel.outboard_inertia_kgm2, "wheel_speed"),
     ):
         if role not in roles or not factor:
             continue
-        if speed_role not in roles:
-            notes.append(Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": speed_role}))
+        if source not in roles:
+            notes.append(Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": source}))
             continue
-        speed = roles[speed_role]
-        noise = abs(factor) * speed.facts.sigma / (sqrt(2.0) * kernel_s)
-        facts = replace(roles[role].facts, sigma=hypot(roles[role].facts.sigma, noise))
-        moved[role] = replace(roles[role], values=roles[role].values + factor * speed.slope, facts=facts)
+        moved[role] = _compensated(roles[role], factor, roles[source], source, kernel_s)
     if "vertical_load" in roles and zero == "spin":
         load = roles["vertical_load"]
         moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
-    return moved, notes
+    return moved, outboard_role, notes
+
+
+def _compensated(force: OnBase, factor: float, of: OnBase, source: str, kernel_s: float) -> OnBase:
+    """Return a force with `factor` times an acceleration: an accelerometer's reading, or the slope of a speed."""
+    read = source in ACCELEROMETERS
+    noise = abs(factor) * of.facts.sigma / (1.0 if read else sqrt(2.0) * kernel_s)
+    facts = replace(force.facts, sigma=hypot(force.facts.sigma, noise))
+    reason = np.where(force.reason == Reason.USED, of.reason, force.reason) if read else force.reason
+    return replace(force, values=force.values + factor * (of.values if read else of.slope), reason=reason, facts=facts)
 
 
 def rotate(

@@ -60,7 +60,7 @@ def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:
     channels = {role: np.asarray(getattr(run, ROLES[role].field)) for role in JUDGED_ROLES}
     # as at the hub: an acceleration in a wrong unit must not spoil the force that it corrects
     for role, parts, acceleration in (
-        ("drawbar_pull", -run.outboard_mass_kg, run.ground_acceleration_mps2),
+        ("drawbar_pull", -run.outboard_mass_kg, run.outboard_acceleration_mps2),
         ("driving_torque", run.outboard_inertia_kgm2, run.wheel_acceleration_radps2),
     ):
         channels[role] = channels[role] + np.nan_to_num(parts * acceleration)

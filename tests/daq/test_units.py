@@ -32,6 +32,13 @@ NIST_SP_811: dict[Quantity, dict[str, float]] = {
         "kt": 5.144444e-1,
         "ft/s": 3.048e-1,
     },
+    Quantity.ACCELERATION: {
+        "m/s^2": 1.0,
+        "mm/s^2": 1.0e-3,
+        "g": 9.80665,
+        "mg": 9.80665e-3,
+        "ft/s^2": 3.048e-1,
+    },
     Quantity.ANGULAR_SPEED: {
         "rad/s": 1.0,
         "deg/s": 1.745329e-2,
@@ -79,6 +86,8 @@ EXACT: dict[tuple[Quantity, str], float] = {
     (Quantity.SPEED, "mph"): constants.mph,
     (Quantity.SPEED, "kt"): constants.knot,
     (Quantity.SPEED, "ft/s"): constants.foot,
+    (Quantity.ACCELERATION, "g"): constants.g,
+    (Quantity.ACCELERATION, "ft/s^2"): constants.foot,
     (Quantity.ANGLE, "deg"): constants.degree,
     (Quantity.ANGLE, "min"): constants.arcminute,
     (Quantity.ANGLE, "arcsec"): constants.arcsecond,

@@ -56,6 +56,16 @@ def test_samples_are_means_over_a_fifth_of_a_second(campaign: Campaign) -> None:
     assert samples.left_out["standstill"] > 10
 
 
+def test_an_accelerometer_leaves_nothing_to_the_ground_speed_and_nothing_to_a_slope(campaign: Campaign) -> None:
+    heavy = replace(campaign, outboard_mass_kg=75.0)
+    read = changed(heavy, outboard_role="longitudinal_acceleration")
+    found, plain = samples_of(read), samples_of(campaign)
+    np.testing.assert_array_equal(found.measured["dp"], plain.measured["dp"])
+    assert np.abs(samples_of(heavy).measured["dp"] - plain.measured["dp"]).max() > 1.0
+    assert not found.conditions.compensated_mass_kg.any()
+    assert not_identifiable(coverage_of(read, found))["slope"].values == {"conditions": ("outboard_mass_kg",)}
+
+
 def test_three_instants_average_to_the_mean_and_have_the_spread_of_block_and_filter(campaign: Campaign) -> None:
     samples = samples_of(campaign)
     weights = np.array(STENCIL)[:, None]

@@ -113,6 +113,21 @@ def _determination(one: Values) -> str:
     return f"{one['recording']} ({axes})"
 
 
+def _steered(v: Values) -> str:
+    places = "[sensors.ground_speed] x_m and y_m, and those of [wheel]"
+    cure = f"declare {places}" if v["lacking"] == "places" else f"name yaw_rate, and declare {places}"
+    return f"the vehicle is steered for {v['share']:.0%} of the run, which is excluded: {cure}, to use it"
+
+
+def _doubted(v: Values) -> str:
+    ratio, role = v["ratio"], v["role"]
+    cure = "its sign: x is forward" if ratio < 0 else 'its unit: 9.81 says {signal = "...", unit = "g"}'
+    return (
+        f"the slope of the ground speed is {ratio:.2f} +- {v['sigma']:.2f} times {role}, where 1 is expected: correct "
+        f"{cure}; until then it is not used"
+    )
+
+
 SENTENCES: dict[str, Sentence] = {
     RecordingCode.ANOTHER_FILE: (
         "{file} is another recording than the one that {choice} was made of; look at it again"
@@ -154,6 +169,20 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.INERTIA_LEFT: (
         "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
     ),
+    RunCode.SPEED_AT_WHEEL: lambda v: (
+        f"the ground speed is carried from the antenna to the wheel by {' and '.join(v['roles'])}"
+    ),
+    RunCode.SPEED_BLENDED: (
+        "the ground speed is blended with longitudinal_acceleration: sigma {sigma_mps:.3f} m/s in place of "
+        "{before_mps:.3f}"
+    ),
+    RunCode.STEERED: _steered,
+    RunCode.OUTBOARD_BY_ACCELEROMETER: "the outboard mass is compensated with {role}, slope included",
+    RunCode.ACCELEROMETER_SLOW: (
+        "{role} comes at {rate_hz:.3g} Hz, too slow for the common filter, and is not used: send it at {least_hz:.3g} "
+        "Hz or more, or lower --cutoff"
+    ),
+    RunCode.ACCELEROMETER_DOUBTED: _doubted,
     RunCode.DISTRUSTED: _distrusted,
     RunCode.STATUS_NEVER_CAME: "the transducer's status never came: no sample is excluded by it",
     RunCode.STATUS_UNKNOWN: (

@@ -15,7 +15,7 @@ from wheelsoil.wording.plausibility_text import without_numbers
 
 Level = Literal["good", "fair", "poor"]
 
-_BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE, Reason.BY_HAND)
+_BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE, Reason.BY_HAND, Reason.STEERED)
 """Samples that no run has a use for: they speak against none."""
 _GOOD_SHARE, _FAIR_SHARE = 0.8, 0.5
 _GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1

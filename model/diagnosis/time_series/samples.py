@@ -244,6 +244,7 @@ def _blocks(
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
     acceleration = _across_block(run, step)
+    compensated_kg = 0.0 if run.has_accelerometer else campaign.outboard_mass_kg
     calmer = np.nan_to_num(acceleration - run.ground_acceleration_mps2)
     slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
     jerk = _rate(slow, run.rate_hz)
@@ -260,7 +261,7 @@ def _blocks(
         "time_s": run.time_s,
         "distance_m": run.distance_m,
         "wheel_angle_rad": angle,
-        "drawbar_pull_n": run.drawbar_pull_n + campaign.outboard_mass_kg * calmer,
+        "drawbar_pull_n": run.drawbar_pull_n + compensated_kg * calmer,
         "driving_torque_nm": run.driving_torque_nm,
         "sinkage_m": run.sinkage_m,
     }
@@ -274,9 +275,9 @@ def _blocks(
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),
-        ("compensated_mass_kg", campaign.outboard_mass_kg),
+        ("compensated_mass_kg", compensated_kg),
         ("compensated_inertia_kgm2", campaign.outboard_inertia_kgm2),
-        ("outboard_mass_kg", campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
+        ("outboard_mass_kg", np.nan if run.has_accelerometer else campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     ):
         found[name] = np.full(len(starts), value)
     found |= _instants(run, starts, step, found)

@@ -1,0 +1,41 @@
+"""Places of antenna and wheel in vehicle.toml: what is wrong is refused with its key."""
+
+from __future__ import annotations
+
+import pytest
+
+from daq.config import VehicleConfig, parse_toml
+from daq.errors import ConfigError
+
+WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[sensors.ground_speed]\nx_m = 1500\ny_m = 0", "sensors.ground_speed.x_m: 1500 m .* 1500 mm are 1.5 m"),
+        ("[sensors.ground_speed]\nz_m = 40.0", r"sensors.ground_speed.z_m: 40 m is on no vehicle.* 30 m"),
+        ("[sensors.ground_speed]\nz_m = nan", r"z_m: .*finite"),
+        ("[sensors.ground_speed]\ny_m = 0.2", "x_m and y_m go together"),
+        ("[sensors.wheel_speed]\nz_m = 0.2", "wheel_speed takes no z_m: only ground_speed"),
+        (f"{WHEEL}y_m = 0.9", "wheel: x_m and y_m go together"),
+        (f"{WHEEL}z_m = 0.9", r"unknown key 'wheel.z_m'"),
+        ("[signals]\nyawrate = 'Imu.Yaw'", "yaw_rate"),
+    ],
+)
+def test_a_place_that_cannot_be_is_refused(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse_toml(text, VehicleConfig, "vehicle.toml")
+
+
+def test_without_a_place_the_settings_are_what_they_were() -> None:
+    text = f"{WHEEL}[sensors.ground_speed]\nlatency_s = 0.1\n"
+    dumped = parse_toml(text, VehicleConfig, "vehicle.toml").model_dump(mode="json")
+    assert dumped["sensors"] == {"ground_speed": {"latency_s": 0.1, "sigma": None}}
+    assert not {"x_m", "y_m"} & dumped["wheel"].keys()
+    again = parse_toml(f"{text}x_m = 1.0\ny_m = -2.0\n", VehicleConfig, "vehicle.toml")
+    assert again.model_dump(exclude_none=True)["sensors"]["ground_speed"] == {
+        "latency_s": 0.1,
+        "x_m": 1.0,
+        "y_m": -2.0,
+    }
