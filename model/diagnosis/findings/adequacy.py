@@ -37,6 +37,8 @@ SCALES = (0.1, 0.3, 1.0)
 """One-sigma of the coefficients of a kind of shape then: shares of `basis.AMPLITUDE`, 2 % of the load."""
 LIMIT = 0.5
 """Probability of something unlisted from which on nothing is explained."""
+DOUBTFUL = 0.1
+"""Probability from which several models of the noise are asked: a name needs nine in ten."""
 MOST_EXCESS = 2.0
 BEAM = 40
 """Pairs whose sets of three are weighed; sets of three of which no pair is among them are taken as nothing."""
@@ -112,25 +114,47 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
     most : int
         Causes in the largest set.
     """
+    return over_noises([(grams, 0.0)], excluded, most)
+
+
+def over_noises(
+    weighted: Sequence[tuple[Grams, float]], excluded: frozenset[str] = frozenset(), most: int = 3
+) -> Unlisted:
+    """Weigh it over several models of the noise.
+
+    Parameters
+    ----------
+    weighted : sequence of (Grams, float)
+        Whitened by each, and the logarithm of the prior density of its hyper-parameters; one at least.
+    excluded, most
+        See `unlisted`.
+    """
+    kinds = list(_kinds(weighted[0][0]))
+    if not kinds:
+        return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
+    each = [_log_weights(grams, kinds, excluded, most) for grams, _ in weighted]
+    priors = np.array([log_prior for _, log_prior in weighted])
+    found = logsumexp([larger + p for (larger, _), p in zip(each, priors, strict=True)], axis=0)
+    against = logsumexp([listed + p for (_, listed), p in zip(each, priors, strict=True)])
+    kind, scale = np.unravel_index(int(np.argmax(found)), found.shape)
+    shapes, run, _ = kinds[int(kind)]
+    return Unlisted(float(logsumexp(found) - against), shapes, run, SCALES[int(scale)])
+
+
+def _log_weights(
+    grams: Grams, kinds: Sequence[tuple[IndexArray, int | None, float]], excluded: frozenset[str], most: int
+) -> tuple[FloatArray, float]:
+    """Return evidence times prior where shapes of each kind are larger, by each of `SCALES`, and where none are."""
     sums = {"samples": grams.samples.sum(keepdims=True), "log_determinants": grams.log_determinants.sum(keepdims=True)}
     grams = replace(grams, matrices=grams.total[None], run_names=("all",), **sums)
 
     def evidence(of: Grams) -> float:
         return log_evidence_of_sets(of, excluded, most)
 
-    kinds = list(_kinds(grams))
-    if not kinds:
-        return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
-    shares = np.log(UNLISTED / len(SCALES)) + np.array([share for _, _, share in kinds])
-    found = [
-        [evidence(_with_larger(grams, shapes, run, scale)) + share for scale in SCALES]
-        for (shapes, run, _), share in zip(kinds, shares, strict=True)
+    larger = [
+        [evidence(_with_larger(grams, shapes, run, scale)) + share for scale in SCALES] for shapes, run, share in kinds
     ]
-    together = float(logsumexp(found))
-    against = evidence(replace(grams, own=())) + np.log1p(-UNLISTED)
-    kind, scale = np.unravel_index(int(np.argmax(found)), (len(kinds), len(SCALES)))
-    shapes, run, _ = kinds[int(kind)]
-    return Unlisted(together - against, shapes, run, SCALES[int(scale)])
+    return np.log(UNLISTED / len(SCALES)) + np.array(larger), evidence(replace(grams, own=())) + np.log1p(-UNLISTED)
 
 
 def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key: str | None = None) -> float:

@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from math import exp
 
 import numpy as np
 
@@ -42,20 +41,11 @@ from model.diagnosis.planning.static_tests import Products, static_tests
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.linearise import Point, Simulation, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import Noise, hyper_priors
+from model.diagnosis.time_series.noise import hyper_priors
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.start import CampaignData
-from model.diagnosis.time_series.whitening import joined, run_grams
+from model.diagnosis.time_series.whitening import run_grams
 from model.notes import StepCode
-
-MARGIN = 1.5
-"""Times the stated one-sigma."""
-USUAL_MPS = 0.05
-"""One-sigma that any receiver may have: data sheets say .03 (0.1 km/h); slow drift comes on top."""
-LOG_SIGMAS = 2.0
-"""One-sigmas of its logarithm by which a delay, or the soil's scatter in a run, may be larger than thought."""
-_SPEED = ("speed_noise_mps", "speed_white_mps")
-_OTHERS = ("stiffness_in_run", "friction_in_run")
 
 MOST = 5
 COST_RUNS = {
@@ -71,34 +61,6 @@ run is prepared, a winch or a lever is rigged in the time of two runs, hard grou
 takes half a run beside the run that makes it."""
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
-
-
-def plausible_grams(linearised: LinearisedCampaign) -> Grams:
-    """Return the Gram matrices under a speed error that the sensor can have; those of the campaigns where it has."""
-    noises = [_plausible(data) for data in linearised.campaigns]
-    if all(noise is data.noise for noise, data in zip(noises, linearised.campaigns, strict=True)):
-        return linearised.grams
-    return joined(
-        [
-            (
-                data.campaign.name,
-                data.samples.run_names,
-                data.columns,
-                run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance),
-            )
-            for noise, data in zip(noises, linearised.campaigns, strict=True)
-        ]
-    )
-
-
-def _plausible(data: CampaignData) -> Noise:
-    priors = hyper_priors(data.samples)
-    most = {name: max(MARGIN * priors[name].centre, USUAL_MPS) for name in _SPEED}
-    for name in _OTHERS:
-        most[name] = priors[name].centre * exp(LOG_SIGMAS * priors[name].log_sigma)
-    if all(data.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
-        return data.noise
-    return replace(data.noise, values={k: min(x, most.get(k, x)) for k, x in data.noise.values.items()})
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,16 @@ from model.diagnosis.core.result import (
     PriorShift,
     undecided,
 )
-from model.diagnosis.findings.adequacy import Unlisted, adequacy, excess, findings, lack_of_fit, unlisted
+from model.diagnosis.findings.adequacy import (
+    DOUBTFUL,
+    Unlisted,
+    adequacy,
+    excess,
+    findings,
+    lack_of_fit,
+    over_noises,
+    unlisted,
+)
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.averaging import MOST_SETS, average_of
 from model.diagnosis.findings.explained import (
@@ -55,11 +64,12 @@ from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
+from model.diagnosis.findings.noise_models import grams_around, plausible_grams
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
 from model.diagnosis.planning.naming_chance import Outlook, outlook
-from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
+from model.diagnosis.planning.next_run import members_of, next_runs
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
@@ -228,6 +238,8 @@ def _judged(linearised: LinearisedCampaign) -> tuple[Adequacy, float, Unlisted]:
     if grams is not linearised.grams:
         strict = unlisted(grams, linearised.excluded, most)
         found = max(found, strict, key=lambda one: one.probability)
+    if found.probability > DOUBTFUL:
+        found = over_noises(grams_around(linearised), linearised.excluded, most)
     return adequacy(linearised.grams, keys, found), excess(linearised.grams, keys), found
 
 
