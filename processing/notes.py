@@ -46,6 +46,8 @@ class RunCode(StrEnum):
     """role, speed"""
     DISTRUSTED = "distrusted"
     """count, statuses: mapping word -> count"""
+    SENSOR_FAULT = "sensor_fault"
+    """role, kind ("dropped", "frozen", "clipped" or "mark"), time_s, share, value"""
     STATUS_NEVER_CAME = "status_never_came"
     STATUS_UNKNOWN = "status_unknown"
     """count, total"""

@@ -43,6 +43,7 @@ class Reason(IntEnum):
     TRANSDUCER = 9
     BY_HAND = 10
     SLIP_NOT_MEASURED = 11
+    SENSOR_FAULT = 12
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ _REASONS = {
     Reason.TRANSDUCER: ("transducer status", "#882255", "x"),
     Reason.BY_HAND: ("excluded by hand", "#999933", "+"),
     Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
+    Reason.SENSOR_FAULT: ("no measurement", "#661100", "\\"),
 }
 
 _GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
