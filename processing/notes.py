@@ -58,6 +58,8 @@ class RunCode(StrEnum):
     """role, ratio (slope of the ground speed over its reading), sigma"""
     DISTRUSTED = "distrusted"
     """count, statuses: mapping word -> count"""
+    SENSOR_FAULT = "sensor_fault"
+    """role, kind ("dropped", "frozen", "clipped" or "mark"), time_s, share, value"""
     STATUS_NEVER_CAME = "status_never_came"
     STATUS_UNKNOWN = "status_unknown"
     """count, total"""

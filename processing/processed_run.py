@@ -44,6 +44,7 @@ class Reason(IntEnum):
     BY_HAND = 10
     SLIP_NOT_MEASURED = 11
     STEERED = 12
+    SENSOR_FAULT = 13
 
 
 GROUND_SPEED = "ground_speed"

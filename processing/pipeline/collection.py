@@ -72,6 +72,8 @@ class Samples:
         Where the sensor itself called its value invalid.
     distrusted_ns : int64 array
         Where the transducer's status was not 0, on the grid of the thinning.
+    faulty_ns : int64 array
+        Where the sensor gave no measurement; see `processing.pipeline.sensor_faults`.
     sampling : Sampling
         How the raw samples came.
     spread_s2 : float
@@ -91,6 +93,7 @@ class Samples:
     absent_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     invalid_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     distrusted_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    faulty_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     sampling: Sampling = field(default_factory=Sampling)
     spread_s2: float = 0.0
     node_s: float = 0.0
@@ -101,7 +104,8 @@ class Samples:
 
     def received_ns(self) -> IntArray:
         """Return the stamps of everything that came, usable or not, ascending."""
-        others = [stamps for stamps in (self.absent_ns, self.invalid_ns, self.distrusted_ns) if len(stamps)]
+        kinds = (self.absent_ns, self.invalid_ns, self.distrusted_ns, self.faulty_ns)
+        others = [stamps for stamps in kinds if len(stamps)]
         return np.unique(np.concatenate([self.time_ns, *others])) if others else self.time_ns
 
 

@@ -26,6 +26,7 @@ from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, Proc
 from processing.pipeline.assembly import FilteredRun, assemble
 from processing.pipeline.bridging import little_used, many_holes
 from processing.pipeline.collection import Samples, collect
+from processing.pipeline.fault_gate import FaultGate
 from processing.pipeline.filters import kernel_sigma_s
 from processing.pipeline.inputs import (
     MODEL_ROLES,
@@ -177,13 +178,16 @@ def process_stream(
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
     gate = StatusGate(round(1e9 / options.rate_hz), declared="transducer_status" in vehicle.signals)
+    faults = FaultGate(round(1e9 / options.rate_hz), vehicle)
     removal = ZeroRemoval(zeros or RunZeros(), vehicle)
     seen: set[str] = set()
     came: set[str] = set()
-    samples = _collect(_noting(chunks, came), vehicle, options, removal, gate, seen)
+    samples = _collect(_noting(chunks, came), vehicle, options, removal, gate, faults, seen)
     if options.purpose == LOOK:
         _require_any(seen, came, vehicle)
     clock, notes = _settle_gnss(samples, vehicle)
+    samples = faults.without_faulty_ground_speed(samples)
+    notes += faults.notes()
     dead = _drop_dead(samples, options)
     missing = _why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
@@ -267,6 +271,7 @@ def _collect(
     options: ProcessOptions,
     removal: ZeroRemoval,
     gate: StatusGate,
+    faults: FaultGate,
     seen: set[str],
 ) -> dict[str, Samples]:
     """Thin the channels to the time base; `seen` gets every role that has a signal."""
@@ -274,10 +279,10 @@ def _collect(
     stream: Iterable[Mapping[str, Channel]] = ready(
         gate.without_distrusted(chunks), vehicle, seen, with_angle=rotating or removal.needs_angle
     )
-    stream = removal.removed(stream)
+    stream = removal.removed(faults.without_faults(stream))
     if rotating:
         stream = to_vehicle_axes(stream, vehicle.transducer)
-    samples = gate.marked(collect(stream, round(1e9 / options.rate_hz)), vehicle)
+    samples = faults.marked(gate.marked(collect(stream, round(1e9 / options.rate_hz)), vehicle))
     if options.purpose == LOOK:
         return samples
     require_roles(seen, options.purpose, rotating=rotating)

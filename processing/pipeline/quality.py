@@ -50,7 +50,14 @@ def combine_reasons(
     of_channels = np.stack(list(channels))
     hold = {
         why: (of_channels == why).any(axis=0)
-        for why in (Reason.GAP, Reason.INVALID_FIX, Reason.TRANSDUCER, Reason.NOT_MEASURED, Reason.FILTER_EDGE)
+        for why in (
+            Reason.GAP,
+            Reason.INVALID_FIX,
+            Reason.TRANSDUCER,
+            Reason.SENSOR_FAULT,
+            Reason.NOT_MEASURED,
+            Reason.FILTER_EDGE,
+        )
     }
     hold[Reason.STANDSTILL] = segments == Segment.STANDSTILL
     hold[Reason.TOO_SLOW if slip_is_measured else Reason.SLIP_NOT_MEASURED] = ~np.isfinite(slip)
@@ -65,8 +72,9 @@ def combine_reasons(
 
 
 def _precedence(why: Reason) -> float:
-    """Return the place of a reason: that of its number, but the transducer's own word comes before what it causes."""
-    return Reason.INVALID_FIX + 0.5 if why is Reason.TRANSDUCER else float(why)
+    """Return the place of a reason: that of its number, but what a sensor says or shows comes before what it causes."""
+    early = {Reason.TRANSDUCER: 0.4, Reason.SENSOR_FAULT: 0.6}
+    return Reason.INVALID_FIX + early[why] if why in early else float(why)
 
 
 def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:

@@ -118,6 +118,7 @@ def _reasons(
     for stamps_ns, why in (
         (samples.invalid_ns, Reason.INVALID_FIX),
         (samples.absent_ns, Reason.NOT_MEASURED),
+        (samples.faulty_ns, Reason.SENSOR_FAULT),
         (samples.distrusted_ns, Reason.TRANSDUCER),
     ):
         stamps = seconds_since(stamps_ns, start_ns)

@@ -74,6 +74,17 @@ def _distrusted(v: Values) -> str:
     return f"the transducer distrusts {v['count']:,} samples, which are excluded; its status: {why}"
 
 
+def _sensor_fault(v: Values) -> str:
+    unit = ROLES[v["role"]].unit_text
+    kind = {
+        "dropped": "falls to 0 and back faster than a vehicle can",
+        "frozen": "stays the same, without its noise",
+        "clipped": f"is clipped at {v['value']:.4g} {unit}",
+        "mark": f"has the value {v['value']:.6g} {unit}, far from all others, which stands for none",
+    }[v["kind"]]
+    return f"{v['role']} {kind}: {v['time_s']:.1f} s ({v['share']:.1%}) excluded"
+
+
 def _taken_off(v: Values) -> str:
     how = " and ".join(f"{m} {age_text(age)}" for m, age in zip(v["methods"], v["ages_s"], strict=True))
     return f"zero of {', '.join(v['roles'])} taken off, from {v['source']}: {how}"
@@ -184,6 +195,7 @@ SENTENCES: dict[str, Sentence] = {
     ),
     RunCode.ACCELEROMETER_DOUBTED: _doubted,
     RunCode.DISTRUSTED: _distrusted,
+    RunCode.SENSOR_FAULT: _sensor_fault,
     RunCode.STATUS_NEVER_CAME: "the transducer's status never came: no sample is excluded by it",
     RunCode.STATUS_UNKNOWN: (
         "of {count:,} of {total:,} samples the transducer's status is not known, for it did not come: they are used"

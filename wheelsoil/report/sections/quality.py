@@ -28,6 +28,7 @@ _REASONS = {
     Reason.BY_HAND: ("excluded by hand", "#999933", "+"),
     Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
     Reason.STEERED: ("steered", "#44AA99", "\\"),
+    Reason.SENSOR_FAULT: ("no measurement", "#661100", "|"),
 }
 
 _GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
