@@ -20,13 +20,14 @@ from model.diagnosis.findings.adequacy import (
     found_in,
     kinds_of,
     left_over,
+    over_noises,
     unlisted,
 )
 from model.diagnosis.findings.agreement import two_soils
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import Grams, OwnGram
-from model.diagnosis.time_series.evidence import hypotheses, posterior
+from model.diagnosis.time_series.evidence import hypotheses, log_evidence_of_none, posterior, without_soil
 
 UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))
 
@@ -89,6 +90,26 @@ def test_one_shape_of_few_counts_as_much_as_many_of_one_kind(drawn: World, one: 
     one_kind = unlisted(replace(grams, basis=tuple(places)), most=1)
     assert alone.probability > one_kind.probability > LIMIT
     assert alone.shapes.tolist() == [3] and alone.run is None
+
+
+@pytest.mark.parametrize("prior", [0.0, -1.5, 2.0])
+def test_models_of_the_noise_count_by_prior_and_evidence(drawn: World, prior: float) -> None:
+    """Under a noise of twice the variance the same data have half the cross products and a larger determinant."""
+    rng = np.random.default_rng(4)
+    one = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=1.4 * drawn.basis[..., 3])
+    larger = one.samples * np.log(2.0)
+    other = replace(one, matrices=one.matrices / 2.0, log_determinants=one.log_determinants + larger)
+    both = over_noises([(one, 0.0), (other, prior)], most=0)
+    weights = [prior_of + none_unlisted(grams) for grams, prior_of in ((one, 0.0), (other, prior))]
+    odds = [np.exp(unlisted(grams, most=0).log_odds) for grams in (one, other)]
+    shares = np.exp(weights - np.logaddexp(*weights))
+    assert np.exp(both.log_odds) == pytest.approx(shares @ odds, rel=1e-9)
+    assert over_noises([(one, 0.0), (other, -1e6)], most=0).log_odds == unlisted(one, most=0).log_odds
+
+
+def none_unlisted(grams: Grams) -> float:
+    """Return the log evidence of soil alone with the error of form, but for what the number of samples adds."""
+    return log_evidence_of_none(grams, without_soil(grams, grams.total))
 
 
 def test_only_the_kind_and_the_campaign_part_the_shapes() -> None:
