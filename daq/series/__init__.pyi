@@ -5,6 +5,7 @@ from .export import draft_of as draft_of
 from .export import write_blocks as write_blocks
 from .export import write_frame as write_frame
 from .export import write_table as write_table
+from .export import write_whole as write_whole
 from .formats import SERIES_FORMATS as SERIES_FORMATS
 from .formats import read_series as read_series
 from .formats import series_format as series_format

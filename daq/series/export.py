@@ -103,6 +103,27 @@ def draft_of(target: Path) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, text: str, errors: str = "replace") -> None:
+    """Write a text as UTF-8: the file takes its place when all is written, so that an older one is not lost.
+
+    Parameters
+    ----------
+    errors : str
+        What becomes of half a character, as names of files have that are no UTF-8; see `str.encode`.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    content = text.encode(errors=errors)
+    if path.exists() and not path.is_file():  # a pipe, a terminal
+        path.write_bytes(content)
+        return
+    with draft_of(path) as draft:
+        draft.write_bytes(content)
+
+
 def _checked(columns: Columns, units: Mapping[str, str]) -> Columns:
     lengths = {name: column.shape for name, column in columns.items()}
     faults = [

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import importlib
 import os
 import sys
+import unicodedata
 from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Annotated, Any, NamedTuple
@@ -16,6 +18,20 @@ import typer.main
 
 from daq import ConfigError, HardwareError, WheelsoilError, nearest
 from wheelsoil import __version__
+
+_SIGNS = {
+    "\N{MINUS SIGN}": "-",
+    "\N{EN DASH}": "-",
+    "\N{MULTIPLICATION SIGN}": "x",
+    "\N{PLUS-MINUS SIGN}": "+-",
+    "\N{LESS-THAN OR EQUAL TO}": "<=",
+    "\N{GREATER-THAN OR EQUAL TO}": ">=",
+    "\N{RIGHTWARDS ARROW}": "->",
+    "\N{MICRO SIGN}": "u",
+    "\N{MIDDLE DOT}": "*",
+    "\N{DEGREE SIGN}": "deg",
+}
+"""In ASCII."""
 
 
 class Entry(NamedTuple):
@@ -134,11 +150,28 @@ def run(args: Sequence[str] | None = None) -> int:
 
 
 def main() -> None:
-    """Run the command line and exit with its exit code; a character that the output cannot show becomes "?"."""
+    """Run the command line and exit with its exit code; a character that the output cannot show is written out."""
+    codecs.register_error("wheelsoil.plain", _in_plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors="wheelsoil.plain")
     sys.exit(run())
+
+
+def _in_plain(error: UnicodeError) -> tuple[str, int]:
+    """Return characters in ASCII, and where they end: "-" of a minus, "phi" of the letter, "1" of an index."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_plain, error.object[error.start : error.end])), error.end
+
+
+def _plain(character: str) -> str:
+    if character in _SIGNS:
+        return _SIGNS[character]
+    name = unicodedata.name(character, "")
+    if name.startswith("GREEK "):
+        return name.rpartition(" ")[2].lower()
+    return unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode() or "?"
 
 
 def _group() -> Any:

@@ -142,6 +142,7 @@ def diagnose_command(
 def _diagnose(
     given: Given, settings: DiagnosisOptions, output: Path | None, show: Callable[[Diagnosis], None], *, force: bool
 ) -> None:
+    from daq.series import write_whole
     from wheelsoil.report.inputs import command_line
     from wheelsoil.workflows.diagnosis import diagnose_given
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
@@ -152,7 +153,7 @@ def _diagnose(
     written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
     try:
         for path, model in written:
-            path.write_text(model_toml(model), encoding="utf-8")
+            write_whole(path, model_toml(model))
     finally:
         show(diagnosis)
     for path, model in written:
@@ -180,12 +181,13 @@ def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool
 
 
 def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
+    from daq.series import write_whole
     from wheelsoil.wording.diagnosis_json import plan_json
     from wheelsoil.wording.plan_text import matrix_csv, plan_lines
 
     try:
         if target:
-            target.write_text(matrix_csv(plan), encoding="utf-8")
+            write_whole(target, matrix_csv(plan))
     finally:
         if json:
             print_json(plan_json(plan))

@@ -104,7 +104,7 @@ def soil_command(
     Each test is fitted alone and counts once in the joint fit, so the intervals include the scatter between tests.
     """
     from daq import TerrainConfig, load_toml
-    from daq.series import SharedOptions
+    from daq.series import SharedOptions, write_whole
     from model.bevameter import WindowOptions
     from wheelsoil.wording.bevameter_text import evaluate, terrain_text
 
@@ -122,7 +122,7 @@ def soil_command(
     )
     try:
         if target:
-            target.write_text(terrain_text(result, name or target.stem, known), encoding="utf-8")
+            write_whole(target, terrain_text(result, name or target.stem, known))
     finally:
         _print(result, json=json)
     if target:

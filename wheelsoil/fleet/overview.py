@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from daq import number
+from daq.series import draft_of, write_whole
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
 from wheelsoil.fleet.holdings import Holdings, read
@@ -128,8 +129,8 @@ class Overview:
     def write(self, path: Path) -> tuple[Path, Path]:
         """Write the page, and its numbers as JSON beside it; return both paths."""
         beside = path.with_suffix(".json")
-        path.write_text(self.html(path.parent), encoding="utf-8")
-        with beside.open("w", encoding="utf-8") as file:
+        write_whole(path, self.html(path.parent))
+        with draft_of(beside) as draft, draft.open("w", encoding="utf-8", errors="backslashreplace") as file:
             file.writelines(self._json())
         return path, beside
 

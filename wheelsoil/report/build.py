@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from daq import ConfigError, DataError, WheelsoilError
+from daq.series import write_whole
 from wheelsoil import __version__
 from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
@@ -210,7 +211,7 @@ class Report:
     def write(self, path: Path) -> tuple[Path, Path]:
         """Write the page, and its numbers as JSON beside it; return both paths."""
         numbers = path.with_suffix(".json")
-        path.write_text(self.html(numbers.name), encoding="utf-8")
+        write_whole(path, self.html(numbers.name))
         self._write_numbers(numbers)
         return path, numbers
 
@@ -219,14 +220,15 @@ class Report:
         numbers = path.with_suffix(".json")
         with TemporaryDirectory(prefix="wheelsoil-") as folder:
             page = Path(folder) / "report.html"
-            page.write_text(self.html(numbers.name), encoding="utf-8")
+            write_whole(page, self.html(numbers.name))
             print_page(page, path, browser)
         self._write_numbers(numbers)
         return path, numbers
 
     def _write_numbers(self, path: Path) -> None:
         """Write the numbers as strict JSON; `numbers` has converted them already."""
-        path.write_text(json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        text = json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n"
+        write_whole(path, text, "backslashreplace")
 
     def html(self, json_name: str) -> str:
         """Return the page."""
