@@ -101,7 +101,7 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     Raises
     ------
     ConfigError
-        There is none in a root, or two have the same name.
+        There is none in a root, two have the same name, or a name is no UTF-8.
     """
     faults: list[Fault] = []
     found: dict[Source, Beside | None] = {}
@@ -116,6 +116,9 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     for source in found:
         by_name.setdefault(source.name, set()).add(source.path)
     for name, paths in by_name.items():
+        if name.encode(errors="replace").decode() != name:
+            step = "rename the folder: a store keeps names as UTF-8"
+            faults.append(Fault("this name of a campaign is no UTF-8", repr(name), next_step=step))
         if len(paths) > 1:
             step = "rename one of them, or name the folder that both are in as the root"
             faults.append(Fault("two campaigns have the same name", name, ", ".join(sorted(paths)), next_step=step))

@@ -239,10 +239,12 @@ def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> No
         ([tmp_path / "nowhere"], url, 2, "there is no such folder"),
         ([fleet, fleet / "spring", fleet / "autumn"], url, 0, ""),
         ([fleet / "spring", tmp_path / "copy"], url, 2, "two campaigns have the same name"),
+        ([tmp_path / "latin"], url, 2, "this name of a campaign is no UTF-8"),
         ([fleet / "spring"], tmp_path / "copy", 2, "the folder is no store, and not empty"),
         ([fleet / "spring"], "foo://x", 2, "the store's address is not known"),
     ]
     shutil.copytree(fleet / "spring", tmp_path / "copy")
+    shutil.copytree(fleet / "spring", tmp_path / "latin" / os.fsdecode(b"acker\xfc"))
     for roots, place, code, said in cases:
         if code:
             result = invoke("fleet", "run", *roots, "--store", place)
