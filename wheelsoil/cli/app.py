@@ -168,9 +168,9 @@ def _in_plain(error: UnicodeError) -> tuple[str, int]:
 def _plain(character: str) -> str:
     if character in _SIGNS:
         return _SIGNS[character]
-    name = unicodedata.name(character, "")
-    if name.startswith("GREEK "):
-        return name.rpartition(" ")[2].lower()
+    words = unicodedata.name(character, "").split()
+    if words[:1] == ["GREEK"]:
+        return words[-1].lower()
     return unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode() or "?"
 
 
