@@ -7,6 +7,7 @@ import statistics
 import sys
 import tempfile
 from pathlib import Path
+from unittest.mock import patch
 
 from benchmarks.table import Row, at_least, at_most, compared, judged, times
 from benchmarks.timing import command_cost, wheelsoil_cost
@@ -37,15 +38,11 @@ def _start() -> Row:
 
 
 def _again(cache: str) -> Row:
-    before = os.environ["WHEELSOIL_CACHE"]
     first, second = [], []
-    try:
-        for round_ in range(ROUNDS):
-            os.environ["WHEELSOIL_CACHE"] = f"{cache}/{round_}"
+    for round_ in range(ROUNDS):
+        with patch.dict(os.environ, WHEELSOIL_CACHE=f"{cache}/{round_}"):
             first.append(wheelsoil_cost("diagnose", str(CLAY)).cpu_s)
             second.append(wheelsoil_cost("diagnose", str(CLAY)).cpu_s)
-    finally:
-        os.environ["WHEELSOIL_CACHE"] = before
     what = "wheelsoil diagnose of recordings/clay again, from the cache"
     return compared(what, second, "the first time", first, lambda s: f"{s:.2f} s", at_least(AGAIN, "x"))
 

@@ -7,6 +7,7 @@ import statistics
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from unittest.mock import patch
 
 from benchmarks.table import Row, at_least, at_most, compared, judged, times, with_verdict
 from benchmarks.timing import CommandCost, DiagnoseCost, diagnose_cost, wheelsoil_cost
@@ -80,13 +81,8 @@ def _in_turns(
     command: Callable[[], CommandCost], environments: Mapping[str, Mapping[str, str]]
 ) -> dict[str, list[float]]:
     took: dict[str, list[float]] = {name: [] for name in environments}
-    before = dict(os.environ)
     for _ in range(PAIRS):
         for name, environment in environments.items():
-            os.environ.update(environment)
-            try:
+            with patch.dict(os.environ, environment):
                 took[name].append(command().cpu_s)
-            finally:
-                os.environ.clear()
-                os.environ.update(before)
     return took

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -73,6 +74,11 @@ def robust_spread(residual: FloatArray) -> float:
     middle = (len(size) - 1) // 2, len(size) // 2
     low, high = np.partition(size, middle)[list(middle)]  # np.median takes three times as long for some hundred numbers
     return _MAD_TO_SIGMA * float(0.5 * (low + high))
+
+
+def roughness(values: FloatArray) -> float:
+    """Return the one-sigma of what differs from one value to the next; three values or more."""
+    return robust_spread(np.diff(values, 2)) / sqrt(6.0)
 
 
 def bisquare(residual: FloatArray, least_spread: float = 1e-12) -> FloatArray:

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from daq import FloatArray, IntArray
+from daq.can import encode, load_database, merge
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
 from daq.recording import Recording, RecordingWriter
 from daq.recording.reader import raw_batches, raw_channels
+from daq.runs import Run
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -43,6 +46,21 @@ def write_recording(path: Path, batches: Sequence[FrameBatch], **options: object
         for batch in batches:
             writer.write_frames(batch)
             writer.flush()
+
+
+def write_with_message(
+    path: Path, run: Run, dbc: tuple[str, str], values: FloatArray, at_ns: IntArray, role: str
+) -> None:
+    """Write a run with one message more, of one signal that is the role; `dbc` is name and text of its database."""
+    name, text = dbc
+    (message,) = load_database(text.encode(), name).messages
+    (signal,) = message.signals
+    frames = encode(message, {signal.name: values}, at_ns, "can0").frames
+    vehicle = run.attachments["vehicle.toml"].decode().replace("dbc = [", f'dbc = ["{name}", ', 1)
+    vehicle = vehicle.replace("[signals]", f'[signals]\n{role} = "{message.name}.{signal.name}"', 1)
+    carried = dict(run.attachments) | {"vehicle.toml": vehicle.encode(), name: text.encode()}
+    with RecordingWriter(path, run=run.info, attachments=carried) as writer:
+        writer.write_frames(merge([*run.frame_batches(), frames]))
 
 
 def by_topic(path: Path) -> dict[tuple[str, bool], FrameArray]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from daq import BoolArray, Channel, FloatArray, IntArray, Sampling, SamplingEstimator, mean_interval_ns, sampling_of
-from processing.robust import robust_spread
+from processing.robust import roughness
 from processing.timebase import LATE_NS, in_order, merge_equal_stamps
 
 _FIRST_ROOM = 1 << 14
@@ -218,7 +218,7 @@ class Collector:
         self._count += len(values)
         self._steps.append(resolution(values[:_LOOK]))
         if len(values) > 2:
-            self._roughness.append(robust_spread(np.diff(values[:_LOOK], 2)) / np.sqrt(6.0))
+            self._roughness.append(roughness(values[:_LOOK]))
         self._sampling.take(time_ns)
         fast = mean_interval_ns(np.diff(time_ns)) < _THIN_BELOW * self._node_ns
         time_ns, values = merge_equal_stamps(time_ns, values)

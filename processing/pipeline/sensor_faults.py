@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from math import sqrt
 
 import numpy as np
 
 from daq import BoolArray, FloatArray, IntArray
 from processing.pipeline.collection import resolution
-from processing.robust import robust_spread
+from processing.robust import roughness
 from processing.timebase import nearest
 
 _LOOK = 1 << 12
@@ -161,7 +160,7 @@ def _noisy(values: FloatArray) -> bool:
     if len(values) < _CLIPPED_SAMPLES:
         return False
     step = resolution(values[:: max(1, len(values) // _LOOK)])
-    return _noise(values) > max(step, _ALIKE * float(np.abs(values).max()))
+    return roughness(values) > max(step, _ALIKE * float(np.abs(values).max()))
 
 
 def _quick(held: Held, some: BoolArray) -> bool:
@@ -200,12 +199,7 @@ def speed_changes(partner: FloatArray, _: FloatArray) -> bool:
 
 def force_shakes(partner: FloatArray, usual: FloatArray) -> bool:
     """Whether a force is about as noisy within some time, shape (k,), as it usually is, shape (n,)."""
-    return _noise(partner) > _AS_USUAL * _noise(usual)
-
-
-def _noise(values: FloatArray) -> float:
-    """Return the one-sigma of what differs from one value to the next."""
-    return robust_spread(np.diff(values, 2)) / sqrt(6.0)
+    return roughness(partner) > _AS_USUAL * roughness(usual)
 
 
 def clipped(one: Series, held: Held, speeds: Sequence[Series]) -> BoolArray:

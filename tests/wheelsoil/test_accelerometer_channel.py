@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import invoke, ok
+from recording_support import write_with_message
 
-from daq.can import encode, load_database, merge
-from daq.recording import RecordingWriter
 from daq.runs import open_runs
 from processing.pipeline import process
 
@@ -27,16 +26,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (run,) = open_runs([SAMPLE])
     processed = process(run.channels(), run.vehicle, run.info)
     at = processed.start_ns + np.round(processed.time_s * 1e9).astype(np.int64)
-    (message,) = load_database(DBC.encode(), "imu.dbc").messages
     read = np.nan_to_num(processed.ground_acceleration_mps2) / 9.80665
-    frames = encode(message, {"Ax": read}, at, "can0").frames
-    vehicle = run.attachments["vehicle.toml"].decode()
-    vehicle = vehicle.replace("dbc = [", 'dbc = ["imu.dbc", ', 1)
-    vehicle = vehicle.replace("[signals]", '[signals]\nlongitudinal_acceleration = "Motion.Ax"', 1)
-    carried = dict(run.attachments) | {"vehicle.toml": vehicle.encode(), "imu.dbc": DBC.encode()}
     path = tmp_path_factory.mktemp("imu") / "run-1.mcap"
-    with RecordingWriter(path, run=run.info, attachments=carried) as writer:
-        writer.write_frames(merge([*run.frame_batches(), frames]))
+    write_with_message(path, run, ("imu.dbc", DBC), read, at, "longitudinal_acceleration")
     return path
 
 

@@ -5,7 +5,6 @@ The tyre pressure needed its row in the table of channels and the units of a pre
 
 from __future__ import annotations
 
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,8 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 from cli_support import invoke, ok
+from recording_support import write_with_message
 
-from daq.can import encode, load_database, merge
-from daq.recording import RecordingWriter
 from daq.runs import open_runs
 from processing.pipeline import process
 
@@ -32,18 +30,10 @@ START_KPA, END_KPA = 240.0, 260.0
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the sample with a tyre pressure that rises, ten times a second."""
     (run,) = open_runs([SAMPLE])
-    batches = list(run.frame_batches())
-    stamps = np.concatenate([batch.frames["time_ns"] for batch in batches])
+    stamps = np.concatenate([batch.frames["time_ns"] for batch in run.frame_batches()])
     at = np.arange(stamps.min(), stamps.max(), 100_000_000)
-    (message,) = load_database(DBC.encode(), "tyres.dbc").messages
-    pressure = encode(message, {"RearLeft": np.linspace(START_KPA, END_KPA, len(at))}, at, "can0").frames
-    vehicle = run.attachments["vehicle.toml"].decode()
-    vehicle = vehicle.replace("dbc = [", 'dbc = ["tyres.dbc", ', 1)
-    vehicle = vehicle.replace("[signals]", '[signals]\ntyre_pressure = "Tyres.RearLeft"', 1)
-    carried = dict(run.attachments) | {"vehicle.toml": vehicle.encode(), "tyres.dbc": DBC.encode()}
     path = tmp_path_factory.mktemp("tyres") / "run-1.mcap"
-    with RecordingWriter(path, run=run.info, attachments=carried) as writer:
-        writer.write_frames(merge(list(chain(batches, [pressure]))))
+    write_with_message(path, run, ("tyres.dbc", DBC), np.linspace(START_KPA, END_KPA, len(at)), at, "tyre_pressure")
     return path
 
 

@@ -35,10 +35,7 @@ _DIRECTIONS = (("_slow_noise_n", "_slow_noise_nm"), _IN_RUN)
 
 def plausible_grams(linearised: LinearisedCampaign) -> Grams:
     """Return the Gram matrices under a noise that sensors and soil can have; those of the campaigns where it is."""
-    noises = [_plausible(data, data.noise) for data in linearised.campaigns]
-    if all(noise is data.noise for noise, data in zip(noises, linearised.campaigns, strict=True)):
-        return linearised.grams
-    return _grams(linearised, noises)
+    return _grams(linearised, [_plausible(data, data.noise) for data in linearised.campaigns])
 
 
 def grams_around(linearised: LinearisedCampaign) -> list[tuple[Grams, float]]:
@@ -49,18 +46,20 @@ def grams_around(linearised: LinearisedCampaign) -> list[tuple[Grams, float]]:
     list of (Grams, float)
         With the logarithm of each model's prior density.
     """
-    moves: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
-    moves += [(ends, side) for ends in _DIRECTIONS for side in (STEP, -STEP)]
+    at_centre = [data.noise for data in linearised.campaigns]
+    models = [at_centre]
+    for ends in _DIRECTIONS:
+        models += [[_moved(noise, ends, step) for noise in at_centre] for step in (STEP, -STEP)]
     found = []
-    for ends, step in moves:
-        noises = [_plausible(data, _moved(data.noise, ends, step)) for data in linearised.campaigns]
+    for model in models:
+        noises = [_plausible(data, noise) for data, noise in zip(linearised.campaigns, model, strict=True)]
         log_prior = sum(_log_prior(data, noise) for data, noise in zip(linearised.campaigns, noises, strict=True))
         found.append((_grams(linearised, noises), log_prior))
     return found
 
 
 def _moved(noise: Noise, ends: tuple[str, ...], step: float) -> Noise:
-    own = [name for name in noise.log_sigmas if ends and name.endswith(ends)]
+    own = [name for name in noise.log_sigmas if name.endswith(ends)]
     return replace(noise, values=noise.values | {n: noise.values[n] * exp(step * noise.log_sigmas[n]) for n in own})
 
 
@@ -81,6 +80,9 @@ def _plausible(data: CampaignData, noise: Noise) -> Noise:
 
 
 def _grams(linearised: LinearisedCampaign, noises: Sequence[Noise]) -> Grams:
+    """Return the Gram matrices under some noises; those of the campaigns where they are theirs."""
+    if all(noise is data.noise for noise, data in zip(noises, linearised.campaigns, strict=True)):
+        return linearised.grams
     return joined_grams(
         [
             replace(data, grams=run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance))
