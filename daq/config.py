@@ -84,8 +84,8 @@ class Placed(Section):
         if value is None or abs(value) <= _FARTHEST_M:
             return value
         metres = value * 1e-3
-        said = f"; {value:g} mm are {metres:.4g} m" if abs(metres) <= _FARTHEST_M else ""
-        raise ValueError(f"{value:g} m is on no vehicle: a place is within {_FARTHEST_M:g} m of the origin{said}")
+        hint = f"; {value:g} mm are {metres:.4g} m" if abs(metres) <= _FARTHEST_M else ""
+        raise ValueError(f"{value:g} m is on no vehicle: a place is within {_FARTHEST_M:g} m of the origin{hint}")
 
     @model_validator(mode="after")
     def _both_ways(self) -> Self:
@@ -124,8 +124,8 @@ class WheelSection(Placed):
             for unit, radius in metres.items()
             if _SMALLEST_RADIUS_M <= radius < _LARGEST_RADIUS_M
         ]
-        said = "; or ".join(likely) or "give the rolling radius in metres"
-        raise ValueError(f"{value:g} m is the radius of no wheel, which is below {_LARGEST_RADIUS_M:g} m; {said}")
+        hint = "; or ".join(likely) or "give the rolling radius in metres"
+        raise ValueError(f"{value:g} m is the radius of no wheel, which is below {_LARGEST_RADIUS_M:g} m; {hint}")
 
     @model_validator(mode="after")
     def _lugs_agree(self) -> Self:
@@ -474,10 +474,10 @@ class RunsConfig(Section):
     @field_validator("static")
     @classmethod
     def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:
-        for (i, one), (j, other) in combinations(enumerate(static), 2):
-            for channel in one.readings.keys() & other.readings.keys():
-                (a, by), (b, of_other) = one.readings[channel], other.readings[channel]
-                if one.applied == other.applied and contradict(a, by, b, of_other):
+        for (i, test), (j, other) in combinations(enumerate(static), 2):
+            for channel in test.readings.keys() & other.readings.keys():
+                (a, by), (b, of_other) = test.readings[channel], other.readings[channel]
+                if test.applied == other.applied and contradict(a, by, b, of_other):
                     raise ValueError(
                         f"tests {i} and {j} contradict each other: {a:g} and {b:g} under one force, "
                         f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"

@@ -133,8 +133,8 @@ class HostClock:
     def realtime_at_ns(self, monotonic: IntArray) -> IntArray:
         """Return what CLOCK_REALTIME was at monotonic times, as far as the clock has been observed."""
         known = self._offsets[:]
-        held = np.searchsorted([one.observed_ns for one in known[1:]], monotonic, side="right")
-        return np.asarray(monotonic + np.array([one.offset_ns for one in known])[held])
+        held = np.searchsorted([offset.observed_ns for offset in known[1:]], monotonic, side="right")
+        return np.asarray(monotonic + np.array([offset.offset_ns for offset in known])[held])
 
     def offsets_since(self, monotonic: int) -> tuple[Offset, ...]:
         """Return the differences that may have held at some time since; the newest last."""
@@ -230,9 +230,9 @@ class StampTracker:
 
     def _matched(self, stamps: IntArray, offsets: tuple[Offset, ...], now: int) -> tuple[IntArray, BoolArray]:
         """Return monotonic times and whether they are uncertain; of several that fit, the earliest."""
-        tried = stamps - np.array([[one.offset_ns] for one in offsets])
-        earliest = [[max(self._empty_ns, one.from_ns) - EARLY_NS] for one in offsets]
-        latest = [[min(now, one.until_ns) + LATE_NS] for one in offsets]
+        tried = stamps - np.array([[offset.offset_ns] for offset in offsets])
+        earliest = [[max(self._empty_ns, offset.from_ns) - EARLY_NS] for offset in offsets]
+        latest = [[min(now, offset.until_ns) + LATE_NS] for offset in offsets]
         fits = (tried >= np.array(earliest)) & (tried <= np.array(latest))
         times = np.where(fits, tried, _NEVER_NS).min(axis=0)
         count = fits.sum(axis=0)

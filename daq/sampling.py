@@ -132,9 +132,9 @@ class SamplingEstimator:
         if not count or duration_ns <= 0:
             return Sampling(pauses=pauses)
         kept = [steps[steps <= longest_ns] for steps in self._kept]
-        blocks = [one for steps in kept for one in _in_blocks(steps)]
+        blocks = [block for steps in kept for block in _in_blocks(steps)]
         median_ns = float(np.median(self._medians)) if self._medians else nan
-        mean_ns = float(np.mean([one.interval_ns for one in blocks])) if blocks else duration_ns / count
+        mean_ns = float(np.mean([block.interval_ns for block in blocks])) if blocks else duration_ns / count
         usual, balanced = self._near > 0.5 * self._positive, _balanced(blocks)
         even = usual and abs(mean_ns / median_ns - 1) < (_EVEN_BALANCED if balanced else _EVEN)
         if not even:
@@ -246,13 +246,13 @@ def _in_blocks(steps: IntArray) -> list[_Blocks]:
 
 def _balanced(blocks: list[_Blocks]) -> bool:
     """Return whether blocks take equal times: what is late is made up for, and nothing is lost."""
-    spread, independent = sum(one.spread for one in blocks), sum(one.independent_spread for one in blocks)
+    spread, independent = sum(block.spread for block in blocks), sum(block.independent_spread for block in blocks)
     return bool(blocks) and spread <= _BALANCED * independent
 
 
 def _spacing_ns(blocks: list[_Blocks]) -> float:
     """Return the interval of which `BRIDGED_INTERVALS` reach over nearly all holes of a stream in bursts."""
-    ends = np.median([_intervals_up_to(one.steps.ravel(), (0.5, _WIDE_TIME_SHARE)) for one in blocks], axis=0)
+    ends = np.median([_intervals_up_to(block.steps.ravel(), (0.5, _WIDE_TIME_SHARE)) for block in blocks], axis=0)
     half_ns, wide_ns = ends.tolist()
     return float(max(half_ns, _WIDE_MARGIN * wide_ns / BRIDGED_INTERVALS))
 
@@ -275,4 +275,4 @@ def _intervals_up_to(steps: FloatArray | IntArray, shares: tuple[float, ...]) ->
     ordered = np.sort(steps)
     passed = np.cumsum(ordered)
     at = np.searchsorted(passed, np.asarray(shares) * passed[-1])
-    return [float(one) for one in ordered[np.minimum(at, len(ordered) - 1)]]
+    return [float(interval) for interval in ordered[np.minimum(at, len(ordered) - 1)]]

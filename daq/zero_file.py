@@ -91,8 +91,8 @@ class ZeroConfig(Section):
 
     def plus(self, *others: Determination) -> ZeroConfig:
         """Return the file with more determinations, in order of time; of the same samples the newest stays."""
-        new = {(one.sha256, one.method, one.start_s): one for one in (*self.zero, *others)}
-        return ZeroConfig(zero=tuple(sorted(new.values(), key=lambda one: one.time_utc)))
+        new = {(zero.sha256, zero.method, zero.start_s): zero for zero in (*self.zero, *others)}
+        return ZeroConfig(zero=tuple(sorted(new.values(), key=lambda zero: zero.time_utc)))
 
 
 def load_zeros(path: Path) -> ZeroConfig:

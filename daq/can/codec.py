@@ -210,11 +210,11 @@ def decode(
     return Decoder(databases, wanted).decode(batch)
 
 
-def _merged(one: Channel, other: Channel) -> Channel:
+def _merged(channel: Channel, other: Channel) -> Channel:
     """Return the samples of both in order of time."""
-    time_ns, values = np.concatenate([one.time_ns, other.time_ns]), np.concatenate([one.values, other.values])
+    time_ns, values = np.concatenate([channel.time_ns, other.time_ns]), np.concatenate([channel.values, other.values])
     order = np.argsort(time_ns, kind="stable")
-    return replace(one, time_ns=time_ns[order], values=values[order])
+    return replace(channel, time_ns=time_ns[order], values=values[order])
 
 
 class _LongMessages:
@@ -244,12 +244,12 @@ class _LongMessages:
         self._pieces[UNKNOWN] = False
         if complete:
             heads = np.zeros(len(complete), CLASSIC_DTYPE)
-            heads["can_id"] = [one.can_id for one in complete]
-            heads["flags"] = [int(FrameFlag.EXTENDED) * one.extended for one in complete]
-            heads["bus"] = [batch.buses.index(one.bus) for one in complete]
-            for code, one in zip(self._identifier.codes(heads, batch.buses).tolist(), complete, strict=True):
+            heads["can_id"] = [payload.can_id for payload in complete]
+            heads["flags"] = [int(FrameFlag.EXTENDED) * payload.extended for payload in complete]
+            heads["bus"] = [batch.buses.index(payload.bus) for payload in complete]
+            for code, payload in zip(self._identifier.codes(heads, batch.buses).tolist(), complete, strict=True):
                 if code != UNKNOWN:
-                    found.setdefault(code, []).append(one)
+                    found.setdefault(code, []).append(payload)
         return found
 
 
@@ -271,11 +271,11 @@ class _Columns:
 
     def append_payloads(self, payloads: Sequence[Payload]) -> None:
         """Append messages of any length."""
-        length = np.array([len(one.data) for one in payloads], np.int64)
+        length = np.array([len(payload.data) for payload in payloads], np.int64)
         data = np.zeros((len(payloads), max(int(length.max()), max(plan.end_byte for plan in self.plans))), np.uint8)
-        for row, one in zip(data, payloads, strict=True):
-            row[: len(one.data)] = np.frombuffer(one.data, np.uint8)
-        self.time_ns[:] = [one.time_ns for one in payloads]
+        for row, payload in zip(data, payloads, strict=True):
+            row[: len(payload.data)] = np.frombuffer(payload.data, np.uint8)
+        self.time_ns[:] = [payload.time_ns for payload in payloads]
         with np.errstate(invalid="ignore", over="ignore"):
             _fill(self.plans, data, length, self.values)
 

@@ -312,21 +312,21 @@ def _parse_strict(text: str, where: str, kind: str) -> Any:
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
-    left_out = _too_long(text)
-    text = without(text, left_out)
+    excluded = _too_long(text)
+    text = without(text, excluded)
     parsed, complaint = _parse(text)
     while parsed is None and text.strip():
         bad = bad_lines(text, complaint)
         if not bad:
             what = "cantools cannot load this DBC, not even leniently"
             raise DatabaseError.of(what, where, complaint, next_step="correct the file")
-        left_out += bad
+        excluded += bad
         text = without(text, bad)
         parsed, complaint = _parse(text)
-    if parsed is None or (left_out and not parsed.messages):
-        what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
+    if parsed is None or (excluded and not parsed.messages):
+        what = f"{len(excluded)} faults, the first: {excluded[0]}" if excluded else "an empty file"
         raise DatabaseError.of("nothing is left of this DBC", where, what)
-    notes = [f"excluded {line}" for line in sorted(left_out, key=lambda line: line.number)]
+    notes = [f"excluded {line}" for line in sorted(excluded, key=lambda line: line.number)]
     return parsed, [*notes, *(f"let pass: {told.rstrip('.')}" for told in _misplaced(parsed))]
 
 

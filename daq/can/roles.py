@@ -192,7 +192,7 @@ def resolve_columns(
     try:
         return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
     except ConfigError as error:
-        raise ConfigError(*(replace(one, what=f"{source}: {one.what}") for one in error.faults)) from None
+        raise ConfigError(*(replace(fault, what=f"{source}: {fault.what}") for fault in error.faults)) from None
 
 
 def unused_validity(
@@ -216,9 +216,9 @@ def unused_validity(
     speed = references.get("ground_speed")
     if speed is None or "ground_speed_valid" in references:
         return None
-    beside = [f"{speed.message}.{one}" for one in signals.get((speed.bus, speed.message), ()) if _VALID.search(one)]
-    others = [f"{m}.{one}" for (bus, m), names in signals.items() if bus == speed.bus for one in names]
-    return next((one for one in (*beside, *others) if one in beside or _SPEED_VALID.search(one)), None)
+    beside = [f"{speed.message}.{name}" for name in signals.get((speed.bus, speed.message), ()) if _VALID.search(name)]
+    others = [f"{m}.{name}" for (bus, m), names in signals.items() if bus == speed.bus for name in names]
+    return next((name for name in (*beside, *others) if name in beside or _SPEED_VALID.search(name)), None)
 
 
 class _Place(NamedTuple):
@@ -284,18 +284,18 @@ def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, 
         _Place("", topic, column, unit, step) for topic, units in topics.items() for column, unit in units.items()
     ]
     for spelled in (
-        lambda one: {one.signal},
-        lambda one: {f"{one.message}.{one.signal}", f"{one.message}:{one.signal}"},
-        lambda one: {plain_name(one.signal), f"{one.message}.{plain_name(one.signal)}"},
+        lambda place: {place.signal},
+        lambda place: {f"{place.message}.{place.signal}", f"{place.message}:{place.signal}"},
+        lambda place: {plain_name(place.signal), f"{place.message}.{plain_name(place.signal)}"},
     ):
-        hits = [one for one in columns if name.signal in spelled(one)]
+        hits = [place for place in columns if name.signal in spelled(place)]
         if len(hits) == 1:
             return hits[0]
         if hits:
-            choices = " or ".join(f'"{one.message}:{one.signal}"' for one in hits[:_NAMED])
+            choices = " or ".join(f'"{place.message}:{place.signal}"' for place in hits[:_NAMED])
             where = f"vehicle.toml [signals] {role}"
             return Fault(f"{name.signal!r} is there several times", where, repr(str(name)), choices, "name one of them")
-    names = [one.signal for one in columns] + [f"{one.message}.{one.signal}" for one in columns]
+    names = [place.signal for place in columns] + [f"{place.message}.{place.signal}" for place in columns]
     what = f"no column is called {name.signal!r}"
     step = "correct the name; files that together are one run become one by `wheelsoil import FILE FILE`"
     return Fault(what, f"vehicle.toml [signals] {role}", repr(str(name)), nearest(name.signal, names), step)
@@ -319,10 +319,10 @@ def means_no_data(label: str) -> bool:
 
 def no_data_of(message: Message, signal: Signal) -> NoData:
     """Return which decoded values of a signal are none, by what the DBC declares of it."""
-    said = [(raw, label) for raw, label in signal.labels.items() if means_no_data(label)]
-    if not signal.unit and len(said) < len(signal.labels):  # an enumeration: "error" is one of its values
-        said = [(raw, label) for raw, label in said if _NOT_AVAILABLE.search(label.strip())]
-    words = {_physical(signal, raw): label for raw, label in said}
+    no_data = [(raw, label) for raw, label in signal.labels.items() if means_no_data(label)]
+    if not signal.unit and len(no_data) < len(signal.labels):  # an enumeration: "error" is one of its values
+        no_data = [(raw, label) for raw, label in no_data if _NOT_AVAILABLE.search(label.strip())]
+    words = {_physical(signal, raw): label for raw, label in no_data}
     above = _j1939_none_from(signal) if message.j1939 else math.inf
     if signal.kind not in (RawKind.UNSIGNED, RawKind.SIGNED) or signal.length_bits < _LEAST_BITS:
         return NoData(words, above)

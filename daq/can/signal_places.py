@@ -41,7 +41,7 @@ def _place(
         if bits >> 8 * message.length:
             raise _MisplacedError(f"The signal {name} does not fit in message {message.name}.")
         if bits & taken:
-            other = next(one for one, others in chain(*outer, own) if others & bits)
+            other = next(signal for signal, others in chain(*outer, own) if others & bits)
             raise _MisplacedError(f"The signals {name} and {other} are overlapping in message {message.name}.")
         taken |= bits
         own.append((name, bits))

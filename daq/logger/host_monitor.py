@@ -161,11 +161,11 @@ class HostMonitor:
 
     def buses(self) -> dict[str, BusStatus]:
         """Return what is known of every bus."""
-        return {one.source.name: one.status() for one in self._listeners}
+        return {listener.source.name: listener.status() for listener in self._listeners}
 
     def uncertain_frames(self) -> dict[str, int]:
         """Return per bus the number of frames whose time is uncertain, because the clock was set when they came."""
-        return {one.source.name: one.uncertain_frames for one in self._listeners}
+        return {listener.source.name: listener.uncertain_frames for listener in self._listeners}
 
     def host(self) -> HostStatus:
         """Return what is known of the machine and the logger."""
@@ -186,20 +186,22 @@ class HostMonitor:
     def stuck(self) -> list[Reason]:
         """Return a reason for each thread that is stuck."""
         return [
-            reason("source_stuck", Level.RED, one.source.name, f"no answer for {one.stuck_s:.0f} s")
-            for one in self._listeners
-            if one.stuck_s > _STUCK_S
+            reason("source_stuck", Level.RED, listener.source.name, f"no answer for {listener.stuck_s:.0f} s")
+            for listener in self._listeners
+            if listener.stuck_s > _STUCK_S
         ]
 
     def hopeless(self) -> bool:
         """Return whether only a restart helps: every source is stuck, or one has been for a minute."""
-        stuck_s = [one.stuck_s for one in self._listeners]
+        stuck_s = [listener.stuck_s for listener in self._listeners]
         return min(stuck_s) > _STUCK_S or max(stuck_s) > _PATIENCE_S
 
     def events(self, behind: bool) -> list[EventText]:
         """Return what has happened since the last call."""
         events: list[EventText] = [
-            ("bus", change.text, change.severity) for one in self._listeners for change in one.source.changes()
+            ("bus", change.text, change.severity)
+            for listener in self._listeners
+            for change in listener.source.changes()
         ]
         for step in self._clock.steps[self._steps_reported :]:
             self._steps_reported += 1
@@ -218,9 +220,9 @@ class HostMonitor:
     def _silences(self) -> list[str]:
         """Return a sentence for each time in which sources were not read; those of several buses are joined."""
         found: list[tuple[int, int, str]] = []
-        for one in self._listeners:
-            while one.silences:
-                found.append((*one.silences.popleft(), one.source.name))
+        for listener in self._listeners:
+            while listener.silences:
+                found.append((*listener.silences.popleft(), listener.source.name))
         joined: list[tuple[int, int, list[str]]] = []
         for begin_ns, end_ns, bus in sorted(found):
             if joined and begin_ns < joined[-1][1]:

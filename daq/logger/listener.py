@@ -100,8 +100,8 @@ class Arrival:
 def together(arrivals: Sequence[Arrival]) -> list[Arrival]:
     """Join what came from the same bus with the same offset, so that it is written at once."""
     groups: dict[tuple[str, int], list[FrameBatch]] = {}
-    for one in arrivals:
-        groups.setdefault((one.bus, one.realtime_minus_monotonic_ns), []).append(one.batch)
+    for arrival in arrivals:
+        groups.setdefault((arrival.bus, arrival.realtime_minus_monotonic_ns), []).append(arrival.batch)
     return [Arrival(concatenate(batches), bus, offset_ns) for (bus, offset_ns), batches in groups.items()]
 
 

@@ -82,8 +82,8 @@ class Session:
     def _gather(self, seconds: float) -> None:
         """Let frames come together, and have the readers fetch the last of them."""
         time.sleep(max(seconds - _FETCH_S, 0.0))
-        for one in self._listeners:
-            one.hurry()
+        for listener in self._listeners:
+            listener.hurry()
         time.sleep(max(min(seconds, _FETCH_S), 0.0))
 
     def _round(self, wait_s: float) -> bool:
@@ -113,10 +113,10 @@ class Session:
         """Have the sources stop, and write what they still had."""
         self._parts.notifier.stopping()
         self._stop.set()
-        for one in self._listeners:
-            one.hurry()
+        for listener in self._listeners:
+            listener.hurry()
         until = time.monotonic() + _JOIN_S
-        while any(one.is_alive() for one in self._listeners) and time.monotonic() < until:
+        while any(listener.is_alive() for listener in self._listeners) and time.monotonic() < until:
             self._round(0.01)
         while self._round(0.0):
             pass
@@ -127,15 +127,15 @@ class Session:
     def _end(self, status: str) -> None:
         """Close everything; nothing waits for anything any more."""
         self._stop.set()
-        for one in self._listeners:
-            one.abandon()
+        for listener in self._listeners:
+            listener.abandon()
         self._parts.inspector.end()
         until = time.monotonic() + _JOIN_S
-        for one in self._listeners:
-            if one.ident is not None:
-                one.join(max(until - time.monotonic(), 0.0))
-            if one.is_alive():
-                self._parts.remarks.append(f"the driver of {one.source.name} does not answer; it was left behind")
+        for listener in self._listeners:
+            if listener.ident is not None:
+                listener.join(max(until - time.monotonic(), 0.0))
+            if listener.is_alive():
+                self._parts.remarks.append(f"the driver of {listener.source.name} does not answer; it was left behind")
         try:
             self._close_files(status)
         except HardwareError as error:
@@ -144,9 +144,9 @@ class Session:
             self._count_unwritten()
         if self._disk_faults:
             self._shield.run(lambda: self._monitor.show_failed_disk(self._disk_faults[0]))
-        for one in self._listeners:
-            if not one.is_alive():
-                one.source.close()
+        for listener in self._listeners:
+            if not listener.is_alive():
+                listener.source.close()
 
     def _close_files(self, status: str) -> None:
         self._count_unwritten()
@@ -157,12 +157,14 @@ class Session:
 
     def _count_unwritten(self) -> None:
         recorded = self._recorder.frame_counts
-        for one in self._listeners:
-            one.unwritten = one.fetched - recorded.get(one.source.name, 0)
+        for listener in self._listeners:
+            listener.unwritten = listener.fetched - recorded.get(listener.source.name, 0)
 
     def _summary(self, ending: Ending, duration_s: float) -> LogSummary:
-        counters: Mapping[str, SourceCounters] = {one.source.name: one.source.counters for one in self._listeners}
-        down = tuple(one.source.fault for one in self._listeners if one.source.fault is not None)
+        counters: Mapping[str, SourceCounters] = {
+            listener.source.name: listener.source.counters for listener in self._listeners
+        }
+        down = tuple(listener.source.fault for listener in self._listeners if listener.source.fault is not None)
         if self._disk_faults:
             ending = "disk"
         return LogSummary(

@@ -150,7 +150,7 @@ def snapshot(state: SessionState) -> dict[str, Any]:
         "time_utc_s": state.file_ns * 1e-9,
         "session_s": (state.session_ns - state.started_ns) * 1e-9,
         "run": asdict(state.run),
-        "reasons": [asdict(one) | {"level": _level(one.level)} for one in reasons[:_REASONS]],
+        "reasons": [asdict(reason) | {"level": _level(reason.level)} for reason in reasons[:_REASONS]],
         "buses": _buses(state),
         "values": _values(state),
         "traces": {role: _trace(samples, state.started_ns) for role, samples in state.traces.items()},

@@ -65,7 +65,7 @@ class FrameColumns:
     @property
     def names(self) -> tuple[str, ...]:
         """All columns."""
-        return (self.time.name, self.can_id.name, *(one.name for one in self.data), *self.others.values())
+        return (self.time.name, self.can_id.name, *(column.name for column in self.data), *self.others.values())
 
 
 _OTHERS = ("bus", "length", "extended", "direction", "remote", "error", "fd", "brs", "esi")
@@ -133,7 +133,7 @@ def parse_columns(text: str) -> FrameColumns:
     if faults:
         raise ConfigError(*faults)
     time, can_id = (_column(key, found[key]) for key in ("time", "id"))
-    data = tuple(_column("data", one) for one in found["data"].split("+"))
+    data = tuple(_column("data", name) for name in found["data"].split("+"))
     if len(data) == 1:
         data = (Column(data[0].name, data[0].form or "hex"),)
     return FrameColumns(time, can_id, data, {key: found[key] for key in _OTHERS if key in found})
@@ -212,7 +212,7 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
         raise ConfigError.of(what, report.path, ", ".join(header[:16]), expected, step)
     places = {name.lower(): i for i, name in enumerate(header)}
     absent = [name for name in chosen.names if name.lower() not in places]
-    optional = {one.name for one in chosen.data[1:]} | (set() if columns else set(chosen.others.values()))
+    optional = {column.name for column in chosen.data[1:]} | (set() if columns else set(chosen.others.values()))
     faults = [
         Fault(f"no column is called {n!r}", report.path, ", ".join(header[:16]), nearest(n, header))
         for n in absent
@@ -231,7 +231,7 @@ def _with_bases(
     for option, columns in (("id", (chosen.can_id,)), ("data", chosen.data)):
         if columns[0].form:
             continue
-        names = tuple(one.name for one in columns)
+        names = tuple(column.name for column in columns)
         decided = _base_of(_cells_of(block, delimiter, header, names))
         if decided is None:
             what = f"the cells of {', '.join(names[:3])} may be hexadecimal or decimal"
@@ -240,14 +240,14 @@ def _with_bases(
         form, why = decided
         if form == "dec":
             report.readings.append(f"{', '.join(names[:3])} read as decimal, because {why}")
-        typed = tuple(Column(one.name, form) for one in columns)
+        typed = tuple(Column(column.name, form) for column in columns)
         chosen = replace(chosen, can_id=typed[0]) if option == "id" else replace(chosen, data=typed)
     return chosen
 
 
 def _cells_of(block: bytes, delimiter: str, header: Sequence[str], names: Sequence[str]) -> set[str]:
     """Return the different cells of some columns in the first lines."""
-    places = [i for i, name in enumerate(header) if name.lower() in {one.lower() for one in names}]
+    places = [i for i, name in enumerate(header) if name.lower() in {column.lower() for column in names}]
     rows = (line.replace('"', "").split(delimiter) for line in block.decode("utf-8", "replace").split("\n")[1:])
     return {row[i].strip() for row in rows for i in places if i < len(row)} - {""}
 
@@ -306,7 +306,7 @@ class _Rows:
         self._delimiter, self._report = delimiter, report
         self._time, self._id = places[columns.time.name.lower()], places[columns.can_id.name.lower()]
         self._base = 16 if columns.can_id.form == "hex" else 10
-        self._data = [places[one.name.lower()] for one in columns.data if one.name.lower() in places]
+        self._data = [places[column.name.lower()] for column in columns.data if column.name.lower() in places]
         self._form = columns.data[0].form
         self._first_bus = columns.first_bus
         self._others = {key: places[name.lower()] for key, name in columns.others.items() if name.lower() in places}
@@ -414,7 +414,7 @@ class _Rows:
         frames["flags"] = [head.flags for head in heads]
         frames["bus"] = [head.bus for head in heads]
         frames["length"] = lengths
-        joined = b"".join([one.ljust(room, b"\0") for one in data])
+        joined = b"".join([payload.ljust(room, b"\0") for payload in data])
         frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
         yield from self._usable(frames, pa.array(times, pa.string()), np.array(numbers))
 

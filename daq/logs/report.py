@@ -144,8 +144,10 @@ class LogReport:
         lines += self.faults
         if self.bad:
             lines.append(f"{self.bad} unreadable, skipped; the first is {self.first_bad}")
-        for one in (self.balance, self.file_bytes):
-            lines += [f"{loss.count:,} {one.unit} {kind}" for kind, loss in one.losses.items() if kind != _UNREADABLE]
+        for balance in (self.balance, self.file_bytes):
+            lines += [
+                f"{loss.count:,} {balance.unit} {kind}" for kind, loss in balance.losses.items() if kind != _UNREADABLE
+            ]
         if self.out_of_order:
             lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
         lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())

@@ -237,7 +237,7 @@ def _read_shape(lines: Lines, rows: Rows, match: re.Match[bytes], grammar: Gramm
     found = np.unique(numbers).tolist()
     if len(found) == 1:
         return [_Part(chosen, f"{name}{found[0]}", frames)], refused, others
-    parts = [_Part(chosen[numbers == one], f"{name}{one}", frames[numbers == one]) for one in found]
+    parts = [_Part(chosen[numbers == bus], f"{name}{bus}", frames[numbers == bus]) for bus in found]
     return parts, refused, others
 
 

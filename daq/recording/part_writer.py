@@ -36,8 +36,8 @@ _RETRY_AFTER_S = 10.0
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the sum of counts, key by key."""
     summed = Counter[str]()
-    for one in counts:
-        summed.update(one)
+    for count in counts:
+        summed.update(count)
     return dict(summed)
 
 

@@ -346,7 +346,7 @@ class Recording:
             chunks = self.contents.chunks
             for blocks in series_blocks(self.path, chunks, topics, self.note_damage):
                 report.balance.come("rows", sum(map(len, blocks)))
-                yield tuple(report.taken(one, np.ones(len(one), np.bool_)) for one in blocks)
+                yield tuple(report.taken(block, np.ones(len(block), np.bool_)) for block in blocks)
 
         return Series({topic.name: topic.units for topic in topics.values()}, read, report)
 

@@ -52,7 +52,7 @@ def series_topics(contents: Contents) -> dict[int, SeriesTopic]:
         described = channel.metadata.get("signals")
         if schema and schema.name.startswith(PACKAGE) and described and channel.metadata.get("bus") == SERIES_BUS:
             fields = json.loads(described)
-            units = {one["name"]: one["unit"] for one in fields.values()}
+            units = {field["name"]: field["unit"] for field in fields.values()}
             found[channel.id] = SeriesTopic(channel.metadata["message"], units, layout_of(tuple(fields)))
     return found
 

@@ -201,8 +201,8 @@ def open_runs(
             if whole and known.runs is None:
                 found = _without_copies(found)
             if found and left_out:
-                for one in unreadable.errors:
-                    left_out("; ".join(f"{fault.where}: skipped: {fault.what}" for fault in one.faults))
+                for failure in unreadable.errors:
+                    left_out("; ".join(f"{fault.where}: skipped: {fault.what}" for fault in failure.faults))
             else:
                 collected.errors += unreadable.errors
             opened += found

@@ -197,7 +197,7 @@ class Run:
         for channels in self._measured_batches({*roles, *commanded.needs} - {role}, watch):
             speed = commanded.speed(channels)
             found = channels | ({role: speed} if speed else {})
-            yield {one: channel for one, channel in found.items() if one in roles}
+            yield {name: channel for name, channel in found.items() if name in roles}
 
     def _measured_batches(
         self, roles: Collection[str], watch: Callable[[FrameBatch], None] | None
@@ -215,13 +215,16 @@ class Run:
 
     def _series_batches(self, series: Series, roles: Collection[str]) -> Iterator[dict[str, Channel]]:
         references = resolve_columns(self.vehicle, series.topics, (), roles, source=self.path.name)
-        empty = {one.message: SeriesBlock(one.message, np.zeros(0, np.int64), {}) for one in references.values()}
+        empty = {
+            reference.message: SeriesBlock(reference.message, np.zeros(0, np.int64), {})
+            for reference in references.values()
+        }
         for blocks in chain([tuple(empty.values())], series.blocks()):
             by_topic = {block.topic: block for block in blocks}
             yield {
-                role: _in_our_units(one, _column(one, by_topic[one.message]))
-                for role, one in references.items()
-                if one.message in by_topic
+                role: _in_our_units(reference, _column(reference, by_topic[reference.message]))
+                for role, reference in references.items()
+                if reference.message in by_topic
             }
 
     def validity_notes(self) -> list[Note]:

@@ -98,9 +98,9 @@ class SignalTally:
 
     def facts(self) -> tuple[MessageFacts, ...]:
         """Return what came so far, in the order of the first piece."""
-        filled = [one for one in self._messages.values() if one.count]
-        start_ns = min((one.first_ns for one in filled), default=0)
-        return tuple(one.facts(*key, start_ns) for key, one in self._messages.items())
+        filled = [message for message in self._messages.values() if message.count]
+        start_ns = min((message.first_ns for message in filled), default=0)
+        return tuple(message.facts(*key, start_ns) for key, message in self._messages.items())
 
 
 class _Message:

@@ -38,7 +38,9 @@ class SeriesBlock:
 
     def rows(self, which: slice | BoolArray) -> SeriesBlock:
         """Return some of the rows."""
-        return SeriesBlock(self.topic, self.time_ns[which], {name: one[which] for name, one in self.columns.items()})
+        return SeriesBlock(
+            self.topic, self.time_ns[which], {name: column[which] for name, column in self.columns.items()}
+        )
 
 
 Blocks = tuple[SeriesBlock, ...]
@@ -117,7 +119,7 @@ class SeriesReport:
         """Return the rows with a usable time stamp, counted."""
         topic = block.topic
         if not usable.all():
-            filled = np.any([np.isfinite(one[~usable]) for one in block.columns.values()], axis=0)
+            filled = np.any([np.isfinite(column[~usable]) for column in block.columns.values()], axis=0)
             count = int(np.count_nonzero(filled))
             self.balance.lose(f"of {topic} without a usable time", count)
             self.balance.put_aside(EMPTY, len(filled) - count)  # such rows fill up a shorter table
@@ -205,7 +207,7 @@ def together(streams: Iterable[Iterator[SeriesBlock]]) -> Iterator[Blocks]:
     running = dict(enumerate(streams))
     while True:
         for key in [key for key in running if key not in waiting]:
-            block = next((one for one in running[key] if len(one)), None)
+            block = next((piece for piece in running[key] if len(piece)), None)
             if block is None:
                 del running[key]
             else:

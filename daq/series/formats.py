@@ -120,7 +120,7 @@ def read_series(path: Path, layout: SeriesSection | None = None) -> Series:
     """
     known = series_format(path)
     if known is None:
-        names = ", ".join(one.name for one in SERIES_FORMATS)
+        names = ", ".join(file_format.name for file_format in SERIES_FORMATS)
         raise RecordingError.of("not a file of decoded series", path, expected=names, next_step="check the file")
     with every_error_as(RecordingError, "the file cannot be read", lambda: path):
         return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
@@ -137,8 +137,8 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
     Raises as `read_series`.
     """
     if len(paths) == 1:
-        one = read_series(paths[0], layout)
-        return one, [one.report]
+        single = read_series(paths[0], layout)
+        return single, [single.report]
     opened = [(_stem(path), read_series(path, layout)) for path in paths]
     topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
 
@@ -146,15 +146,15 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
 
     def stream(stem: str, series: Series) -> Iterator[SeriesBlock]:
         for blocks in series.blocks():
-            for one in blocks:
-                report.balance.come("rows", len(one))
-                report.balance.out += len(one)
-                yield SeriesBlock(_joined(stem, one.topic), one.time_ns, one.columns)
+            for block in blocks:
+                report.balance.come("rows", len(block))
+                report.balance.out += len(block)
+                yield SeriesBlock(_joined(stem, block.topic), block.time_ns, block.columns)
 
     def read() -> Iterator[Blocks]:
         return together([stream(stem, series) for stem, series in opened])
 
-    return Series(topics, read, report), [one.report for _, one in opened]
+    return Series(topics, read, report), [series.report for _, series in opened]
 
 
 def _joined(stem: str, topic: str) -> str:

@@ -155,11 +155,11 @@ def read_wheel_tables(
         return [replace(whole, wheel=names[0], sizes=_one_size(sizes, 0))]
     first = [list(map(str, wheels)).index(kind) for kind in kinds]
     each = [_one_size(sizes, i) for i in first]
-    vary = [name for name in sizes if len({str(one.get(name)) for one in each}) > 1]
+    vary = [name for name in sizes if len({str(size.get(name)) for size in each}) > 1]
     vary = [name for name in vary if name != "lug_count" or vary == ["lug_count"]]
     return [
-        replace(_wheel_table(part), wheel=_wheel_name(names[i], {n: one[n] for n in vary if n in one}), sizes=one)
-        for part, i, one in zip(parts, first, each, strict=True)
+        replace(_wheel_table(part), wheel=_wheel_name(names[i], {n: size[n] for n in vary if n in size}), sizes=size)
+        for part, i, size in zip(parts, first, each, strict=True)
     ]
 
 
@@ -301,7 +301,7 @@ def read_shear_tests(
     else:
         alone = np.ptp(normal) <= _STEADY * np.max(np.abs(normal))
         labels = [""] * len(table) if alone else [f"{stress:g}" for stress in normal]
-    chosen = {label: np.array([one == label for one in labels]) for label in dict.fromkeys(labels)}
+    chosen = {label: np.array([cell == label for cell in labels]) for label in dict.fromkeys(labels)}
     return [
         _shear_test(table, {name: column[rows] for name, column in values.items()}, _test_name(path, label))
         for label, rows in chosen.items()

@@ -188,7 +188,7 @@ class TimeStamps:
             self._report.assumed_unit = "s"
             return "s"
         where = f"{self._report.path}, column {self._column!r}"
-        found = ", ".join(f"{one:g}" for one in finite[:4])
+        found = ", ".join(f"{cell:g}" for cell in finite[:4])
         step = 'state it in vehicle.toml: [series] time_unit = "ms", or in the header: "time [ms]"'
         raise DataError.of("the unit of time is not stated", where, found, "s, ms, us or ns", step)
 

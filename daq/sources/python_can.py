@@ -119,9 +119,9 @@ class AdapterClock:
             self._remark("stamps with a clock of its own: brought to the host's by the shortest delay so far")
 
     def _remark(self, text: str) -> None:
-        said = f"{self.interface} {text}"
-        if said not in self.remarks:
-            self.remarks += (said,)
+        remark = f"{self.interface} {text}"
+        if remark not in self.remarks:
+            self.remarks += (remark,)
 
     def _monotonic_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
         """Return the stamps on the host's monotonic clock; at least one frame."""

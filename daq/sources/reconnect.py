@@ -216,11 +216,11 @@ def _last(rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
     return int(found[-1]) if len(found) else -1
 
 
-def _added(one: SourceCounters, other: SourceCounters) -> SourceCounters:
-    dropped = [count for count in (one.dropped, other.dropped) if count is not None]
+def _added(earlier: SourceCounters, later: SourceCounters) -> SourceCounters:
+    dropped = [count for count in (earlier.dropped, later.dropped) if count is not None]
     return SourceCounters(
-        one.received + other.received,
+        earlier.received + later.received,
         sum(dropped) if dropped else None,
-        one.error_frames + other.error_frames,
-        other.buffer_bytes,
+        earlier.error_frames + later.error_frames,
+        later.buffer_bytes,
     )

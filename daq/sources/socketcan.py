@@ -108,27 +108,29 @@ def room_bytes(made: socket.socket) -> int:
 
 def fault_of(channel: str, code: int) -> Fault:
     """Return the fault that an errno of a socket means, with the next step."""
-    where, said = f"bus {channel}", errno.errorcode.get(code, str(code))
+    where, errno_name = f"bus {channel}", errno.errorcode.get(code, str(code))
     if code in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
         step = "sudo modprobe can_raw (in a container: on the host)"
-        return Fault("this kernel has no SocketCAN", where, said, next_step=step)
+        return Fault("this kernel has no SocketCAN", where, errno_name, next_step=step)
     if code == errno.ENODEV:
         names = [name for _, name in socket.if_nameindex()]
         step = (
             f"`ip link show type can`; for a virtual bus: ip link add dev {channel} type vcan; ip link set {channel} up"
         )
-        return Fault(f"there is no interface {channel}", where, said, nearest(channel, names), step)
+        return Fault(f"there is no interface {channel}", where, errno_name, nearest(channel, names), step)
     if code == errno.ENETDOWN:
-        return Fault("the interface is down", where, said, next_step=f"ip link set {channel} up")
+        return Fault("the interface is down", where, errno_name, next_step=f"ip link set {channel} up")
     if code in (errno.EPERM, errno.EACCES):
-        return Fault("the interface must not be opened", where, said, next_step="run with the capability CAP_NET_RAW")
+        return Fault(
+            "the interface must not be opened", where, errno_name, next_step="run with the capability CAP_NET_RAW"
+        )
     if code in (errno.ENOBUFS, errno.EAGAIN):
         step = "check that another node acknowledges frames, the bit rate and the termination"
-        return Fault("the bus takes no frames", where, said, next_step=step)
+        return Fault("the bus takes no frames", where, errno_name, next_step=step)
     if code == errno.EINVAL:
         step = f"ip link set {channel} mtu 72, or a CAN FD bit rate: ip link set {channel} type can ... fd on"
-        return Fault("the interface refuses the frame; it may not be a CAN FD one", where, said, next_step=step)
-    return Fault("the interface failed", where, said, next_step="check the adapter and its cable")
+        return Fault("the interface refuses the frame; it may not be a CAN FD one", where, errno_name, next_step=step)
+    return Fault("the interface failed", where, errno_name, next_step="check the adapter and its cable")
 
 
 def buffer_remarks(channel: str, given: int, wanted: int) -> tuple[str, ...]:

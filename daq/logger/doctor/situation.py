@@ -174,7 +174,7 @@ def gather(
         roles=roles,
         links=links,
         receptions=receptions,
-        channels=_channels(roles, databases, [one.frames for one in receptions.values()]),
+        channels=_channels(roles, databases, [reception.frames for reception in receptions.values()]),
         clock_moved_s=moved_s,
         bytes_per_s=_growth(vehicle, databases, receptions),
     )
@@ -192,8 +192,8 @@ def _growth(
     vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], receptions: Mapping[str, Reception]
 ) -> float:
     """Return how fast a recording grows, in bytes a second: what was received is recorded, and thrown away."""
-    seconds = max((one.seconds for one in receptions.values()), default=0.0)
-    frames = concatenate([one.frames for one in receptions.values()])
+    seconds = max((reception.seconds for reception in receptions.values()), default=0.0)
+    frames = concatenate([reception.frames for reception in receptions.values()])
     if not len(frames) or not seconds:
         return 0.0
     decoder = Decoder(databases)

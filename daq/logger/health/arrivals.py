@@ -374,7 +374,7 @@ class MessageFlow:
                 self._seemed_still += verdict.stood_still
 
 
-def _same_rate(one: Usual | None, other: Usual | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return abs(one.period_ns - other.period_ns) <= _SAME_RATE * other.period_ns
+def _same_rate(usual: Usual | None, other: Usual | None) -> bool:
+    if usual is None or other is None:
+        return usual is other
+    return abs(usual.period_ns - other.period_ns) <= _SAME_RATE * other.period_ns

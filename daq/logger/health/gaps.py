@@ -281,7 +281,7 @@ class Gaps:
     def _open(self, before: _Floor | None) -> None:
         known = [*list(self._quiet)[-2:], *([before] if before else [])]
         next_number, next_ns = int(self._pending[1, 0]), int(self._pending[0, 0])
-        self._base = min(known, key=lambda one: one.time_ns - one.number * self.period_ns, default=None)
+        self._base = min(known, key=lambda floor: floor.time_ns - floor.number * self.period_ns, default=None)
         if self._base is None:
             self._base = _Floor(next_number, next_ns)
         self._after = None
@@ -299,7 +299,7 @@ class Gaps:
         if before is None:
             return
         moved = self._late_ns(block, before) / self.period_ns
-        level = min(before, block, key=lambda one: one.time_ns - one.number * self.period_ns)
+        level = min(before, block, key=lambda floor: floor.time_ns - floor.number * self.period_ns)
         if moved < -_FALLING or (self.modulus is not None and moved > _RISING):
             self._off_turns.append(self._off_turn(block))
             if self._blocks < _MOST_BLOCKS:
@@ -313,8 +313,8 @@ class Gaps:
         lacking, sure = self._lacking(self._base, level)
         self._number += lacking
         self._pending[1] += lacking
-        for one in (before, block):
-            one.number += lacking
+        for floor in (before, block):
+            floor.number += lacking
         still = min(self._still, lacking // self.modulus) if self.modulus else 0
         verdicts.append(Verdict(self._gaps if lacking or self._lost else 0, lacking - still, still, sure))
         self._blocks = self._gaps = self._lost = 0
@@ -341,8 +341,8 @@ class Gaps:
     def _undecided(self) -> Verdict:
         return Verdict(self._gaps if self._lost else 0, 0, sure=False)
 
-    def _late_ns(self, one: _Floor, than: _Floor) -> float:
-        return one.time_ns - than.time_ns - (one.number - than.number) * self.period_ns
+    def _late_ns(self, floor: _Floor, than: _Floor) -> float:
+        return floor.time_ns - than.time_ns - (floor.number - than.number) * self.period_ns
 
     def _lacking(self, base: _Floor, after: _Floor) -> tuple[int, bool]:
         """Return the frames that did not come between two blocks, and whether that is sure."""

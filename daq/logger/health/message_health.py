@@ -37,16 +37,16 @@ _OF_GNSS = ("ground_speed", "latitude", "longitude", "course")
 
 
 def message_health(
-    one: WatchedMessage, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
+    message: WatchedMessage, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
 ) -> tuple[MessageHealth, list[Reason]]:
     """Return the state of a message and what is wrong with it; silence is not its fault where the bus is not active."""
-    flow = one.flow
-    silent_ok = one.listed(health.may_be_silent)
-    found = [] if silent_ok or not bus_active else _silence(one, now_ns, started_ns)
-    found += _losses(one, now_ns, count_missing=not silent_ok)
+    flow = message.flow
+    silent_ok = message.listed(health.may_be_silent)
+    found = [] if silent_ok or not bus_active else _silence(message, now_ns, started_ns)
+    found += _losses(message, now_ns, count_missing=not silent_ok)
     state = MessageHealth(
-        bus=one.bus,
-        name=one.name,
+        bus=message.bus,
+        name=message.name,
         level=worst(found),
         rate_hz=flow.rate_hz(now_ns),
         usual_rate_hz=1.0 / flow.period_s,
@@ -66,18 +66,18 @@ def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[tuple[str, str]])
     """
     result: list[Reason] = []
     groups: dict[tuple[str, str], list[Reason]] = {}
-    for one in reasons:
-        if (one.bus, one.name) in kept and one.code not in _TOGETHER:
-            result.append(one)
+    for entry in reasons:
+        if (entry.bus, entry.name) in kept and entry.code not in _TOGETHER:
+            result.append(entry)
         else:
-            groups.setdefault((one.code, one.bus), []).append(one)
+            groups.setdefault((entry.code, entry.bus), []).append(entry)
     for (code, bus), group in groups.items():
         together = code in _TOGETHER
         if len(group) <= (1 if together else _NAMED_MOST):
             result += group
             continue
-        group.sort(key=lambda one: -one.level)
-        names, most = [one.name for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
+        group.sort(key=lambda member: -member.level)
+        names, most = [member.name for member in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
         more = ", ..." if len(names) > most else ""
         told = f"{', '.join(names[:most])}{more}; the first {group[0].what}"
         what = f"{len(group)} messages: {told}" if together else told
@@ -86,43 +86,45 @@ def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[tuple[str, str]])
     return result
 
 
-def _silence(one: WatchedMessage, now_ns: int, started_ns: int) -> list[Reason]:
-    flow, level = one.flow, Level.RED if one.roles else Level.AMBER
+def _silence(message: WatchedMessage, now_ns: int, started_ns: int) -> list[Reason]:
+    flow, level = message.flow, Level.RED if message.roles else Level.AMBER
     if flow.silent(now_ns):
         what = f"has not come for {flow.age_s(now_ns):.1f} s, usually every {flow.period_s:.3g} s"
-        return [reason("message_missing", level, one.bus, what, name=one.name)]
-    if one.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
-        roles = ", ".join(reference.role for reference in one.roles.values())
+        return [reason("message_missing", level, message.bus, what, name=message.name)]
+    if message.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
+        roles = ", ".join(reference.role for reference in message.roles.values())
         what = f"has not come since the start {(now_ns - started_ns) * 1e-9:.0f} s ago, and carries {roles}"
-        return [reason("message_missing", level, one.bus, what, name=one.name)]
+        return [reason("message_missing", level, message.bus, what, name=message.name)]
     return []
 
 
-def _losses(one: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Reason]:
-    flow = one.flow
-    lost, missing = one.lost.take(now_ns, flow.counter_lost), one.missing.take(now_ns, flow.missing)
-    repeated, came = one.repeated.take(now_ns, flow.repeated), one.came.take(now_ns, flow.frames)
-    changed = one.rate.take(now_ns, flow.rate_changes)
+def _losses(message: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Reason]:
+    flow = message.flow
+    lost, missing = message.lost.take(now_ns, flow.counter_lost), message.missing.take(now_ns, flow.missing)
+    repeated, came = message.repeated.take(now_ns, flow.repeated), message.came.take(now_ns, flow.frames)
+    changed = message.rate.take(now_ns, flow.rate_changes)
     found = []
     if lost:
-        level = Level.RED if one.roles else Level.AMBER
+        level = Level.RED if message.roles else Level.AMBER
         least = "at least " if flow.wrapped else ""
         share = f"{lost} of {came + lost} frames in 10 s"
         what = f"lost {least}{share}, by its {flow.counter_name}; {least}{flow.counter_lost} so far"
-        found.append(reason("counter_jump", level, one.bus, what, name=one.name))
+        found.append(reason("counter_jump", level, message.bus, what, name=message.name))
     if count_missing and missing > _MISSING_SHARE * came:
         what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"
-        found.append(reason("frames_missing", Level.AMBER, one.bus, what, name=one.name))
+        found.append(reason("frames_missing", Level.AMBER, message.bus, what, name=message.name))
     if repeated >= _REPEATED_LEAST and repeated > _REPEATED_SHARE * came:
-        level = Level.RED if one.roles else Level.AMBER
+        level = Level.RED if message.roles else Level.AMBER
         what = f"its {flow.counter_name} stood still in {repeated} of {came} frames in 10 s"
-        found.append(reason("counter_repeated", level, one.bus, what, name=one.name))
+        found.append(reason("counter_repeated", level, message.bus, what, name=message.name))
     elif repeated >= _DOUBLED_LEAST:
         what = f"{repeated} of {came} frames in 10 s came twice, by its {flow.counter_name}"
-        found.append(reason("frames_doubled", Level.AMBER, one.bus, what, name=one.name))
+        found.append(reason("frames_doubled", Level.AMBER, message.bus, what, name=message.name))
     if changed:
         usual = f"comes every {flow.period_s:.3g} s now" if flow.period_s == flow.period_s else "comes irregularly now"
-        found.append(reason("rate_changed", Level.AMBER, one.bus, f"{usual}, which is not as before", name=one.name))
+        found.append(
+            reason("rate_changed", Level.AMBER, message.bus, f"{usual}, which is not as before", name=message.name)
+        )
     return found
 
 
@@ -186,17 +188,17 @@ class Scene:
 def role_values(watched: list[WatchedMessage]) -> dict[str, float]:
     """Return the last value of every role in SI, NaN where the sender says that it has none."""
     return {
-        reference.role: _in_si(reference, float(one.values.last[one.names.index(signal)]))
-        for one in watched
-        for signal, reference in one.roles.items()
+        reference.role: _in_si(reference, float(message.values.last[message.names.index(signal)]))
+        for message in watched
+        for signal, reference in message.roles.items()
     }
 
 
-def signal_health(one: WatchedMessage, scene: Scene) -> tuple[list[SignalHealth], list[Reason]]:
+def signal_health(message: WatchedMessage, scene: Scene) -> tuple[list[SignalHealth], list[Reason]]:
     """Return the state of a message's signals, and what is wrong with those that have a role."""
-    values, now_ns = one.values, scene.now_ns
+    values, now_ns = message.values, scene.now_ns
     columns = zip(
-        one.names,
+        message.names,
         values.last.tolist(),
         values.stuck_s().tolist(),
         values.out_of_range.tolist(),
@@ -207,18 +209,18 @@ def signal_health(one: WatchedMessage, scene: Scene) -> tuple[list[SignalHealth]
     )
     states, reasons = [], []
     for row, (name, value, stuck_s, out, is_out, saturated, is_saturated) in enumerate(columns):
-        is_out = is_out and not one.listed(scene.health.may_leave_range, name)
-        reference = one.roles.get(name)
+        is_out = is_out and not message.listed(scene.health.may_leave_range, name)
+        reference = message.roles.get(name)
         if reference is None:
             level = Level.AMBER if stuck_s or is_out or is_saturated else Level.GREEN
         else:
             stuck_s = _judged_stuck(reference.role, value, stuck_s, scene)
-            found = _role_reasons(one, row, reference, scene, stuck_s, is_out=is_out, is_saturated=is_saturated)
+            found = _role_reasons(message, row, reference, scene, stuck_s, is_out=is_out, is_saturated=is_saturated)
             level = max((r.level for r in found), default=Level.GREEN)
             reasons += found
-        role, unit = reference.role if reference else "", one.message.by_name[name].unit
-        full = f"{one.name}.{name}"
-        states.append(SignalHealth(one.bus, full, unit, role, level, value, out, saturated, stuck_s))
+        role, unit = reference.role if reference else "", message.message.by_name[name].unit
+        full = f"{message.name}.{name}"
+        states.append(SignalHealth(message.bus, full, unit, role, level, value, out, saturated, stuck_s))
     return states, reasons
 
 
@@ -235,7 +237,7 @@ def _judged_stuck(role: str, value: float, stuck_s: float, scene: Scene) -> floa
 
 
 def _role_reasons(
-    one: WatchedMessage,
+    message: WatchedMessage,
     row: int,
     reference: SignalRef,
     scene: Scene,
@@ -244,7 +246,7 @@ def _role_reasons(
     is_out: bool,
     is_saturated: bool,
 ) -> list[Reason]:
-    signal, values, role = one.message.by_name[reference.signal], one.values, reference.role
+    signal, values, role = message.message.by_name[reference.signal], message.values, reference.role
     value, name = float(values.last[row]), reference.name
     unit = f" {signal.unit}" if signal.unit else ""
     if math.isnan(value):
@@ -255,38 +257,38 @@ def _role_reasons(
         if value != 0:
             shown = f"{value:g}, {label!r}" if label else f"{value:g}"
             found.append(
-                reason("transducer_status", Level.AMBER, one.bus, f"the transducer says {shown}, not 0", name=name)
+                reason("transducer_status", Level.AMBER, message.bus, f"the transducer says {shown}, not 0", name=name)
             )
         return found
     if math.isnan(_in_si(reference, value)):
         if role not in _OF_GNSS or scene.has_fix:
             meaning = f" ({label})" if label else ""
             found.append(
-                reason("signal_not_available", Level.AMBER, one.bus, f"the sender has no value{meaning}", name=name)
+                reason("signal_not_available", Level.AMBER, message.bus, f"the sender has no value{meaning}", name=name)
             )
         return found
     if stuck_s:
         usual_s = float(values.longest_ns[row]) * 1e-9
         what = f"{value:g}{unit} for {stuck_s:.1f} s, before never longer than {usual_s:.2g} s the same"
-        found.append(reason("signal_stuck", Level.AMBER, one.bus, what, name=name))
-    elif _constant(role, row, one, scene):
+        found.append(reason("signal_stuck", Level.AMBER, message.bus, what, name=name))
+    elif _constant(role, row, message, scene):
         what = f"{value:g}{unit} since the start, although the vehicle has moved"
-        found.append(reason("signal_constant", Level.AMBER, one.bus, what, name=name))
+        found.append(reason("signal_constant", Level.AMBER, message.bus, what, name=name))
     if is_saturated:
         what = f"{value:g}{unit} is the end of what its bits hold; {values.saturated[row]} samples so far"
-        found.append(reason("signal_saturated", Level.RED, one.bus, what, name=name))
+        found.append(reason("signal_saturated", Level.RED, message.bus, what, name=name))
     elif is_out:
         what = (
             f"{value:g}{unit}, the DBC's range is {signal.minimum:g} to {signal.maximum:g}; "
             f"{values.out_of_range[row]} samples so far"
         )
-        found.append(reason("signal_out_of_range", Level.AMBER, one.bus, what, name=name))
+        found.append(reason("signal_out_of_range", Level.AMBER, message.bus, what, name=name))
     return found
 
 
-def _constant(role: str, row: int, one: WatchedMessage, scene: Scene) -> bool:
+def _constant(role: str, row: int, message: WatchedMessage, scene: Scene) -> bool:
     """Whether a signal has never changed, although the vehicle has moved by what another role says."""
-    if role in _FLAGS or not one.values.may_stick[row] or one.values.changes[row]:
+    if role in _FLAGS or not message.values.may_stick[row] or message.values.changes[row]:
         return False
     if role in _OF_GNSS and not scene.has_fix:
         return False

@@ -82,17 +82,17 @@ class HealthMonitor:
             self._always.append(reason("health_name_unknown", Level.AMBER, fault.where, what))
         self._watched = watched_messages(databases, roles, vehicle.health)
         self._identifier = Identifier(
-            [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]
+            [(message.bus, message.message, code) for code, message in enumerate(self._watched, UNKNOWN + 1)]
         )
         self._roles = roles
-        self._role_messages = frozenset((one.bus, one.name) for one in self._watched if one.roles)
-        described = {one.bus for one in self._watched}
+        self._role_messages = frozenset((message.bus, message.name) for message in self._watched if message.roles)
+        described = {message.bus for message in self._watched}
         self._buses = {
             bus.channel: BusWatch(
                 bus.channel,
                 bus.bitrate,
                 described=bus.channel in described,
-                has_roles=any(one.bus == bus.channel for one in roles.values()),
+                has_roles=any(reference.bus == bus.channel for reference in roles.values()),
                 may_be_unknown=bus.channel in vehicle.health.may_carry_unknown,
                 started_ns=started_ns,
             )
@@ -115,19 +115,19 @@ class HealthMonitor:
         """
         self._take_traffic(batch)
         uncertain = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNCERTAIN_TIME)
-        for one in self._watched:
-            if not one.keys or one.keys[0] not in decoded:
+        for message in self._watched:
+            if not message.keys or message.keys[0] not in decoded:
                 continue
-            time_ns = decoded[one.keys[0]].time_ns
+            time_ns = decoded[message.keys[0]].time_ns
             if not len(time_ns):
                 continue
-            values = np.array([decoded[key].values for key in one.keys])
+            values = np.array([decoded[key].values for key in message.keys])
             if uncertain:
-                one.flow.forget_last()
-            one.flow.take(time_ns, values)
+                message.flow.forget_last()
+            message.flow.take(time_ns, values)
             if uncertain:
-                one.flow.forget_last()
-            one.values.take(time_ns, values)
+                message.flow.forget_last()
+            message.values.take(time_ns, values)
         self._gnss.take(decoded)
 
     def skip(self, batch: FrameBatch) -> None:
@@ -135,8 +135,8 @@ class HealthMonitor:
         codes = self._take_traffic(batch)
         times = batch.frames["time_ns"]
         until_ns = int(times.max(initial=0))
-        for code, one in enumerate(self._watched, UNKNOWN + 1):
-            one.flow.skip(np.sort(times[codes == code]), until_ns)
+        for code, message in enumerate(self._watched, UNKNOWN + 1):
+            message.flow.skip(np.sort(times[codes == code]), until_ns)
         self._gnss.skip(until_ns)
 
     def losses(self) -> dict[str, int]:
@@ -151,11 +151,11 @@ class HealthMonitor:
         lost: dict[str, int] = {}
         for bus in self._buses.values():
             lost |= bus.losses()
-        for one in self._watched:
-            lost[f"counter.{one.bus}.{one.name}"] = one.flow.counter_lost
-            lost[f"wrapped.{one.bus}.{one.name}"] = one.flow.wrapped
-            if not one.listed(self._health.may_be_silent):
-                lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
+        for message in self._watched:
+            lost[f"counter.{message.bus}.{message.name}"] = message.flow.counter_lost
+            lost[f"wrapped.{message.bus}.{message.name}"] = message.flow.wrapped
+            if not message.listed(self._health.may_be_silent):
+                lost[f"missing.{message.bus}.{message.name}"] = message.flow.missing
         return {name: count for name, count in lost.items() if count}
 
     def report(self, now_ns: int, host: HostStatus) -> HealthReport:
@@ -216,9 +216,9 @@ class HealthMonitor:
     def _report_messages(self, now_ns: int, found: list[Reason]) -> list[MessageHealth]:
         active = {name: bus.active(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
         states, reasons = [], []
-        for one in self._watched:
+        for message in self._watched:
             state, mine = message_health(
-                one, now_ns, self._health, started_ns=self._started_ns, bus_active=active.get(one.bus, False)
+                message, now_ns, self._health, started_ns=self._started_ns, bus_active=active.get(message.bus, False)
             )
             states.append(state)
             reasons += mine
@@ -227,19 +227,21 @@ class HealthMonitor:
 
     def _report_signals(self, scene: Scene, found: list[Reason]) -> list[SignalHealth]:
         states = []
-        for one in self._watched:
-            if one.flow.last_ns is None:
-                states += one.initial_signals
+        for message in self._watched:
+            if message.flow.last_ns is None:
+                states += message.initial_signals
                 continue
-            one.values.resting = self._motion.resting
-            mine, reasons = signal_health(one, scene)
+            message.values.resting = self._motion.resting
+            mine, reasons = signal_health(message, scene)
             states += mine
             found += reasons
         return states
 
     def _report_gnss(self, now_ns: int, values: Mapping[str, float], found: list[Reason]) -> GnssHealth | None:
         source = self._gnss.fix_signal
-        period_s = next((one.flow.period_s for one in self._watched if source in one.roles.values()), math.nan)
+        period_s = next(
+            (message.flow.period_s for message in self._watched if source in message.roles.values()), math.nan
+        )
         active = source is None or (source.bus in self._buses and self._buses[source.bus].active(now_ns))
         result = self._gnss.health(now_ns, values, period_s, bus_active=active)
         if result is None:
@@ -265,9 +267,9 @@ def statuses(report: HealthReport) -> list[DiagnosticStatus]:
         known["gnss"] = _gnss(report.gnss)
     known["host"] = _host(report.host)
     placed: dict[str, list[Reason]] = {name: [] for name in known}
-    for one in report.reasons:
-        places = (f"{one.bus}/{one.name}", one.bus, "host")
-        placed[next(place for place in places if place in placed)].append(one)
+    for entry in report.reasons:
+        places = (f"{entry.bus}/{entry.name}", entry.bus, "host")
+        placed[next(place for place in places if place in placed)].append(entry)
     return [_status(name, values, placed[name]) for name, values in known.items()]
 
 

@@ -232,7 +232,7 @@ def reason(code: str, level: Level, bus: str, what: str, *, name: str = "", next
 
 def worst(reasons: Iterable[Reason]) -> Level:
     """Return the worst level, green where there is no reason."""
-    return max((one.level for one in reasons), default=Level.GREEN)
+    return max((entry.level for entry in reasons), default=Level.GREEN)
 
 
 class Recent:
@@ -284,12 +284,12 @@ class Board:
 
     def update(self, now_ns: int, found: Iterable[Reason]) -> tuple[Reason, ...]:
         """Take the reasons of now and return the reasons in force, the worst first."""
-        for one in found:
-            old = self._standing.get((one.code, one.where))
-            level, level_ns = one.level, now_ns
+        for new in found:
+            old = self._standing.get((new.code, new.where))
+            level, level_ns = new.level, now_ns
             if old is not None and old.level > level and now_ns - old.level_ns < STAYS_NS:
                 level, level_ns = old.level, old.level_ns
-            self._standing[one.code, one.where] = _Standing(one, now_ns, level, level_ns)
-        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.held_ns < STAYS_NS}
-        standing = [replace(one.reason, level=one.level) for one in self._standing.values()]
-        return tuple(sorted(standing, key=lambda one: (-one.level, one.code, one.where)))
+            self._standing[new.code, new.where] = _Standing(new, now_ns, level, level_ns)
+        self._standing = {key: entry for key, entry in self._standing.items() if now_ns - entry.held_ns < STAYS_NS}
+        standing = [replace(entry.reason, level=entry.level) for entry in self._standing.values()]
+        return tuple(sorted(standing, key=lambda entry: (-entry.level, entry.code, entry.where)))

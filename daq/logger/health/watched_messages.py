@@ -264,9 +264,13 @@ def watched_messages(
         for name, message in messages.items():
             signals = tuple(message.by_name)
             keys = tuple((bus, f"{name}.{signal}") for signal in signals)
-            mine = {one.signal: one for one in roles.values() if (one.bus, one.message) == (bus, name)}
+            mine = {
+                reference.signal: reference
+                for reference in roles.values()
+                if (reference.bus, reference.message) == (bus, name)
+            }
             constant = {s for s in signals if name in health.may_be_constant or f"{name}.{s}" in health.may_be_constant}
-            at_rest = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
+            at_rest = {signal for signal, reference in mine.items() if reference.role in _RESTING_ROLES}
             flow, values = MessageFlow(message, signals), SignalValues(message, signals, constant, at_rest)
             watched.append(WatchedMessage(bus, name, message, signals, keys, flow, values, mine))
     return watched

@@ -68,8 +68,8 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         count = total = 0
         try:
             with opened() as reader:
-                wanted = [one for one in reader.connections if one.topic in topics]
-                total = sum(one.msgcount for one in wanted)
+                wanted = [connection for connection in reader.connections if connection.topic in topics]
+                total = sum(connection.msgcount for connection in wanted)
                 report.balance.come("messages", total)
                 for connection, time_ns, data in reader.messages(wanted):
                     message = reader.deserialize(data, connection.msgtype)
@@ -118,8 +118,8 @@ def _numbers(prefix: str, value: Any, topic: str, report: SeriesReport) -> Itera
         yield prefix, float(value)
     elif isinstance(value, (list, tuple, np.ndarray)):
         if len(value) <= _LONGEST_ARRAY:
-            for i, one in enumerate(value):
-                yield from _numbers(f"{prefix}[{i}]", one, topic, report)
+            for i, element in enumerate(value):
+                yield from _numbers(f"{prefix}[{i}]", element, topic, report)
         else:
             report.skipped[f"{topic}.{prefix}"] = f"more than {_LONGEST_ARRAY} elements"
     else:

@@ -143,10 +143,10 @@ def _blocks(
             if time:
                 time_ns, usable = stamps[time].of(reader.times(time, cells[time]))
                 if len(topics) > 1:  # a slower table ends before the others, or has rows of its own
-                    there = np.any([np.isfinite(one) for one in numbers.values()], axis=0)
+                    there = np.any([np.isfinite(column) for column in numbers.values()], axis=0)
                     report.balance.put_aside(EMPTY, int(np.count_nonzero(~there)))
                     time_ns, usable = time_ns[there], usable[there]
-                    numbers = {name: one[there] for name, one in numbers.items()}
+                    numbers = {name: column[there] for name, column in numbers.items()}
             else:
                 time_ns, usable = at_rate(count, done, layout.rate_hz or 1.0), np.ones(count, np.bool_)
             blocks.append(report.taken(SeriesBlock(topic, time_ns, numbers), usable))
@@ -173,7 +173,7 @@ class _Reader:
         self._signs: dict[str, tuple[str, str]] = {}
         self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
         self._mark = max(head.columns, key=len).encode()
-        self._rare = next((bytes([one]) for one in self._mark if one not in _IN_NUMBERS), b"")
+        self._rare = next((bytes([byte]) for byte in self._mark if byte not in _IN_NUMBERS), b"")
         self._line = head.first_line
         self._ended = False
         self._line_of: IntArray = np.zeros(0, np.int64)
@@ -186,7 +186,7 @@ class _Reader:
         piece = _as_utf8(piece)
         self._line_of = np.zeros(0, np.int64)
         tables = [self._table(part) for part in self._between_headers(piece)]
-        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(one) for one in tables])
+        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(part) for part in tables])
         return {name: _as_numpy(table.column(name)) for name in self._wanted}
 
     def _typed(self, table: Any) -> Any:

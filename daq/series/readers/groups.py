@@ -83,7 +83,9 @@ def series_of(
     named = [column.name for column in rest if is_time_name(_leaf(column.name))]
     refuse_rate(
         layout,
-        next((one.time for one in own), next((one.time for one in rest if one.time), "".join(named[:1]))),
+        next(
+            (column.time for column in own), next((column.time for column in rest if column.time), "".join(named[:1]))
+        ),
         report.path,
     )
     groups: dict[str, list[Column]] = {}
@@ -98,7 +100,7 @@ def series_of(
             _check_clock(clocks[time], members[0].length, f"{report.path}, {time or 'rate_hz'}")
     stamped = {time: by_name[time] for time in groups if time not in clocks}
     names = {time: "table" if len(groups) == 1 else _topic(time) for time in groups}
-    cells = sum(one.length for own in groups.values() for one in own)
+    cells = sum(column.length for own in groups.values() for column in own)
 
     def stream(time: str) -> Iterator[SeriesBlock]:
         own = groups[time]
@@ -111,7 +113,9 @@ def series_of(
                 clock = clocks[time]
                 time_ns = clock.start_ns + at_rate(end - start, start, clock.rate_hz)
                 usable = np.ones(end - start, np.bool_)
-            values = {one.name: np.asarray(one.cells(start, end)).astype(np.float64, copy=False) for one in own}
+            values = {
+                column.name: np.asarray(column.cells(start, end)).astype(np.float64, copy=False) for column in own
+            }
             report.share += len(own) * (end - start) / cells
             yield report.taken(SeriesBlock(names[time], time_ns, values), usable)
 
@@ -119,7 +123,9 @@ def series_of(
         report.balance.come("rows", sum(own[0].length for own in groups.values()))
         return together([stream(time) for time in groups])
 
-    return Series({names[time]: {one.name: one.unit for one in own} for time, own in groups.items()}, read, report)
+    return Series(
+        {names[time]: {column.name: column.unit for column in own} for time, own in groups.items()}, read, report
+    )
 
 
 def _by_time(
@@ -174,7 +180,7 @@ def _leaf(name: str) -> str:
     return name.rpartition(".")[2].rpartition("/")[2]
 
 
-def _common(one: str, other: str) -> int:
+def _common(name: str, other: str) -> int:
     """Return how much of the path of two names is the same."""
-    left, right = one.replace("/", ".").split(".")[:-1], other.replace("/", ".").split(".")[:-1]
+    left, right = name.replace("/", ".").split(".")[:-1], other.replace("/", ".").split(".")[:-1]
     return next((i for i, (a, b) in enumerate(zip(left, right, strict=False)) if a != b), min(len(left), len(right)))

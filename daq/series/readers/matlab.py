@@ -57,7 +57,7 @@ def read_mat(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     units = _unit_texts(plain.pop("units", None))
     names = _unit_texts(plain.pop("names", None))
     found = list(_flattened("", plain, units, report))
-    return series_of([_renamed(one, names) for one in found], layout, report)
+    return series_of([_renamed(column, names) for column in found], layout, report)
 
 
 def _renamed(column: Column, names: Mapping[str, str]) -> Column:
@@ -88,8 +88,8 @@ def _flattened(
         path = prefix + name
         structs = _structs(value)
         if structs:
-            for i, one in enumerate(structs):
-                yield from _flattened(f"{prefix}{_part(name, one, i, len(structs))}.", one, {}, report, time)
+            for i, struct in enumerate(structs):
+                yield from _flattened(f"{prefix}{_part(name, struct, i, len(structs))}.", struct, {}, report, time)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.ndim in (1, 2):
             unit = units.get(name, "") or (stated if name in _VALUES else "")
             short = prefix[:-1] if prefix and name in _VALUES else path
@@ -101,7 +101,7 @@ def _flattened(
 
 def _structs(value: Any) -> list[dict[str, Any]]:
     ones = value.ravel() if isinstance(value, np.ndarray) and value.dtype == object else [value]
-    return [members for one in ones if (members := _members(one)) is not None]
+    return [members for element in ones if (members := _members(element)) is not None]
 
 
 def _part(name: str, struct: Mapping[str, Any], i: int, count: int) -> str:

@@ -43,7 +43,9 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         start_ns = round(mdf.header.start_time.timestamp() * 1e9)
         for index, group in enumerate(mdf.groups):
             name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
-            units = {one.name: _unit(one) for one in group.channels if one.channel_type not in _MASTER_TYPES}
+            units = {
+                channel.name: _unit(channel) for channel in group.channels if channel.channel_type not in _MASTER_TYPES
+            }
             if group.channel_group.cycles_nr and units:
                 groups[name] = (index, units)
             elif units:
@@ -61,10 +63,10 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
             seconds = np.zeros(0)
             for name in names:
                 stored = mdf.get(name, index, record_offset=offset, record_count=BLOCK_ROWS, raw=True)
-                one = stored.physical(copy=False, ignore_value2text_conversions=True)
-                seconds = one.timestamps
-                if one.samples.dtype.kind in "fiub" and one.samples.ndim == 1:
-                    values[name] = one.samples.astype(np.float64)
+                signal = stored.physical(copy=False, ignore_value2text_conversions=True)
+                seconds = signal.timestamps
+                if signal.samples.dtype.kind in "fiub" and signal.samples.ndim == 1:
+                    values[name] = signal.samples.astype(np.float64)
                 else:
                     report.skipped[name] = "no numbers"
             missing = min(BLOCK_ROWS, total - offset) - len(seconds)

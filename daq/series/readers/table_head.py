@@ -95,7 +95,9 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     halves = [i for i in range(first) if delimiter == "," and count == 2 * len(rows[i]) > 2]
     rejoined = bool(halves) and all(map(_HALVES.match, map(",".join, sample)))
     if rejoined:
-        sample = [[f"{one}.{other}" for one, other in zip(row[::2], row[1::2], strict=True)] for row in sample]
+        sample = [
+            [f"{integer}.{fraction}" for integer, fraction in zip(row[::2], row[1::2], strict=True)] for row in sample
+        ]
         named, count, delimiter = halves, count // 2, ";"
     header, unit_row = _header_rows(rows, named, layout)
     names, units = _names(rows[header] if named else (), rows[unit_row] if unit_row is not None else (), count)
@@ -194,7 +196,7 @@ def _names(header: Sequence[str], units: Sequence[str], count: int) -> tuple[lis
             cell = cell.lstrip("#%").strip()
         names.append(numbered(cell or f"column_{i + 1}", names))
     stated = [units[i].strip("[]() ") if i < len(units) else "" for i in range(count)]
-    return names, [one or unit_behind(name) for one, name in zip(stated, names, strict=True)]
+    return names, [unit or unit_behind(name) for unit, name in zip(stated, names, strict=True)]
 
 
 def _are_units(cells: Sequence[str]) -> bool:

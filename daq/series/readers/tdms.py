@@ -108,11 +108,11 @@ def _of_equal_length(columns: list[Column], clocks: dict[str, Clock]) -> list[Co
     """Give a channel whose waveform is longer or shorter than the others of its group a clock of its own."""
     lengths: dict[str, int] = {}
     settled = []
-    for one in columns:
-        if one.time and lengths.setdefault(one.time, one.length) != one.length:
-            clocks[one.name] = clocks[one.time]
-            one = Column(one.name, one.unit, one.length, one.cells, one.name)
-        settled.append(one)
+    for column in columns:
+        if column.time and lengths.setdefault(column.time, column.length) != column.length:
+            clocks[column.name] = clocks[column.time]
+            column = Column(column.name, column.unit, column.length, column.cells, column.name)
+        settled.append(column)
     return settled
 
 
