@@ -359,7 +359,7 @@ def purposes_served(run: ProcessedRun) -> tuple[str, ...]:
     purpose.
     """
     facts, notes = run.quality.sensors, run.quality.notes
-    usable = all(one.samples for one in facts.values()) and not any(note.code in _NOT_WHOLE for note in notes)
+    usable = all(sensor.samples for sensor in facts.values()) and not any(note.code in _NOT_WHOLE for note in notes)
     if not usable or not {*SLIP_ROLES, *FORCE_ROLES} <= facts.keys():
         return ()
     return (LOOK, *(purpose for purpose, roles in NEEDED_ROLES.items() if facts.keys() >= set(roles)))

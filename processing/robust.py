@@ -63,8 +63,8 @@ def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> 
     parts = [_normal(unit[block], y[block], weights[block]) for block in blocks]
     gram = np.sum([part[0] for part in parts], axis=0)
     right = np.sum([part[1] for part in parts], axis=0)
-    left_out = np.array([_solve(gram - g, right - r) for g, r in parts]) / norm
-    deviation = left_out - left_out.mean(axis=0)
+    replicates = np.array([_solve(gram - g, right - r) for g, r in parts]) / norm
+    deviation = replicates - replicates.mean(axis=0)
     return np.asarray((len(blocks) - 1) / len(blocks) * deviation.T @ deviation)
 
 

@@ -75,15 +75,15 @@ def _longer_gap_s(samples: Mapping[str, Samples], kernel_s: float, options: Proc
 
 def _free_share(samples: Mapping[str, Samples], kernel_s: float, options: ProcessOptions) -> float:
     """Return the share of instants at which every channel is in a stretch, away from its ends and near a sample."""
-    some = [one for one in samples.values() if len(one.time_ns)]
+    some = [channel for channel in samples.values() if len(channel.time_ns)]
     if not some:
         return 0.0
-    start_ns = min(int(one.time_ns[0]) for one in some)
-    at_s = np.linspace(0.0, (max(int(one.time_ns[-1]) for one in some) - start_ns) * 1e-9, _INSTANTS)
+    start_ns = min(int(channel.time_ns[0]) for channel in some)
+    at_s = np.linspace(0.0, (max(int(channel.time_ns[-1]) for channel in some) - start_ns) * 1e-9, _INSTANTS)
     free: BoolArray = np.ones(len(at_s), np.bool_)
-    for one in some:
-        time_s = seconds_since(one.time_ns, start_ns)
-        pairs = stretches(time_s, gap_limit_s(one, kernel_s, options), least=3)
+    for channel in some:
+        time_s = seconds_since(channel.time_ns, start_ns)
+        pairs = stretches(time_s, gap_limit_s(channel, kernel_s, options), least=3)
         which = stretch_of(at_s, time_s, pairs)
         inside = np.flatnonzero(free & (which >= 0))
         first, last = (time_s[pairs[which[inside], end] - end] for end in (0, 1))

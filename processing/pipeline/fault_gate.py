@@ -84,19 +84,19 @@ class FaultGate:
             both = [stamps for role in LOADS for stamps in where.get(role, [])]
             where |= dict.fromkeys(LOADS, both)
         return {
-            role: replace(one, faulty_ns=np.unique(np.concatenate(where[role]))) if where.get(role) else one
-            for role, one in samples.items()
+            role: replace(channel, faulty_ns=np.unique(np.concatenate(where[role]))) if where.get(role) else channel
+            for role, channel in samples.items()
         }
 
     def without_faulty_ground_speed(self, samples: Mapping[str, Samples]) -> dict[str, Samples]:
         """Return the samples without what is no measurement in the ground speed; invalid fixes must be out."""
         sound = dict(samples)
-        one = samples.get("ground_speed")
-        if one is None or not len(one.values):
+        ground_speed = samples.get("ground_speed")
+        if ground_speed is None or not len(ground_speed.values):
             return sound
-        speed = (one.time_ns, one.values)
-        rows = self._without_marks("ground_speed", speed) if self._flagged else np.arange(len(one.values))
-        speed = (one.time_ns[rows], one.values[rows])
+        speed = (ground_speed.time_ns, ground_speed.values)
+        rows = self._without_marks("ground_speed", speed) if self._flagged else np.arange(len(ground_speed.values))
+        speed = (ground_speed.time_ns[rows], ground_speed.values[rows])
         wheel = [(w.time_ns, w.values) for w in (samples.get("wheel_speed"),) if w is not None and len(w.values)]
         held = held_values(speed)
         bad = dropped(speed, held, wheel)
@@ -104,17 +104,19 @@ class FaultGate:
         self._note("ground_speed", FaultKind.DROPPED, speed, bad)
         self._note("ground_speed", FaultKind.FROZEN, speed, still)
         rows = rows[~(bad | still)]
-        faulty_ns = np.union1d(one.faulty_ns, np.delete(one.time_ns, rows))
-        kept = replace(one, time_ns=one.time_ns[rows], values=one.values[rows], faulty_ns=faulty_ns)
-        sound["ground_speed"] = replace(kept, count=one.count - len(one.values) + len(rows))
+        faulty_ns = np.union1d(ground_speed.faulty_ns, np.delete(ground_speed.time_ns, rows))
+        kept = replace(
+            ground_speed, time_ns=ground_speed.time_ns[rows], values=ground_speed.values[rows], faulty_ns=faulty_ns
+        )
+        sound["ground_speed"] = replace(kept, count=ground_speed.count - len(ground_speed.values) + len(rows))
         return sound
 
     def notes(self) -> list[Note]:
         """Return a note for each channel and kind of fault."""
         notes = []
-        for (role, kind), one in self._found.items():
-            facts = {"role": role, "kind": kind.value, "value": one.value, "time_s": one.time_s}
-            notes.append(Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | {"share": one.count / self._total[role]}))
+        for (role, kind), tally in self._found.items():
+            facts = {"role": role, "kind": kind.value, "value": tally.value, "time_s": tally.time_s}
+            notes.append(Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | {"share": tally.count / self._total[role]}))
         return notes
 
     def _sound(self, chunks: list[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
@@ -135,12 +137,12 @@ class FaultGate:
         """Return which samples are faulty, of the channels that have any, and remember where."""
         self._flagged |= "ground_speed_valid" in channels
         rows, series = {}, {}
-        for role in (one for one in _MEASURED if one in channels):
+        for role in (name for name in _MEASURED if name in channels):
             self._total[role] += len(channels[role])
             rows[role] = _in_order(channels[role])
-            one = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
+            ordered = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
             if role != "ground_speed" or not self._flagged:
-                rows[role] = rows[role][self._without_marks(role, one)]
+                rows[role] = rows[role][self._without_marks(role, ordered)]
             if len(rows[role]):
                 series[role] = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
         for role in series:
@@ -159,9 +161,9 @@ class FaultGate:
                 self._where.setdefault(role, []).append(nodes)
         return faulty
 
-    def _without_marks(self, role: str, one: Series) -> IntArray:
+    def _without_marks(self, role: str, series: Series) -> IntArray:
         """Return the rows that are no marks; a value that stands apart is one when it came too often for a shock."""
-        time_ns, values = one
+        time_ns, values = series
         for value in values_apart(values):
             held = held_values((time_ns, (values == value).astype(np.float64)))
             here = self._apart.setdefault((role, value), _Tally(value=value))
@@ -177,15 +179,15 @@ class FaultGate:
         if marks.any() and not marks.all():  # one that lies among others here was a measurement all along
             low, high = values[~marks].min(), values[~marks].max()
             marks &= (values < low) | (values > high)
-        self._note(role, FaultKind.MARK, one, marks)
+        self._note(role, FaultKind.MARK, series, marks)
         return np.flatnonzero(~marks)
 
-    def _note(self, role: str, kind: FaultKind, one: Series, rows: BoolArray) -> None:
+    def _note(self, role: str, kind: FaultKind, series: Series, rows: BoolArray) -> None:
         if rows.any():
             found = self._found.setdefault((role, kind), _Tally())
             found.count += int(rows.sum())
-            found.time_s += float(rows.sum() * np.nan_to_num(mean_interval_ns(np.diff(one[0])))) * 1e-9
-            found.value = float(np.median(one[1][rows]))
+            found.time_s += float(rows.sum() * np.nan_to_num(mean_interval_ns(np.diff(series[0])))) * 1e-9
+            found.value = float(np.median(series[1][rows]))
 
 
 def _joined(chunks: list[Mapping[str, Channel]]) -> Mapping[str, Channel]:
@@ -198,8 +200,8 @@ def _joined(chunks: list[Mapping[str, Channel]]) -> Mapping[str, Channel]:
     return {
         role: replace(
             some[0],
-            time_ns=np.concatenate([one.time_ns for one in some]),
-            values=np.concatenate([one.values for one in some]),
+            time_ns=np.concatenate([channel.time_ns for channel in some]),
+            values=np.concatenate([channel.values for channel in some]),
         )
         for role, some in parts.items()
     }

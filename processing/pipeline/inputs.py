@@ -106,11 +106,11 @@ def without_null_island(latitude: Samples, longitude: Samples) -> tuple[Samples,
     return _without_zero(latitude, longitude), _without_zero(longitude, latitude)
 
 
-def _without_zero(one: Samples, other: Samples) -> Samples:
-    index = as_of(one.time_ns, other.time_ns, round(1e9 * np.nan_to_num(one.sampling.spacing_s)))
+def _without_zero(samples: Samples, other: Samples) -> Samples:
+    index = as_of(samples.time_ns, other.time_ns, round(1e9 * np.nan_to_num(samples.sampling.spacing_s)))
     if not len(other.time_ns):
-        return one
-    return _keep(one, ~((one.values == 0) & (index >= 0) & (other.values[np.maximum(index, 0)] == 0)))
+        return samples
+    return _keep(samples, ~((samples.values == 0) & (index >= 0) & (other.values[np.maximum(index, 0)] == 0)))
 
 
 def _keep(samples: Samples, rows: BoolArray) -> Samples:
@@ -159,7 +159,7 @@ class StatusGate:
         self._unknown: dict[str, int] = {}
         self._last: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
         self._where: dict[str, list[IntArray]] = {}
-        self._left_out: dict[str, int] = {}
+        self._excluded: dict[str, int] = {}
         self.words: dict[str, int] = {}
         """Status samples that are not 0, by what the value table calls them."""
 
@@ -186,15 +186,15 @@ class StatusGate:
         """Return the roles with the number of samples excluded in their facts."""
         return roles | {
             role: replace(roles[role], facts=replace(roles[role].facts, distrusted=count))
-            for role, count in self._left_out.items()
+            for role, count in self._excluded.items()
             if role in roles
         }
 
     def notes(self) -> list[Note]:
         """Return notes on what was excluded, and on what the status did not tell."""
         notes = []
-        if self._left_out:
-            count = max(self._left_out.values())
+        if self._excluded:
+            count = max(self._excluded.values())
             notes.append(Note(RunCode.DISTRUSTED, values={"count": count, "statuses": dict(self.words)}))
         unknown, seen = (max(counts.values(), default=0) for counts in (self._unknown, self._seen))
         if seen and not self._came:
@@ -226,5 +226,5 @@ class StatusGate:
         stamps = channel.time_ns[bad]
         nodes = np.unique(stamps // self._node_ns) * self._node_ns + self._node_ns // 2
         self._where.setdefault(role, []).append(nodes)
-        self._left_out[role] = self._left_out.get(role, 0) + len(stamps)
+        self._excluded[role] = self._excluded.get(role, 0) + len(stamps)
         return replace(channel, time_ns=channel.time_ns[~bad], values=channel.values[~bad])

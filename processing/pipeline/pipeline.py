@@ -116,15 +116,15 @@ def _fault(note: Note) -> Fault:
 def _missing(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> Note:
     lacking = _lacking(role, came, vehicle)
     cause = "never_usable" if not lacking else "no_sample" if lacking in seen else "no_signal"
-    one = lacking or role
-    facts = {"role": role, "lacking": one, "cause": cause, "signal": str(vehicle.signals.get(one, one))}
+    absent = lacking or role
+    facts = {"role": role, "lacking": absent, "cause": cause, "signal": str(vehicle.signals.get(absent, absent))}
     return Note(RunCode.ROLE_MISSING, Severity.FAULT, facts)
 
 
 def _lacking(role: str, came: Collection[str], vehicle: VehicleConfig) -> str:
     """Return the role without a sample for which a role is missing: itself, or what turns it into vehicle axes."""
     rotating = vehicle.transducer.frame == "wheel" and role in FORCE_ROLES
-    lacking = [one for one in (_ROTATING if rotating else (role,)) if one not in came]
+    lacking = [name for name in (_ROTATING if rotating else (role,)) if name not in came]
     return role if role in lacking else next(iter(lacking), "")
 
 

@@ -88,9 +88,9 @@ class Held:
         return np.repeat(some, self.count)
 
 
-def held_values(one: Series) -> Held:
+def held_values(series: Series) -> Held:
     """Return the stretches of a series that is not empty."""
-    time_ns, values = one
+    time_ns, values = series
     alike = np.abs(np.diff(values)) <= _ALIKE * np.abs(values[1:])
     bounds = np.concatenate([[0], np.flatnonzero(~alike) + 1, [len(values)]])
     start, stop = bounds[:-1], bounds[1:]
@@ -136,20 +136,20 @@ def held_too_long(role: str, series: Mapping[str, Series]) -> dict[FaultKind, Bo
     """Find frozen and clipped values of a wheel speed or a force while a speed is not small; shape (n,) each."""
     if role not in _PARTNERS:
         return {}
-    one, held = series[role], held_values(series[role])
+    channel, held = series[role], held_values(series[role])
     speeds = [series[speed] for speed in ("wheel_speed", "ground_speed") if speed in series]
     partners = [series[other] for other in _PARTNERS[role] if other in series]
     if role not in LOADS:
-        return {FaultKind.FROZEN: frozen(one, held, partners, speeds, speed_changes)}
-    at_end = clipped(one, held, speeds)
-    still = frozen(one, held, partners, speeds, force_shakes)
+        return {FaultKind.FROZEN: frozen(channel, held, partners, speeds, speed_changes)}
+    at_end = clipped(channel, held, speeds)
+    still = frozen(channel, held, partners, speeds, force_shakes)
     return {FaultKind.CLIPPED: at_end, FaultKind.FROZEN: still & ~at_end}
 
 
 def moving_at(at_ns: IntArray, speeds: Sequence[Series]) -> BoolArray:
     """Return at which instants one of the speeds is not small."""
     moving = np.zeros(len(at_ns), np.bool_)
-    for time_ns, values in (one for one in speeds if len(one[1])):
+    for time_ns, values in (speed for speed in speeds if len(speed[1])):
         fast = np.abs(values) > _MOVING * float(np.quantile(np.abs(values), 0.95))
         moving |= fast[nearest(at_ns, time_ns)]
     return moving
@@ -169,23 +169,23 @@ def _quick(held: Held, some: BoolArray) -> bool:
     return float(time_s[time_s <= _QUICK_S].sum()) >= _QUICK_SHARE * float(time_s.sum()) > 0
 
 
-def frozen(one: Series, held: Held, partners: Sequence[Series], speeds: Sequence[Series], moves: Moves) -> BoolArray:
+def frozen(series: Series, held: Held, partners: Sequence[Series], speeds: Sequence[Series], moves: Moves) -> BoolArray:
     """Find values that stay the same for longer than noise lets them while a partner moves; shape (n,)."""
-    none = np.zeros(len(one[1]), np.bool_)
+    none = np.zeros(len(series[1]), np.bool_)
     long = held.between_s >= _FROZEN_S
-    alive = np.abs(one[1][held.start]) > _AT_REST * float(np.abs(one[1]).max())
+    alive = np.abs(series[1][held.start]) > _AT_REST * float(np.abs(series[1]).max())
     suspect = long & (held.count >= _FROZEN_SAMPLES) & alive
     if not suspect.any():
         return none
-    driven = held.mostly(moving_at(one[0], speeds))
+    driven = held.mostly(moving_at(series[0], speeds))
     suspect, rest = suspect & driven, ~long & driven
     if held.until_s[suspect].sum() > held.until_s[rest].sum():
         return none
-    values = one[1][held.rows(rest)]
+    values = series[1][held.rows(rest)]
     if not _quick(held, rest) or not _noisy(values):
         return none
     for k in np.flatnonzero(suspect):
-        within_ns = one[0][[held.start[k], held.stop[k] - 1]]
+        within_ns = series[0][[held.start[k], held.stop[k] - 1]]
         parts = [(values[slice(*np.searchsorted(time_ns, within_ns))], values) for time_ns, values in partners]
         suspect[k] = any(moves(part, values) for part, values in parts if len(part) > 2)
     return held.rows(suspect)
@@ -202,17 +202,17 @@ def force_shakes(partner: FloatArray, usual: FloatArray) -> bool:
     return roughness(partner) > _AS_USUAL * roughness(usual)
 
 
-def clipped(one: Series, held: Held, speeds: Sequence[Series]) -> BoolArray:
+def clipped(series: Series, held: Held, speeds: Sequence[Series]) -> BoolArray:
     """Find a largest or smallest value, far from 0, at which noise stops again and again; shape (n,)."""
-    bad = np.zeros(len(one[1]), np.bool_)
-    ends = float(one[1].max()), float(one[1].min())
+    bad = np.zeros(len(series[1]), np.bool_)
+    ends = float(series[1].max()), float(series[1].min())
     for end in (end for end in ends if abs(end) >= _FAR * max(map(abs, ends))):
-        at_end = np.abs(one[1][held.start] - end) <= _ALIKE * abs(end)
+        at_end = np.abs(series[1][held.start] - end) <= _ALIKE * abs(end)
         if not _often(held, at_end):
             continue
-        driven = held.mostly(moving_at(one[0], speeds))
+        driven = held.mostly(moving_at(series[0], speeds))
         rest = driven & ~at_end
-        if _often(held, driven & at_end) and _quick(held, rest) and _noisy(one[1][held.rows(rest)]):
+        if _often(held, driven & at_end) and _quick(held, rest) and _noisy(series[1][held.rows(rest)]):
             bad |= held.rows(driven & at_end)
     return bad
 
@@ -246,7 +246,7 @@ def dropped(speed: Series, held: Held, wheel: Sequence[Series]) -> BoolArray:
         height = min(size[k - 1], size[k + 1]) - dead_mps
         step_s = max(_usual_step_s(held, size, time_ns, k), float(held.until_s[k - 1]))
         if height > max(_LEAST_DROP_MPS, _IMPOSSIBLE_MPS2 * step_s):
-            bad[start:stop] = all(_turns_on(time_ns[start - 1 : stop], one) for one in wheel)
+            bad[start:stop] = all(_turns_on(time_ns[start - 1 : stop], series) for series in wheel)
     return bad
 
 

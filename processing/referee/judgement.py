@@ -144,8 +144,8 @@ def _scores(evidence: Evidence, rows: FloatArray, mends: Sequence[Mend], samples
         radius[i] *= mend.factors.get(RADIUS, 1.0)
         factor[i] = [mend.factors.get(role, 1.0) for role in JUDGED_ROLES]
         if mend.exchanged:
-            one, other = (JUDGED_ROLES.index(role) for role in mend.exchanged)
-            order[i, one], order[i, other] = other, one
+            first, second = (JUDGED_ROLES.index(role) for role in mend.exchanged)
+            order[i, first], order[i, second] = second, first
     values = rows[order] * factor[:, :, np.newaxis]
     against = np.array([evidence.against_track.get(role, np.nan) for role in JUDGED_ROLES])
     track = against[order[:, _V]] * np.abs(factor[:, _V])

@@ -86,11 +86,11 @@ class RoleZero:
 
     def at(self, time_ns: IntArray) -> FloatArray:
         """Return the coefficients at some instants, shape (3, n)."""
-        one = self.first.coefficients[:, None]
+        first = self.first.coefficients[:, None]
         if self.second is None:
-            return np.broadcast_to(one, (3, len(time_ns)))
+            return np.broadcast_to(first, (3, len(time_ns)))
         share = self._share(time_ns)
-        return np.asarray(one + share * (self.second.coefficients[:, None] - one))
+        return np.asarray(first + share * (self.second.coefficients[:, None] - first))
 
     def sigmas_at(self, time_ns: int) -> FloatArray:
         """Return the one-sigma of the coefficients at an instant, shape (3,)."""
@@ -145,7 +145,7 @@ class ZeroRemoval:
 
     def __init__(self, zeros: RunZeros, vehicle: VehicleConfig) -> None:
         frame = vehicle.transducer.frame
-        others = [one for one in zeros.determinations if one.frame != frame]
+        others = [determination for determination in zeros.determinations if determination.frame != frame]
         if others:
             raise ConfigError.of(
                 f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
@@ -165,7 +165,11 @@ class ZeroRemoval:
     @property
     def needs_angle(self) -> bool:
         """Whether some zero has a rotating part, so that the wheel angle is wanted."""
-        return any(zero.cos is not None for one in self._zeros.determinations for zero in one.channels.values())
+        return any(
+            zero.cos is not None
+            for determination in self._zeros.determinations
+            for zero in determination.channels.values()
+        )
 
     def removed(self, chunks: Iterable[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
         """Yield the chunks with the zero taken off; latencies must be off the stamps already.
@@ -203,10 +207,10 @@ class ZeroRemoval:
                 offset=float(offset),
                 rotating=float(np.hypot(cos, sin)) if zero.turns else nan,
                 systematic_sigma=_systematic_sigma(role, self._chosen, self._vehicle.transducer.frame, middle_ns),
-                methods=tuple(one.of.method for one in zero.used),
-                recordings=tuple(one.of.recording for one in zero.used),
-                ages_s=tuple((self._span_ns[0] - one.of.time_ns) * 1e-9 for one in zero.used),
-                lifted=not any(one.of.on_ground for one in zero.used),
+                methods=tuple(estimate.of.method for estimate in zero.used),
+                recordings=tuple(estimate.of.recording for estimate in zero.used),
+                ages_s=tuple((self._span_ns[0] - estimate.of.time_ns) * 1e-9 for estimate in zero.used),
+                lifted=not any(estimate.of.on_ground for estimate in zero.used),
                 of_role=self._vehicle.transducer.frame == "vehicle",
             )
         return found
@@ -235,14 +239,14 @@ class ZeroRemoval:
         notes = []
         roles_by_use: dict[tuple[tuple[str, float], ...], list[str]] = {}
         for role, zero in chosen.items():
-            use = tuple((str(one.of.method), _age_s(one.of, self._span_ns)) for one in zero.used)
+            use = tuple((str(estimate.of.method), _age_s(estimate.of, self._span_ns)) for estimate in zero.used)
             roles_by_use.setdefault(use, []).append(role)
         for use, roles in roles_by_use.items():
             methods, ages_s = zip(*use, strict=True)
             facts = {"roles": tuple(roles), "source": source, "methods": methods, "ages_s": ages_s}
             notes.append(Note(RunCode.ZERO_TAKEN_OFF, values=facts))
-        for one in (one.of for zero in chosen.values() for one in zero.used):
-            doubts = _doubts(one, self._span_ns, self._zeros.temperature_degc)
+        for determination in (estimate.of for zero in chosen.values() for estimate in zero.used):
+            doubts = _doubts(determination, self._span_ns, self._zeros.temperature_degc)
             notes += [doubt for doubt in doubts if doubt not in notes]
         for role, zero in chosen.items():
             change, sigma = zero.drift()
@@ -297,21 +301,21 @@ class ZeroRemoval:
             taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
         return Channel(role, ROLES[role].unit, time_ns, values - taken)
 
-    def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
+    def _psi(self, time_ns: IntArray, determination: Determination) -> FloatArray:
         """Return psi as the determination counted it; NaN where the angle is not known."""
         stamps_ns, reading = merged_angle(*self._angle)
         if not len(stamps_ns):
             return np.full(len(time_ns), np.nan)
         origin_ns = int(stamps_ns[0])
         angle = interpolate_angle(seconds_since(time_ns, origin_ns), seconds_since(stamps_ns, origin_ns), reading)
-        return np.asarray(one.angle_direction * (angle - np.radians(one.angle_offset_deg)))
+        return np.asarray(determination.angle_direction * (angle - np.radians(determination.angle_offset_deg)))
 
 
 def _choose(determinations: tuple[Determination, ...], vehicle: VehicleConfig, start_ns: int) -> dict[str, RoleZero]:
     """Return the zero of every role: between two determinations of one kind around the start, else the nearer one."""
     chosen = {}
     for role in TRANSDUCER_ROLES:
-        found = [one for one in (_find(d, role, vehicle) for d in determinations) if one is not None]
+        found = [estimate for estimate in (_find(d, role, vehicle) for d in determinations) if estimate is not None]
         before = max((f for f in found if f.of.time_ns <= start_ns), key=lambda f: f.of.time_ns, default=None)
         after = min((f for f in found if f.of.time_ns > start_ns), key=lambda f: f.of.time_ns, default=None)
         if (
@@ -340,7 +344,7 @@ def _systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns
         return float(sigmas[0]) if zeros[role].turns else nan
     if "drawbar_pull" not in zeros or "vertical_load" not in zeros:
         return nan
-    turning = [zeros[one].sigmas_at(time_ns)[1] for one in ("drawbar_pull", "vertical_load")]
+    turning = [zeros[force].sigmas_at(time_ns)[1] for force in ("drawbar_pull", "vertical_load")]
     return hypot(*turning) / 2
 
 
@@ -357,21 +361,21 @@ def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Fo
     return Found(determination, channel, name.sign * unit.factor)
 
 
-def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
+def _doubts(determination: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
     doubts = []
-    age_s, there = _age_s(one, span_ns), one.temperature_degc
+    age_s, there = _age_s(determination, span_ns), determination.temperature_degc
     if abs(age_s) > _OLD_S:
         doubts.append(Note(RunCode.ZERO_OLD, values={"age_s": age_s}))
     if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
         doubts.append(Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc}))
-    if one.method == "standstill":
-        code = RunCode.ZERO_WEIGHT_DECLARED if one.frame == "wheel" else RunCode.ZERO_NOT_TURNED
+    if determination.method == "standstill":
+        code = RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED
         doubts.append(Note(code))
     return doubts
 
 
-def _age_s(one: Determination, span_ns: tuple[int, int]) -> float:
+def _age_s(determination: Determination, span_ns: tuple[int, int]) -> float:
     """Return how long before the run (negative: after its end) a zero was taken."""
-    if one.time_ns > span_ns[1]:
-        return (span_ns[1] - one.time_ns) * 1e-9
-    return max(span_ns[0] - one.time_ns, 0) * 1e-9
+    if determination.time_ns > span_ns[1]:
+        return (span_ns[1] - determination.time_ns) * 1e-9
+    return max(span_ns[0] - determination.time_ns, 0) * 1e-9

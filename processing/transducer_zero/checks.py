@@ -134,6 +134,6 @@ def _of_channel(name: str, old: ChannelZero, new: ChannelZero) -> list[Drift]:
     return rows
 
 
-def _kind(one: Determination) -> dict[str, object]:
+def _kind(determination: Determination) -> dict[str, object]:
     names = ("recording", "method", "frame", "on_ground", "angle_offset_deg")
-    return {name: getattr(one, name) for name in names}
+    return {name: getattr(determination, name) for name in names}

@@ -84,8 +84,8 @@ def fit_harmonics(time_s: FloatArray, y: FloatArray, angle_rad: FloatArray | Non
 def _design(count: int, angle_rad: FloatArray | None) -> FloatArray:
     if angle_rad is None:
         return np.ones((count, 1))
-    one = np.ones(count)
-    return np.column_stack([one, np.cos(angle_rad), np.sin(angle_rad), np.cos(2 * angle_rad), np.sin(2 * angle_rad)])
+    ones = np.ones(count)
+    return np.column_stack([ones, np.cos(angle_rad), np.sin(angle_rad), np.cos(2 * angle_rad), np.sin(2 * angle_rad)])
 
 
 def _solve(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
