@@ -19,7 +19,11 @@ from daq.can import Database, Decoder, FrameBatch, shipped_dbc, split
 from daq.recording import RecordingWriter
 
 SECONDS = 310.0
-REPEATS, FILE_REPEATS = 7, 5
+FILE_SECONDS = 2200.0
+"""So long that asammdf takes five seconds, beside which a second for its own start in our process is little."""
+MOST = 1.25
+"""Times what asammdf takes for the same MF4, beyond the start of our process."""
+REPEATS, FILE_REPEATS = 7, 3
 WRITE_FRAMES = 640
 """Frames a batch: what 0.2 s bring at 3.2 kframes/s."""
 
@@ -29,7 +33,7 @@ def rows() -> list[Row]:
     batch = test_log(SECONDS, known)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        return [*_in_memory(batch, known, folder), *_from_file(batch, folder)]
+        return [*_in_memory(batch, known, folder), *_from_file(test_log(FILE_SECONDS, known), folder)]
 
 
 def _in_memory(batch: FrameBatch, known: list[Database], folder: Path) -> list[Row]:
@@ -70,9 +74,13 @@ def _from_file(batch: FrameBatch, folder: Path) -> list[Row]:
         mark = at_least(at_least_x, "x")
         return compared(f"{what}, {how}", took[ours], "asammdf", took[peer], lambda s: f"{s:.2f} s", mark)
 
+    same = f"{what}, both from the same MF4, one DBC"
+    starts, peer_s = took["start of the process"], took["asammdf, one DBC"]
+    allowed = [start + MOST * peer for start, peer in zip(starts, peer_s, strict=True)]
+    beside = f"start of a process and {MOST} x asammdf"
     different = f"ours from MCAP ({mcap_mb:.1f} MB), asammdf from MF4 ({mf4_mb:.1f} MB)"
     return [
-        row("both from the same MF4, one DBC", "ours from MF4", "asammdf, one DBC", 1),
+        compared(same, took["ours from MF4"], beside, allowed, lambda s: f"{s:.2f} s", at_least(1, "x")),
         row(f"{different}, one DBC", "ours from MCAP", "asammdf, one DBC", 2.5),
         row(f"{different}, four DBCs", "ours from MCAP", "asammdf, four DBCs", 2.5),
     ]

@@ -121,17 +121,18 @@ def _read_by(read: Callable[[Path], Arrays], path: Path) -> None:
 
 
 def _written(folder: Path, columns: Arrays, suffix: str) -> Path:
+    """Write a table as its program does: MATLAB compresses, in v7 and (level 3) in v7.3."""
     path = folder / f"series.{suffix}"
     if suffix == "csv":
         pd.DataFrame(columns).to_csv(path, index=False)
     elif suffix == "parquet":
         pd.DataFrame(columns).to_parquet(path)
     elif suffix == "mat":
-        scipy.io.savemat(path, columns, oned_as="column")
+        scipy.io.savemat(path, columns, oned_as="column", do_compression=True)
     elif suffix == "h5":
         with h5py.File(path, "w") as file:
             for name, values in columns.items():
-                file[name] = values
+                file.create_dataset(name, data=values, compression="gzip", compression_opts=3)
     else:
         _write_tdms(path, columns)
     return path

@@ -15,7 +15,7 @@ from daq.errors import not_installed
 from daq.logs.report import LogReport
 
 _UNFINISHED = b"UnFinMF"
-_RECORDS = 65_536
+_RECORDS = 262_144
 _BUS_EVENT = 2
 _CAN = 2
 _KINDS = {"CAN_DataFrame": FrameFlag(0), "CAN_RemoteFrame": FrameFlag.REMOTE, "CAN_ErrorFrame": FrameFlag.ERROR}
