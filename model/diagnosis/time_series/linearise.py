@@ -112,7 +112,7 @@ def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
     return (np.stack(columns, axis=1) if columns else np.zeros((len(left), 0))), kept
 
 
-_SPEED, _LOAD, _RATE = "measured speed", "measured load", "measured acceleration"
+_SPEED, _LOAD, _RATE, _SPIN = "measured speed", "measured load", "measured acceleration", "measured spin"
 _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
 DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
@@ -262,7 +262,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     centre, causes = found["value"], found["causes"]
     for i, (by, share) in zip(secants, moved, strict=True):
         causes[..., i] = (by - centre) / share
-    by_soil, by_sensors = found["soil"], _by_sensors(conditions, found["speed"], channels)
+    by_soil, by_sensors = found["soil"], _by_sensors(conditions, found["speed"], found["spin"], channels)
     rest_value, rest_causes = at_rest(simulation, samples, values)
     sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
@@ -294,29 +294,30 @@ def _of_acceleration(by_model: FloatArray, conditions: Conditions, channels: Seq
     return np.asarray(np.nan_to_num(by_model) - mass)
 
 
-def _by_sensors(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
+def _by_sensors(conditions: Conditions, speed: FloatArray, spin: FloatArray, channels: Sequence[str]) -> FloatArray:
     """Return what each of `SENSORS` does to each channel, shape (c, n, 3), per one-sigma."""
     zero = np.zeros((*speed.shape, 1))
     if "z" in channels:
         zero[channels.index("z")] = SENSORS["sinkage_zero_m"]
-    return np.concatenate([late_wheel(conditions, speed, channels), zero], axis=-1)
+    return np.concatenate([late_wheel(conditions, speed, spin, channels), zero], axis=-1)
 
 
-def late_wheel(conditions: Conditions, speed: FloatArray, channels: Sequence[str]) -> FloatArray:
+def late_wheel(conditions: Conditions, speed: FloatArray, spin: FloatArray, channels: Sequence[str]) -> FloatArray:
     """Return what a late wheel speed does to each channel, shape (c, n, 2): by each of `LATE_WHEEL`, per one-sigma.
 
-    It acts by the slip, as an error of the ground speed does, and by the outboard inertia that was compensated.
+    It acts by the slip, as an error of the ground speed does, and by the outboard inertia: what was compensated, and
+    what the model adds to it.
 
     Parameters
     ----------
-    speed : array, shape (c, n)
-        d/dV of the channels.
+    speed, spin : array, shape (c, n)
+        The model's derivatives by ground speed and by the wheel's angular acceleration.
     """
     omega = np.maximum(np.asarray(conditions.wheel_speed_radps), _LEAST_RADPS)
-    spin, change = np.asarray(conditions.wheel_acceleration_radps2), np.asarray(conditions.wheel_jerk_radps3)
-    by_delay = -speed * np.asarray(conditions.ground_speed_mps) * spin / omega
-    if "t" in channels:
-        by_delay[channels.index("t")] += np.nan_to_num(np.asarray(conditions.compensated_inertia_kgm2) * change)
+    acceleration = np.asarray(conditions.wheel_acceleration_radps2)
+    compensated = np.array([1.0 if c == "t" else 0.0 for c in channels])[:, None] * conditions.compensated_inertia_kgm2
+    by_delay = -speed * np.asarray(conditions.ground_speed_mps) * acceleration / omega
+    by_delay += np.nan_to_num((compensated + spin) * np.asarray(conditions.wheel_jerk_radps3))
     waiting = 1.0 / omega - 1.0 / float(np.median(omega))
     delay, angle = LATE_WHEEL.values()
     return np.stack([delay * by_delay, angle * by_delay * waiting], axis=-1)
@@ -342,8 +343,8 @@ def derivatives(
     Returns
     -------
     mapping
-        "value", "speed", "load", "acceleration" of shape (c, n); "soil", by the parameters themselves, and "causes"
-        (c, n, ...).
+        "value", "speed", "load", "acceleration", "spin" of shape (c, n); "soil", by the parameters themselves, and
+        "causes" (c, n, ...).
     """
     pieces = (_piece(conditions, rows) for rows in _pieces(len(np.asarray(conditions.slip))))
     return _joined([_derivatives(simulation, piece, values, channels) for piece in pieces])
@@ -377,6 +378,7 @@ def _derivatives(
         _moved(columns, speed, radius),
         vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
         ground_acceleration_mps2=Dual(columns.ground_acceleration_mps2, {_RATE: 1.0}),
+        wheel_acceleration_radps2=Dual(columns.wheel_acceleration_radps2, {_SPIN: 1.0}),
     )
     with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
         said = model.evaluate(seeded, parameters)
@@ -394,6 +396,7 @@ def _derivatives(
         "speed": by(_SPEED),
         "load": by(_LOAD),
         "acceleration": by(_RATE),
+        "spin": by(_SPIN),
         "soil": np.stack([by(name) for name in SOIL_PARAMETERS], axis=-1),
         "causes": np.stack([by(key) for _, _, key in simulation.parameters], axis=-1)
         if simulation.parameters

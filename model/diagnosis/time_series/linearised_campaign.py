@@ -132,13 +132,17 @@ class Relinearised:
     chosen_sets: tuple[tuple[str, ...], ...]
 
 
+Progress = tuple[SetEstimate, tuple[tuple[str, ...], ...]]
+"""Of iterations: the last explanation, and the best set of each; their campaigns are large and need not be held."""
+
+
 def relinearise(
     starts: Sequence[Start],
     points: Sequence[LinearisationPoint],
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
     *,
-    before: Relinearised | None = None,
+    before: Progress | None = None,
     keep_noise: bool = False,
     most: int = MOST_ROUNDS,
 ) -> Relinearised:
@@ -150,17 +154,17 @@ def relinearise(
         Where to begin.
     choose : callable
         Picks the explanation from cross products, given the one before.
-    before : Relinearised, optional
-        Iterations that this goes on with.
+    before : Progress, optional
+        Of the iterations that this goes on with.
     keep_noise : bool
         Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
     most : int
         Iterations, those before included.
     """
-    best = before.best if before else None
+    best, earlier = before or (None, ())
     last: SetEstimate | None = None
     share = 1.0
-    chosen_sets = list(before.chosen_sets) if before else []
+    chosen_sets = list(earlier)
     while True:
         kept = keep_noise or not chosen_sets
         campaigns, step = campaigns_at(starts, points, clock, keep_noise=kept, catch_all=not kept)
@@ -299,6 +303,7 @@ def converged_alternative(
         points = linearisation_points(moving.campaigns, moving.grams, estimate(moving.grams, keys))
         about = relinearise(starts, points, hold, clock, keep_noise=True, most=_ROUNDS)
         points = linearisation_points(about.campaigns, about.grams, about.best)
+        del about
         found = relinearise(starts, points, choose, clock, most=_ROUNDS)
         if found.converged:
             return replace(found, chosen_sets=(*moving.chosen_sets, *found.chosen_sets))
@@ -475,7 +480,9 @@ def _from_first(
     """Iterate from the laboratory's soil and some causes; once the noise is known, without samples near the cut."""
     rough = relinearise(starts, [first_point(s, causes) for s in starts], choose, clock, most=_NOISE_KNOWN)
     points = linearisation_points(rough.campaigns, rough.grams, rough.best)
-    return relinearise(without_near_cut(starts, points), points, choose, clock, before=rough)
+    before = rough.best, rough.chosen_sets
+    del rough  # as large as what comes
+    return relinearise(without_near_cut(starts, points), points, choose, clock, before=before)
 
 
 def notes_of(data: CampaignData, *, named: bool = False) -> tuple[Note, ...]:
