@@ -150,15 +150,14 @@ def test_a_late_wheel_speed_acts_by_the_slip_and_by_the_compensated_inertia(
     at = replace(linear.conditions, compensated_inertia_kgm2=inertia)
     omega, spin, change = at.wheel_speed_radps, at.wheel_acceleration_radps2, at.wheel_jerk_radps3
     none, own = np.zeros_like(linear.speed), np.stack([np.zeros(len(omega)), np.full(len(omega), 5.0)])
-    told = late_wheel(at, linear.speed, none, linear.channels)[..., 0] * late_s / LATE_WHEEL["wheel_delay_s"]
+    scaled = late_s / LATE_WHEEL["wheel_delay_s"]
+    told = late_wheel(at, linear.speed, none, linear.channels)[..., 0] * scaled
     true_omega = omega + spin * late_s
     by_slip = linear.speed * (at.ground_speed_mps * omega / true_omega - at.ground_speed_mps)
     assert close(told[0], by_slip[0], 5e-2)
     plain, undeclared = (
-        late_wheel(linear.conditions, linear.speed, spin, linear.channels)[..., 0]
-        * late_s
-        / LATE_WHEEL["wheel_delay_s"]
-        for spin in (none, own)
+        late_wheel(linear.conditions, linear.speed, by_spin, linear.channels)[..., 0] * scaled
+        for by_spin in (none, own)
     )
     assert np.allclose(told[1] - plain[1], inertia * late_s * np.asarray(change))
     assert np.allclose(undeclared[1] - plain[1], 5.0 * late_s * np.asarray(change))

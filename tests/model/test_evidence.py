@@ -136,7 +136,7 @@ def test_sets_with_bounds_are_near_their_integral(small: World) -> None:
 
 
 def test_a_cause_far_larger_than_usual_is_not_lost_to_two_that_fit_worse() -> None:
-    """A radius that is 15 % wrong looked like lugs and a gain of the torque, each of a usual size, and 20 nats worse."""
+    """A radius 15 % wrong looked like lugs and a gain of the torque, each of a usual size, and 20 nats worse."""
     drawn = world(1, tuple(column(name) for name in "abc"), runs=3, n=30, strength=(3, 10))
     for own in drawn.causes:
         own[:, 0] = 0.25 * (own[:, 1] + own[:, 2])
