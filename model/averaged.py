@@ -101,10 +101,10 @@ class AveragedModel(WheelSoilModel):
         """
         moments = {channel: _Moments() for channel in OUTPUTS}
         for member in self.members:
-            said = member.model.predict(conditions, member.values, wrt=member.names)
+            prediction = member.model.predict(conditions, member.values, wrt=member.names)
             for channel, output in OUTPUTS.items():
-                slopes = [getattr(said.sensitivities[name], output.field) for name in member.names]
-                moments[channel].add(member.probability, getattr(said, output.field), slopes, member.covariance)
+                slopes = [getattr(prediction.sensitivities[name], output.field) for name in member.names]
+                moments[channel].add(member.probability, getattr(prediction, output.field), slopes, member.covariance)
         return {channel: each.sigma() for channel, each in moments.items()}
 
 

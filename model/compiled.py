@@ -199,14 +199,14 @@ class NoiseProcesses:
 
     def __init__(self, loads: Sequence[Any], lags: FloatArray, over_distance: Sequence[bool]) -> None:
         sites, numbers = loads[0].shape
-        if any(one.shape != (sites, numbers) for one in loads):
+        if any(load.shape != (sites, numbers) for load in loads):
             raise ValueError("expected loads of the same sites and numbers")
-        before = np.cumsum([0, *(one.nnz for one in loads)])
+        before = np.cumsum([0, *(load.nnz for load in loads)])
         self._lags = np.ascontiguousarray(lags, float)
-        self._starts = np.concatenate([one.indptr + first for one, first in zip(loads, before, strict=False)])
+        self._starts = np.concatenate([load.indptr + first for load, first in zip(loads, before, strict=False)])
         self._starts = self._starts.astype(np.int64)
-        self._at = np.concatenate([one.indices for one in loads]).astype(np.int64)
-        self._loads = np.concatenate([one.data for one in loads]).astype(float)
+        self._at = np.concatenate([load.indices for load in loads]).astype(np.int64)
+        self._loads = np.concatenate([load.data for load in loads]).astype(float)
         self._over_distance = np.array(over_distance, np.int64)
         self._sizes = np.array([len(loads), sites, numbers], np.int64)
         inside = np.all((self._at >= 0) & (self._at < numbers)) and len(self._at) == len(self._loads) == before[-1]

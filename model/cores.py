@@ -146,7 +146,7 @@ def _serve(line: Connection, objects: Sequence[Any]) -> None:
 def _answer(objects: Sequence[Any], method: str, args: tuple[Any, ...]) -> list[Any] | Exception:
     """Return what a method of each object returns, or what it raises."""
     try:
-        return [getattr(one, method)(*args) for one in objects]
+        return [getattr(obj, method)(*args) for obj in objects]
     except Exception as error:  # noqa: BLE001 - it is raised where the method was asked for
         return error
 

@@ -125,7 +125,7 @@ class ExtendedModel:
     @property
     def keys(self) -> tuple[str, ...]:
         """Every effect, of all sets; the one of the most probable set first."""
-        sets = [self.effects, *(one.effects for one in self.sets)]
+        sets = [self.effects, *(model_set.effects for model_set in self.sets)]
         return tuple(dict.fromkeys(effect.key for effects in sets for effect in effects))
 
     def model(self, kind: Which = "all") -> WheelSoilModel:
@@ -138,7 +138,7 @@ class ExtendedModel:
         """
         if not self.sets:
             return WheelSoilModel(self.wheel, self.soil, _classes(self.effects, kind), self.reading)
-        return AveragedModel([self._member(one, kind) for one in self.sets if one.probability > 0])
+        return AveragedModel([self._member(model_set, kind) for model_set in self.sets if model_set.probability > 0])
 
     def predict(self, conditions: Conditions, kind: Which = "all") -> Prediction:
         """Return what the model says, at its own values; see `WheelSoilModel.predict`."""
@@ -148,23 +148,25 @@ class ExtendedModel:
         """Return one model: of several sets one that is drawn by its probability, physical members only."""
         if not self.sets:
             return self
-        weights = np.array([one.probability for one in self.sets])
-        one = self.sets[rng.choice(len(weights), p=weights / weights.sum())]
+        weights = np.array([model_set.probability for model_set in self.sets])
+        chosen = self.sets[rng.choice(len(weights), p=weights / weights.sum())]
         return replace(
             self,
-            soil=soil_of(self.soil, one.soil, "re-calibrated"),
-            effects=_chosen(one.effects, "physical"),
-            soil_sigmas={name: sigma for name, sigma in one.sigmas.items() if name in SOIL_PARAMETERS},
+            soil=soil_of(self.soil, chosen.soil, "re-calibrated"),
+            effects=_chosen(chosen.effects, "physical"),
+            soil_sigmas={name: sigma for name, sigma in chosen.sigmas.items() if name in SOIL_PARAMETERS},
             sets=(),
             rest_probability=0.0,
         )
 
-    def _member(self, one: ModelSet, kind: Which) -> Member:
-        model = WheelSoilModel(self.wheel, soil_of(self.soil, one.soil, ""), _classes(one.effects, kind), self.reading)
-        values = _values(one.effects, kind)
-        kept = [i for i, name in enumerate(one.names) if name in SOIL_PARAMETERS or name in values]
-        covariance = np.array(one.covariance).reshape(len(one.names), -1)[np.ix_(kept, kept)]
-        return Member(one.probability, model, values, tuple(one.names[i] for i in kept), covariance)
+    def _member(self, model_set: ModelSet, kind: Which) -> Member:
+        model = WheelSoilModel(
+            self.wheel, soil_of(self.soil, model_set.soil, ""), _classes(model_set.effects, kind), self.reading
+        )
+        values = _values(model_set.effects, kind)
+        kept = [i for i, name in enumerate(model_set.names) if name in SOIL_PARAMETERS or name in values]
+        covariance = np.array(model_set.covariance).reshape(len(model_set.names), -1)[np.ix_(kept, kept)]
+        return Member(model_set.probability, model, values, tuple(model_set.names[i] for i in kept), covariance)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds."""
@@ -184,7 +186,7 @@ class ExtendedModel:
                 "rest_probability": self.rest_probability,
                 "wheel": wheel,
                 "soil": soil,
-                "set": [_set_mapping(one) for one in self.sets],
+                "set": [_set_mapping(model_set) for model_set in self.sets],
                 "provenance": provenance,
             }
         return {
@@ -257,18 +259,21 @@ def _of_several(file: AverageFile, where: str) -> ExtendedModel:
         Lists every fault at once.
     """
     faults: list[Fault] = []
-    sets = [_set(one, f"{where}, set {i} ({100 * one.probability:.3g} %)", faults) for i, one in enumerate(file.set, 1)]
-    keys = [tuple(sorted(e.key for e in one.effects)) for one in sets]
+    sets = [
+        _set(section, f"{where}, set {i} ({100 * section.probability:.3g} %)", faults)
+        for i, section in enumerate(file.set, 1)
+    ]
+    keys = [tuple(sorted(e.key for e in model_set.effects)) for model_set in sets]
     faults += [
         Fault("a set is there twice", where, found=", ".join(k) or "no cause")
         for k in dict.fromkeys(keys)
         if keys.count(k) > 1 and not faults
     ]
-    total = file.rest_probability + sum(one.probability for one in sets)
+    total = file.rest_probability + sum(model_set.probability for model_set in sets)
     if not isclose(total, 1.0, abs_tol=_ROUNDING):
         what = "the probabilities of the sets and the rest do not sum to 1"
         faults.append(Fault(what, where, found=f"{total:.6g}", next_step="restore the file as it was written"))
-    if not any(one.probability > 0 for one in sets):
+    if not any(model_set.probability > 0 for model_set in sets):
         faults.append(Fault("no set has a probability above 0", where))
     if faults:
         raise ConfigError(*faults)
@@ -312,12 +317,12 @@ def _covariance_faults(section: CovarianceSection, known: Iterable[str], where: 
     return faults
 
 
-def _set_mapping(one: ModelSet) -> dict[str, Any]:
+def _set_mapping(model_set: ModelSet) -> dict[str, Any]:
     return {
-        "probability": one.probability,
-        "soil": dict(one.soil),
-        "effect": [_effect_mapping(e) for e in one.effects],
-        "covariance": {"names": list(one.names), "rows": [list(row) for row in one.covariance]},
+        "probability": model_set.probability,
+        "soil": dict(model_set.soil),
+        "effect": [_effect_mapping(e) for e in model_set.effects],
+        "covariance": {"names": list(model_set.names), "rows": [list(row) for row in model_set.covariance]},
     }
 
 
@@ -384,16 +389,18 @@ def averaged_model(
         reading=reading,
         tyre=tyre,
         provenance=dict(provenance or {}),
-        sets=tuple(_model_set(one, [soil.campaign for soil in one.soils].index(campaign)) for one in average.sets),
+        sets=tuple(
+            _model_set(fitted, [soil.campaign for soil in fitted.soils].index(campaign)) for fitted in average.sets
+        ),
         rest_probability=average.rest_probability,
     )
 
 
-def _model_set(one: FittedSet, index: int) -> ModelSet:
-    effects = [_extended(cause) for cause in one.causes]
-    rows = tuple(tuple(map(float, row)) for row in one.covariances[index])
+def _model_set(fitted: FittedSet, index: int) -> ModelSet:
+    effects = [_extended(cause) for cause in fitted.causes]
+    rows = tuple(tuple(map(float, row)) for row in fitted.covariances[index])
     return ModelSet(
-        one.probability, dict(one.soils[index].values), tuple(map(_within_bounds, effects)), one.names, rows
+        fitted.probability, dict(fitted.soils[index].values), tuple(map(_within_bounds, effects)), fitted.names, rows
     )
 
 

@@ -67,10 +67,10 @@ def inference_data(
     except ImportError:
         raise not_installed("draws for ArviZ", "arviz-base", "", "arviz") from None
     drawn = {"posterior": posterior} | ({"prior": prior} if prior else {})
-    groups = {group: one.draws(draws, seed + i) for i, (group, one) in enumerate(drawn.items())}
-    said = {**attributes, "sampled": "no: normal approximation"}
-    tree: Any = from_dict({**groups, **(data or {})}, attrs={"posterior": said})
-    for group, one in drawn.items():
-        for name, unit in one.units.items():
+    groups = {group: normal.draws(draws, seed + i) for i, (group, normal) in enumerate(drawn.items())}
+    described = {**attributes, "sampled": "no: normal approximation"}
+    tree: Any = from_dict({**groups, **(data or {})}, attrs={"posterior": described})
+    for group, normal in drawn.items():
+        for name, unit in normal.units.items():
             tree[group][name].attrs["units"] = unit
     return tree  # type: ignore[no-any-return]

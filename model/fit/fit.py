@@ -232,16 +232,16 @@ def _answers(
     def of_model(fit: ModelFit) -> tuple[tuple[Prediction, ...], dict[str, FloatArray]]:
         model = fitted.options.forward(fitted.wheel, fitted.soil, fit.name)
         if keep_predictions:
-            kept = tuple(model.predict(one, fit.values) for one in conditions)
+            kept = tuple(model.predict(of_run, fit.values) for of_run in conditions)
             parts = [_forces(prediction, own) for prediction, own in zip(kept, rows, strict=True)]
         else:
             kept = ()
             blocks = (
-                (one, own[i : i + _BLOCK])
-                for one, own in zip(conditions, rows, strict=True)
+                (of_run, own[i : i + _BLOCK])
+                for of_run, own in zip(conditions, rows, strict=True)
                 for i in range(0, len(own), _BLOCK)
             )
-            parts = [_forces(model.predict(one.rows(block), fit.values), slice(None)) for one, block in blocks]
+            parts = [_forces(model.predict(of_run.rows(block), fit.values), slice(None)) for of_run, block in blocks]
         return kept, {key: np.concatenate([part[key] for part in parts]) for key in OUTPUTS}
 
     return list(counted(in_parallel(of_model, fitted.models), len(fitted.models), _SHARE_OF_FITS, 1.0))
@@ -343,7 +343,9 @@ def _with_band(
     sigmas = model.sigmas(driven.conditions.rows(some))
     band = {channel: float(np.sqrt(np.nanmean(x**2))) for channel, x in sigmas.items() if np.isfinite(x).any()}
     facts = {
-        "sets": tuple((tuple(e.key for e in one.effects), one.probability) for one in options.extended.sets),
+        "sets": tuple(
+            (tuple(e.key for e in model_set.effects), model_set.probability) for model_set in options.extended.sets
+        ),
         "rest": options.extended.rest_probability,
         "sigma": band,
     }
@@ -438,7 +440,7 @@ def judge_alike(
 def _worse(fit: ModelFit, wong: ModelFit) -> tuple[Note, ...]:
     """Return the channels that are not in the fit, and that the model follows worse than Wong's."""
     return tuple(
-        Note(FitCode.FOLLOWED_WORSE, Severity.DOUBT, {"channel": channel, "R0": one.R0_N, "R0_wong": before})
-        for channel, one in fit.criteria.items()
-        if channel not in fit.residual_floor and _WORSE * (before := wong.criteria[channel].R0_N) < one.R0_N
+        Note(FitCode.FOLLOWED_WORSE, Severity.DOUBT, {"channel": channel, "R0": own.R0_N, "R0_wong": before})
+        for channel, own in fit.criteria.items()
+        if channel not in fit.residual_floor and _WORSE * (before := wong.criteria[channel].R0_N) < own.R0_N
     )

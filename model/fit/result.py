@@ -161,8 +161,8 @@ class ModelFit:
         """The fitted parameters' joint distribution; one that a bound holds has no variance."""
         fitted = [e for e in self.estimates if not e.derived]
         correlation = np.eye(len(fitted))
-        for (i, one), (j, other) in combinations(enumerate(fitted), 2):
-            pair = self.correlation.get((one.name, other.name), self.correlation.get((other.name, one.name), 0.0))
+        for (i, first), (j, second) in combinations(enumerate(fitted), 2):
+            pair = self.correlation.get((first.name, second.name), self.correlation.get((second.name, first.name), 0.0))
             correlation[i, j] = correlation[j, i] = np.nan_to_num(pair)
         sigma = np.nan_to_num(np.array([e.sigma for e in fitted]))
         mean = np.array([e.value for e in fitted])
@@ -244,10 +244,18 @@ def _criteria_frame(fit: CampaignFit) -> pd.DataFrame:
     names = ("model", "channel", "unit", "R0", "M0_percent", "R2", "samples", "reason")
     rows = [
         (
-            *(model.name, OUTPUTS[key].role, OUTPUTS[key].unit, one.R0_N, one.M0_percent, one.R2, one.samples),
-            str(one.reason.code) if one.reason else "",
+            *(
+                model.name,
+                OUTPUTS[key].role,
+                OUTPUTS[key].unit,
+                criteria.R0_N,
+                criteria.M0_percent,
+                criteria.R2,
+                criteria.samples,
+            ),
+            str(criteria.reason.code) if criteria.reason else "",
         )
         for model in fit.models
-        for key, one in model.criteria.items()
+        for key, criteria in model.criteria.items()
     ]
     return frame_of_rows(names, rows)

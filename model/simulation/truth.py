@@ -156,12 +156,12 @@ def towed(
     """
     slip = np.linspace(-0.6, 0.0, 121)
     conditions = circumstances.usual_conditions(model, slip, vertical_load_n)
-    said = model.predict(conditions, dict(values))
-    torque = said.driving_torque_nm
+    prediction = model.predict(conditions, dict(values))
+    torque = prediction.driving_torque_nm
     if not np.isfinite(torque).all():
         raise DataError(_lost(model, "at standstill", 0.0, vertical_load_n))
     free = float(np.interp(0.0, torque, slip))
-    return free, -float(np.interp(free, slip, said.drawbar_pull_n))
+    return free, -float(np.interp(free, slip, prediction.drawbar_pull_n))
 
 
 def soil_reaction(

@@ -49,7 +49,11 @@ def agreement_of(bins: Sequence[SlipBin], measured_sigma_m: FloatArray | None = 
     measured_sigma_m : array, shape (bins,), optional
         One-sigma of the measured sinkage, by which the band is wider; NaN counts as 0.
     """
-    known = [i for i, one in enumerate(bins) if np.isfinite(one.measured_m) and np.isfinite(one.sinkage_m.value)]
+    known = [
+        i
+        for i, slip_bin in enumerate(bins)
+        if np.isfinite(slip_bin.measured_m) and np.isfinite(slip_bin.sinkage_m.value)
+    ]
     if not known:
         return None
     own = np.zeros(len(bins)) if measured_sigma_m is None else np.nan_to_num(measured_sigma_m)
@@ -65,9 +69,9 @@ def agreement_of(bins: Sequence[SlipBin], measured_sigma_m: FloatArray | None = 
     )
 
 
-def _inside(one: SlipBin, sigma_m: float) -> bool:
-    low, high = one.sinkage_m.interval95
-    return low - _SIGMAS * sigma_m <= one.measured_m <= high + _SIGMAS * sigma_m
+def _inside(slip_bin: SlipBin, sigma_m: float) -> bool:
+    low, high = slip_bin.sinkage_m.interval95
+    return low - _SIGMAS * sigma_m <= slip_bin.measured_m <= high + _SIGMAS * sigma_m
 
 
 def _tail(outside: int, rows: int) -> float:

@@ -100,7 +100,7 @@ class ForceSinkage:
     def bins(self) -> list[SlipBin]:
         """Return the sinkage per range of slip (of a table: per row), by slip."""
         found = [self._bin(self.cells.bin == number) for number in np.unique(self.cells.bin)]
-        return sorted(found, key=lambda one: one.slip)
+        return sorted(found, key=lambda slip_bin: slip_bin.slip)
 
     def _bin(self, inside: BoolArray) -> SlipBin:
         cells, weights = self.cells, self.cells.samples[inside].astype(np.float64)
@@ -205,7 +205,7 @@ def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:
     """Return the slope of the measured sinkage; its interval from what it leaves."""
     there = np.isfinite(cells.measured_m)
     slip, measured, level = cells.forces.slip[there], cells.measured_m[there], levels[there]
-    columns = np.column_stack([slip, *(level == one for one in np.unique(level))])
+    columns = np.column_stack([slip, *(level == number for number in np.unique(level))])
     freedom = len(slip) - columns.shape[1]
     if freedom < 1 or np.ptp(slip) < _LEAST_SPAN or np.linalg.matrix_rank(columns) < columns.shape[1]:
         return Estimate(np.nan, (np.nan, np.nan))

@@ -190,8 +190,8 @@ def rules_of(quadrature: Quadrature) -> FloatArray:
     found = []
     for nodes in (quadrature.nodes, 2 * quadrature.nodes):
         for vanishing in ("start", "end", "none"):
-            one = rule(nodes, quadrature.power, vanishing)
-            found += [one.at, one.left, one.weights]
+            of_panel = rule(nodes, quadrature.power, vanishing)
+            found += [of_panel.at, of_panel.left, of_panel.weights]
     return np.concatenate(found)
 
 

@@ -117,7 +117,9 @@ def extension(weighing: Weighing, best: Weighed, title: tuple[str, str]) -> go.F
     for column, (channel, factor) in enumerate((("dp", 1.0), ("z", 1e3)), 1):
         low, high = (
             grouped(
-                problem.slip, problem.group, factor * quantile(best.posterior.said[channel], best.posterior.weights, q)
+                problem.slip,
+                problem.group,
+                factor * quantile(best.posterior.predicted[channel], best.posterior.weights, q),
             )
             for q in (0.025, 0.975)
         )
@@ -129,7 +131,7 @@ def extension(weighing: Weighing, best: Weighed, title: tuple[str, str]) -> go.F
         ):
             posterior = weighed_set.posterior
             assert posterior is not None
-            mean = posterior.weights @ posterior.said[channel]
+            mean = posterior.weights @ posterior.predicted[channel]
             curve(figure, *grouped(problem.slip, problem.group, factor * mean), column, name, look)
     axes(figure, (PULL, SINKAGE))
     return figure

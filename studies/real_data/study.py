@@ -192,7 +192,7 @@ def transfer_numbers(found: WheelPair) -> dict[str, Any]:
         "threshold": found.both.threshold,
         "sets": [
             {
-                "causes": [u.key + (" (own)" if u.bench is not None else "") for u in w.hypothesis],
+                "causes": [u.key + (" (own)" if u.table is not None else "") for u in w.hypothesis],
                 "probability": float(p),
                 "log_evidence": w.log_evidence,
                 "misfit": w.misfit,
@@ -200,7 +200,7 @@ def transfer_numbers(found: WheelPair) -> dict[str, Any]:
             for p, w in list(zip(found.both.probabilities, found.both.sets, strict=True))[:12]
         ],
         "least_misfit_without_own": min(
-            w.misfit for w in found.both.sets if not any(u.bench is not None for u in w.hypothesis)
+            w.misfit for w in found.both.sets if not any(u.table is not None for u in w.hypothesis)
         ),
     }
     if own_h:

@@ -104,7 +104,7 @@ def test_a_cause_of_one_bench_leaves_the_other_alone() -> None:
     shared: Hypothesis = (CauseUse("vasilev"),)
     standard = np.zeros((3, problem.size(own)))
     said, _ = problem.evaluate([(), own, shared], standard)
-    first, second = problem.bench == 0, problem.bench == 1
+    first, second = problem.table == 0, problem.table == 1
     assert said["z"][1, first] == pytest.approx(said["z"][0, first])
     assert said["z"][1, second] == pytest.approx(said["z"][2, second])
     assert (said["z"][1, second] > said["z"][0, second]).any()
@@ -120,8 +120,8 @@ def test_benches_on_other_soils_have_soils_of_their_own() -> None:
     moved = standard.copy()
     moved[0, 9] = 1.0
     before, after = problem.evaluate([()], standard)[0]["z"], problem.evaluate([()], moved)[0]["z"]
-    assert before[0, problem.bench == 0] == pytest.approx(after[0, problem.bench == 0])
-    assert (after[0, problem.bench == 1] < before[0, problem.bench == 1]).all()
+    assert before[0, problem.table == 0] == pytest.approx(after[0, problem.table == 0])
+    assert (after[0, problem.table == 1] < before[0, problem.table == 1]).all()
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------

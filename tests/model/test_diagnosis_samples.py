@@ -53,7 +53,7 @@ def test_samples_are_means_over_a_fifth_of_a_second(campaign: Campaign) -> None:
         assert samples.conditions.vertical_load_n[i] == pytest.approx(run.vertical_load_n[rows].mean())
     assert np.abs(samples.conditions.slip).min() >= 0.05
     assert set(samples.measured) == {"dp", "t"}
-    assert samples.left_out["standstill"] > 10
+    assert samples.excluded["standstill"] > 10
 
 
 def test_an_accelerometer_leaves_nothing_to_the_ground_speed_and_nothing_to_a_slope(campaign: Campaign) -> None:

@@ -258,7 +258,7 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
         total[own] = total.get(own, 0.0) + float(found.probability[i])
     chosen: list[CauseSet] = []
     for own in sorted(total, key=lambda key: -total[key])[:SETS_SHOWN]:
-        if sum(one.probability for one in chosen) >= LEVEL:
+        if sum(cause_set.probability for cause_set in chosen) >= LEVEL:
             break
         chosen.append(CauseSet(tuple(sorted(own, key=lambda family: (-families[family], family))), total[own]))
     return tuple(chosen)

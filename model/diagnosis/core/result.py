@@ -391,10 +391,10 @@ class Diagnosis:
     @property
     def stated(self) -> tuple[tuple[Cause, Note | None], ...]:
         """Every cause of the verdict and every one that a rule bars beside named ones, with that rule."""
-        barred = {one.cause.name: one for one in self.grounds.kept_back}
+        barred = {kept.cause.name: kept for kept in self.grounds.kept_back}
         own = tuple((cause, barred[cause.name].why if cause.name in barred else None) for cause in self.causes)
         names = {cause.name for cause in self.causes}
-        return (*own, *((one.cause, one.why) for name, one in barred.items() if name not in names))
+        return (*own, *((kept.cause, kept.why) for name, kept in barred.items() if name not in names))
 
     @property
     def main_channel(self) -> str:
@@ -415,9 +415,9 @@ class Diagnosis:
     def _change_sigmas(self, channel: str) -> float:
         """Return the root mean square of what the extended model changes in a channel, in sigmas of a sample."""
         changes = [
-            (one.extended[channel] - one.base[channel]) / one.base_sigma[channel]
-            for one in self.plot_data
-            if channel in one.base and channel in one.extended
+            (data.extended[channel] - data.base[channel]) / data.base_sigma[channel]
+            for data in self.plot_data
+            if channel in data.base and channel in data.extended
         ]
         known = np.concatenate([*changes, np.zeros(0)])
         known = known[np.isfinite(known)]
@@ -442,8 +442,7 @@ class Diagnosis:
         if self.information is None:
             raise DataError.of("this diagnosis has no linear model", next_step="give campaigns with usable samples")
         posterior, prior = self.information.posterior_and_prior()
-        said = {"verdict": self.verdict}
-        return inference_data(posterior, prior, attributes=said, draws=draws, seed=seed)
+        return inference_data(posterior, prior, attributes={"verdict": self.verdict}, draws=draws, seed=seed)
 
     def to_frames(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the diagnosis as frames.
@@ -470,9 +469,9 @@ class Diagnosis:
             return float("nan")
         (low, high), channel = slips, ROLES[found.channel].key
         left = [
-            (one.measured[channel] - one.base[channel])[(one.slip >= low) & (one.slip <= high)]
-            for one in self.plot_data
-            if channel in one.base and campaign in ("", one.campaign)
+            (data.measured[channel] - data.base[channel])[(data.slip >= low) & (data.slip <= high)]
+            for data in self.plot_data
+            if channel in data.base and campaign in ("", data.campaign)
         ]
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]
@@ -505,9 +504,9 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
     ]
     scores = (("base", found.gain.base), ("extended", found.gain.extended)) if found.gain else ()
     gain = [
-        (OUTPUTS[key].role, which, OUTPUTS[key].unit, one.R0, one.M0_percent, one.R2, one.log_likelihood)
+        (OUTPUTS[key].role, which, OUTPUTS[key].unit, score.R0, score.M0_percent, score.R2, score.log_likelihood)
         for which, of in scores
-        for key, one in of.items()
+        for key, score in of.items()
     ]
     least = [(key, d.parameter, d.value, d.unit) for key, d in found.minimum_detectable.items()]
     runs = [

@@ -174,7 +174,7 @@ def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key:
 def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
     """Yield the shapes of each kind, the run whose own they are, and the logarithm of the kind's share of all."""
     groups = [shapes for shapes in kinds_of(grams.basis) if not grams.basis[shapes[0]].cause]
-    runs = [run for run, one in enumerate(grams.own) if len(one.inner)]
+    runs = [run for run, gram in enumerate(grams.own) if len(gram.inner)]
     share = -float(np.log(max(len(groups) + bool(runs), 1)))
     for shapes in groups:
         yield shapes, None, share
@@ -231,7 +231,7 @@ def lack_of_fit(
         Factor on the noise's variance.
     """
     shapes, left = grams.all_shapes()[0], left_over(grams, keys)
-    first = 0 if found.run is None else len(grams.basis) + sum(len(one.inner) for one in grams.own[: found.run])
+    first = 0 if found.run is None else len(grams.basis) + sum(len(gram.inner) for gram in grams.own[: found.run])
     ranks = grams.places[first + found.shapes]
     information = left.information[np.ix_(ranks, ranks)] / excess
     covariance = np.linalg.inv(information + np.eye(ranks.size) / found.scale**2)
@@ -280,11 +280,11 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     A noise model that is a little too small shows in the catch-all, and would make every probability too sure of
     itself: the evidence is taken with a variance that is larger by this (Birge's ratio), up to `MOST_EXCESS`.
     """
-    if not grams.basis and not any(len(one.inner) for one in grams.own):
+    if not grams.basis and not any(len(gram.inner) for gram in grams.own):
         return 1.0
-    own = [one.integrated for one in grams.own]
-    taken = sum((one.taken for one in own), np.zeros_like(grams.total))
-    spread = sum((one.spread for one in own), np.zeros_like(grams.total))
+    own = [gram.integrated for gram in grams.own]
+    taken = sum((part.taken for part in own), np.zeros_like(grams.total))
+    spread = sum((part.spread for part in own), np.zeros_like(grams.total))
     causes, shared = _uncertain(grams, keys), np.r_[grams.basis_columns].astype(np.intp)
     both, left = np.r_[causes, shared], grams.total - taken
     inverse = np.linalg.inv(np.eye(both.size) + left[np.ix_(both, both)])
@@ -294,7 +294,7 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     across, inner = grams.total[np.ix_(causes, shared)], grams.total[np.ix_(causes, causes)] + np.eye(causes.size)
     information = np.diag(grams.total[np.ix_(shared, shared)] - across.T @ np.linalg.solve(inner, across))
     expected += float(np.sum(np.square(grams.form) * (information - 1.0 + known)))
-    expected += sum(one.freedom for one in own) - float(np.sum(inverse * spread[np.ix_(both, both)]))
+    expected += sum(part.freedom for part in own) - float(np.sum(inverse * spread[np.ix_(both, both)]))
     without = grams.total[causes, 0] @ np.linalg.solve(
         np.eye(causes.size) + grams.total[np.ix_(causes, causes)], grams.total[causes, 0]
     )

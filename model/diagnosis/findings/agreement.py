@@ -197,13 +197,13 @@ def disagreement_notes(
     """
     sizes = (
         {
-            "parameter": one.parameter,
-            "unit": one.unit,
-            "own": tuple((own.campaign, own.value, own.sigma) for own in one.own),
-            "q": one.q,
-            "chance": one.chance,
+            "parameter": disagreement.parameter,
+            "unit": disagreement.unit,
+            "own": tuple((own.campaign, own.value, own.sigma) for own in disagreement.own),
+            "q": disagreement.q,
+            "chance": disagreement.chance,
         }
-        for one in found
+        for disagreement in found
     )
     others = (
         {"campaign": campaign, "family": family, "form": form, "nats": nats}
@@ -232,8 +232,8 @@ def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     if gain - float(_evidence(matrices.sum(axis=0))) < LEAST:
         return None
     names = np.array(grams.run_names)
-    one, other = names[own], names[~own]
-    return tuple(one.tolist()), tuple(other.tolist())
+    first, second = names[own], names[~own]
+    return tuple(first.tolist()), tuple(second.tolist())
 
 
 def _groups(matrices: FloatArray, soils: int) -> list[tuple[float, BoolArray]]:

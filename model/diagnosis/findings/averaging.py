@@ -52,10 +52,10 @@ def average_of(fits: Fits, found: Posterior, seed: int) -> Average:
     fits.fit(*kept)
     own = {keys: fits[keys] for keys in kept}
     sets = list(in_parallel(lambda keys: _fitted(linearised, own[keys], found, kept[keys]), kept))
-    known = [all(np.isfinite(matrix).all() for matrix in one.covariances) for one in sets]
+    known = [all(np.isfinite(matrix).all() for matrix in fitted.covariances) for fitted in sets]
     own = {keys: own[keys] for keys, fine in zip(kept, known, strict=True) if fine or not keys}
-    sets = [one for one, fine in zip(sets, known, strict=True) if fine or not one.causes]
-    rest = max(1.0 - sum(one.probability for one in sets), 0.0)
+    sets = [fitted for fitted, fine in zip(sets, known, strict=True) if fine or not fitted.causes]
+    rest = max(1.0 - sum(fitted.probability for fitted in sets), 0.0)
     return Average(tuple(sets), rest, _gain(linearised, own, found, seed))
 
 
@@ -123,13 +123,13 @@ def averaged(each: Sequence[HeldOutPrediction], weights: FloatArray) -> HeldOutP
         Sum 1. A sample without an answer of a set is averaged over the others.
     """
     first = each[0]
-    alike = [one.numbers == first.numbers for one in each]
-    likelihood = logsumexp([one.log_likelihood for one in each], b=np.where(alike, weights, 0.0))
+    alike = [prediction.numbers == first.numbers for prediction in each]
+    likelihood = logsumexp([prediction.log_likelihood for prediction in each], b=np.where(alike, weights, 0.0))
     predicted = {}
     for channel in first.predicted:
-        said = np.stack([one.predicted[channel] for one in each])
-        known = np.isfinite(said)
+        values = np.stack([prediction.predicted[channel] for prediction in each])
+        known = np.isfinite(values)
         share = weights @ known
-        mean = weights @ np.where(known, said, 0.0) / np.where(share > 0, share, np.nan)
+        mean = weights @ np.where(known, values, 0.0) / np.where(share > 0, share, np.nan)
         predicted[channel] = np.asarray(mean)
     return replace(first, log_likelihood=float(likelihood), predicted=predicted)

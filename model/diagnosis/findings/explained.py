@@ -68,10 +68,10 @@ def _plot_data(
     data = linearised.campaigns[index]
     samples, at = data.samples, data.samples.conditions
     channels = data.linear.channels
-    without = _said(base, index)
+    without = _predicted(base, index)
     of_noise = variance(data.linear, samples, data.noise.values, data.speed_variance)
-    fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
-    changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
+    fitted = {key: _predicted(fit, index) for key, fit in alone.items() if key in shown}
+    changes = {key: {c: x - without[c] for c, x in predicted.items()} for key, predicted in fitted.items()}
     return PlotData(
         campaign=data.campaign.name,
         runs=samples.run_names,
@@ -83,7 +83,7 @@ def _plot_data(
         line_position=np.asarray(at.line_position),
         measured={c: samples.measured[c] for c in channels},
         base=without,
-        extended=_said(extended, index),
+        extended=_predicted(extended, index),
         base_sigma=dict(zip(channels, np.sqrt(of_noise), strict=True)),
         signatures={
             key: changes.get(key) or dict(zip(channels, _signature(linearised, index, key, size), strict=True))
@@ -93,7 +93,7 @@ def _plot_data(
     )
 
 
-def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
+def _predicted(fit: SetFit, index: int) -> dict[str, FloatArray]:
     """Return what a fitted model says at the measured slip."""
     part, point = fit.problem.parts[index], fit.problem.points(fit.estimate)[index]
     return dict(zip(part.frozen.channels, part.at_measured_slip(point), strict=True))
@@ -242,12 +242,12 @@ def confounded_causes(grams: Grams, found: Posterior, verdict: Judgement) -> tup
             if other not in verdict.families and across[j] > CONFOUNDED_COSINE
         ]
     first: dict[str, Confounded] = {}
-    for one in sorted(confounded, key=lambda one: -one.cosine):
-        first.setdefault(one.family, one)
+    for rival in sorted(confounded, key=lambda c: -c.cosine):
+        first.setdefault(rival.family, rival)
     return tuple(first.values())
 
 
-def coefficients_in_place_of(grams: Grams, named: Sequence[str], one: Confounded) -> FloatArray:
+def coefficients_in_place_of(grams: Grams, named: Sequence[str], confounded: Confounded) -> FloatArray:
     """Return the coefficients that a confounded cause would have in place of the named one, the others kept.
 
     Parameters
@@ -255,6 +255,6 @@ def coefficients_in_place_of(grams: Grams, named: Sequence[str], one: Confounded
     named : sequence of str
         Keys of the named causes.
     """
-    keys = (*(key for key in named if key != one.of), one.key)
+    keys = (*(key for key in named if key != confounded.of), confounded.key)
     refitted = estimate(grams, keys)
-    return np.array([refitted.coefficients[i] for i in refitted.columns if grams.causes[i].key == one.key])
+    return np.array([refitted.coefficients[i] for i in refitted.columns if grams.causes[i].key == confounded.key])

@@ -215,13 +215,13 @@ def cancelling(linearised: LinearisedCampaign) -> Note | None:
     def size(part: FloatArray) -> float:
         return float(np.sqrt(part @ inner @ part))
 
-    for one, other in combinations(keys, 2):
-        if size(parts[one] + parts[other]) > REMAINDER * min(size(parts[one]), size(parts[other])):
+    for first, second in combinations(keys, 2):
+        if size(parts[first] + parts[second]) > REMAINDER * min(size(parts[first]), size(parts[second])):
             continue
-        for key in (one, other):
+        for key in (first, second):
             fewer = tuple(kept for kept in keys if kept != key)
             if _held_out_score(grams, keys) - _held_out_score(grams, fewer) < LEAST_NATS:
-                facts = {"families": tuple(EFFECTS[k].name for k in (one, other)), "without": EFFECTS[key].name}
+                facts = {"families": tuple(EFFECTS[k].name for k in (first, second)), "without": EFFECTS[key].name}
                 return Note(LackCode.PARTS_CANCEL, values=facts)
     return None
 

@@ -74,17 +74,17 @@ def refuted_soil(
     log_odds = np.log(PRIOR_PROBABILITY / len(asked) / (1.0 - PRIOR_PROBABILITY))
     for keys, probability in sets.items():
         plain, _ = _weighed(grams, keys, own)
-        wider = [_weighed(grams, keys, one.precision) for one in asked]
+        wider = [_weighed(grams, keys, prior.precision) for prior in asked]
         given = softmax([0.0, *(log_odds + found - plain for found, _ in wider)])[1:]
         share = probability / sum(sets.values()) * given
         chances += share
-        sizes += share * [one.in_sigmas @ soil for one, (_, soil) in zip(asked, wider, strict=True)]
+        sizes += share * [prior.in_sigmas @ soil for prior, (_, soil) in zip(asked, wider, strict=True)]
     found = [
-        RefutedSoil(one.campaign, one.parameter, float(chance), float(size / chance))
-        for one, chance, size in zip(asked, chances, sizes, strict=True)
+        RefutedSoil(prior.campaign, prior.parameter, float(chance), float(size / chance))
+        for prior, chance, size in zip(asked, chances, sizes, strict=True)
         if chance > SAID_AT
     ]
-    return tuple(sorted(found, key=lambda one: -one.probability))
+    return tuple(sorted(found, key=lambda refuted: -refuted.probability))
 
 
 def _wider(spaces: Sequence[tuple[str, SoilSpace]], count: int) -> Iterator[_Wider]:
@@ -147,13 +147,13 @@ def soil_instead(
         if (place := listed.position(fewer)) is None:
             continue
         plain, _ = _weighed(grams, fewer, own)
-        wider = [_weighed(grams, fewer, one.precision) for one in asked]
+        wider = [_weighed(grams, fewer, prior.precision) for prior in asked]
         others = [float(log_weight[place] + each + value - plain) for value, _ in wider]
         chances = softmax([float(log_weight[whole]) + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
         best = int(np.argmax(chances))
         if chances[best] > INSTEAD_AT:
-            one, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
-            refuted = RefutedSoil(one.campaign, one.parameter, float(chances[best]), size)
+            chosen, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
+            refuted = RefutedSoil(chosen.campaign, chosen.parameter, float(chances[best]), size)
             family = next(c.family for c in grams.causes if c.key == key)
             instead.append(SoilInstead(family, refuted))
     return tuple(instead)

@@ -67,8 +67,8 @@ def terms(conditions: Conditions, sinkage_m: FloatArray) -> tuple[Term, ...]:
     """
     simple = [_telling(group) for group in _simple(conditions, sinkage_m)]
     found = [Term("1", "", np.ones(len(sinkage_m))), *(term for group in simple for term in group)]
-    for one, other in combinations(simple, 2):
-        found += [_product(a, b) for a in one for b in other]
+    for first, second in combinations(simple, 2):
+        found += [_product(a, b) for a in first for b in second]
     return tuple(term for term in found if term.text == "1" or _varies(term.values))
 
 
@@ -271,14 +271,14 @@ def _formula(grams: Grams, terms: dict[str, TermColumn], keys: tuple[str, ...]) 
     value = dict(
         zip((grams.causes[i].key for i in found.columns), found.coefficients[list(found.columns)], strict=True)
     )
-    said = []
+    formulas = []
     for channel, definition in OUTPUTS.items():
         own = [(value[key] * terms[key].scale, terms[key]) for key in keys if terms[key].channel == channel]
         if own:
             parts = [_part(size, term, first=i == 0) for i, (size, term) in enumerate(own)]
             word = definition.name
-            said.append(f"{word} + ({' '.join(parts)})" if len(parts) > 1 else f"{word} {_signed(*own[0])}")
-    return ", ".join(said)
+            formulas.append(f"{word} + ({' '.join(parts)})" if len(parts) > 1 else f"{word} {_signed(*own[0])}")
+    return ", ".join(formulas)
 
 
 def _signed(size: float, term: TermColumn) -> str:

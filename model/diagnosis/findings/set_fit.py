@@ -288,8 +288,8 @@ def fit_set(
 def _form_shift(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     """Return by how much an estimate that knows of the error of form differs from one that does not, shape (p,)."""
     own = list(estimate(grams, keys).columns)
-    found = [estimate(one, keys) for one in (grams, replace(grams, form=0.0))]
-    known, exact = (np.r_[one.soil, one.coefficients[own]] for one in found)
+    found = [estimate(g, keys) for g in (grams, replace(grams, form=0.0))]
+    known, exact = (np.r_[linear.soil, linear.coefficients[own]] for linear in found)
     return np.asarray(known - exact)
 
 

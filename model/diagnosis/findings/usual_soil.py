@@ -51,7 +51,7 @@ def with_usual_soil(grams: Grams) -> Grams:
         grams,
         matrices=turn.T @ grams.matrices @ turn,
         static=turn.T @ grams.static @ turn if np.ndim(grams.static) else 0.0,
-        own=tuple(replace(one, across=one.across @ turn) for one in grams.own),
+        own=tuple(replace(gram, across=gram.across @ turn) for gram in grams.own),
         soil=(*grams.soil, *(f"{cause.key}.{cause.parameter}" for _, cause in moved)),
         causes=tuple(c for c in grams.causes if c.key not in usual),
     )

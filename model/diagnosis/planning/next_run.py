@@ -119,12 +119,12 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...]) -> Split
 def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -> FloatArray:
     """Return half of d^2 of each member that each other leaves, shape (members, members); 0 on the diagonal."""
     found = np.zeros((len(members), len(members)))
-    for i, one in enumerate(members):
+    for i, member in enumerate(members):
         for j, other in enumerate(members):
             if i != j:
                 columns = own_columns(grams, other.key)
                 sided = np.array([grams.causes[c].one_sided for c in columns])
-                left = least_left(projected.information, own_columns(grams, one.key), one.size, columns, sided)
+                left = least_left(projected.information, own_columns(grams, member.key), member.size, columns, sided)
                 found[i, j] = 0.5 * left**2
     return found
 
@@ -163,14 +163,14 @@ def next_runs(
     candidates = list(_candidates(linearised, keys))
     several = len(linearised.campaigns) > 1
     ranked = []
-    for one, matrix in zip(candidates, in_parallel(lambda one: one.products(), candidates), strict=True):
-        added = embedded(linearised, one.campaign, one.simulation, matrix)
+    for candidate, matrix in zip(candidates, in_parallel(lambda c: c.products(), candidates), strict=True):
+        added = embedded(linearised, candidate.campaign, candidate.simulation, matrix)
         result = split(linearised.grams, added, own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))
-        name = linearised.campaigns[one.campaign].campaign.name if several else ""
-        code = StepCode(one.step.code)
+        name = linearised.campaigns[candidate.campaign].campaign.name if several else ""
+        code = StepCode(candidate.step.code)
         cost, chance = COST_RUNS.get(code, 1.0), ahead.chance(code, added) if ahead else None
-        ranked.append(NextRun(one.step, families, result.expected_log_bayes_factor, cost, name, chance))
+        ranked.append(NextRun(candidate.step, families, result.expected_log_bayes_factor, cost, name, chance))
     plain = [run.expected_log_bayes_factor for run in ranked if run.step.code == StepCode.LIKE_OTHERS]
     least = max(_BETTER * max(plain, default=0.0), WORTH_SAYING)
     return tuple(

@@ -170,8 +170,8 @@ def _run(
         plan.duration_s, plan.wheel.radius_m, driving, rate_hz=_RATE_HZ, coast_slip=coast, style=DrivingStyle()
     ).motion()
     load = _load(plan, info, motion, road)
-    said = model.predict(Conditions(motion.slip, load))
-    lost = ~np.isfinite(said.drawbar_pull_n)
+    prediction = model.predict(Conditions(motion.slip, load))
+    lost = ~np.isfinite(prediction.drawbar_pull_n)
     if lost.any():
         raise DataError.of(
             "the soil cannot carry the wheel on this run",
@@ -186,9 +186,9 @@ def _run(
     segment = np.where(still, Segment.STANDSTILL, segment).astype(np.uint8)
     swing = _swing(plan, load)
     measured = {
-        "dp": np.where(moving, said.drawbar_pull_n, swing["dp"]),
-        "t": np.where(moving, said.driving_torque_nm, swing["t"]),
-        "z": said.sinkage_m,
+        "dp": np.where(moving, prediction.drawbar_pull_n, swing["dp"]),
+        "t": np.where(moving, prediction.driving_torque_nm, swing["t"]),
+        "z": prediction.sinkage_m,
     }
     nothing = np.full(len(load), np.nan)
     channel = {c: x if c in plan.channels else nothing for c, x in measured.items()}

@@ -147,12 +147,12 @@ def passport_of(sensor: str, observations: Sequence[Observation]) -> Passport:
     observations : sequence of Observation
         Its campaigns, in any order.
     """
-    ordered = sorted(observations, key=lambda one: (one.years, one.campaign))
+    ordered = sorted(observations, key=lambda o: (o.years, o.campaign))
     shared = may_be_shared(ordered)
-    data = [reduced(one, shared) for one in ordered]
-    middle = float(np.mean([one.years for one in data])) if data else 0.0
-    shown = [i for i in range(len(OF_THE_TRANSDUCER)) if any(one.precision[i, i] > 0 for one in data)]
-    hypotheses = list(_hypotheses(shown, several=len({one.years for one in data}) > 1))
+    data = [reduced(observation, shared) for observation in ordered]
+    middle = float(np.mean([campaign.years for campaign in data])) if data else 0.0
+    shown = [i for i in range(len(OF_THE_TRANSDUCER)) if any(campaign.precision[i, i] > 0 for campaign in data)]
+    hypotheses = list(_hypotheses(shown, several=len({campaign.years for campaign in data}) > 1))
     weight = _weights(data, hypotheses, len(shared), middle)
     chance = weight.sum(axis=(0, 2))
     wrong = float(1.0 - chance[hypotheses.index(())])
@@ -164,7 +164,7 @@ def passport_of(sensor: str, observations: Sequence[Observation]) -> Passport:
         places.append(_size(int(beside) - 1))
     return Passport(
         sensor,
-        tuple(one.campaign for one in ordered),
+        tuple(observation.campaign for observation in ordered),
         decision,
         effects,
         wrong,
@@ -191,14 +191,14 @@ def _weights(data: Sequence[Reduced], hypotheses: Sequence[Hypothesis], shared: 
 
 
 def _sums(data: Sequence[Reduced], tau: float, middle: float) -> Sums:
-    moments = [with_scatter(one.moments, tau, len(OF_THE_TRANSDUCER)) for one in data]
-    return Sums.of(moments, [_SLOPE * (one.years - middle) for one in data])
+    moments = [with_scatter(campaign.moments, tau, len(OF_THE_TRANSDUCER)) for campaign in data]
+    return Sums.of(moments, [_SLOPE * (campaign.years - middle) for campaign in data])
 
 
 def _evidences(sums: Sums, hypotheses: Sequence[Hypothesis], shared: int) -> FloatArray:
     """Return log evidences, shape (n, 1 + shared)."""
     found = np.empty((len(hypotheses), 1 + shared))
-    listed = [_places(one, _size(shared)) for one in hypotheses]
+    listed = [_places(hypothesis, _size(shared)) for hypothesis in hypotheses]
     rivals = np.arange(len(OF_THE_TRANSDUCER), _size(shared))
     for size in {len(places) for places in listed}:
         rows = [i for i, places in enumerate(listed) if len(places) == size]
@@ -210,9 +210,9 @@ def _evidences(sums: Sums, hypotheses: Sequence[Hypothesis], shared: int) -> Flo
     return found
 
 
-def _places(one: Hypothesis, size: int) -> list[int]:
+def _places(hypothesis: Hypothesis, size: int) -> list[int]:
     """Return the places in `Sums` of a hypothesis' parameters: a slope stands `size` behind its constant."""
-    return [at for place, course in one for at in ((place, size + place) if course == "drift" else (place,))]
+    return [at for place, course in hypothesis for at in ((place, size + place) if course == "drift" else (place,))]
 
 
 def _hypotheses(shown: Sequence[int], *, several: bool) -> list[Hypothesis]:
@@ -224,12 +224,12 @@ def _hypotheses(shown: Sequence[int], *, several: bool) -> list[Hypothesis]:
     return found
 
 
-def _prior(one: Hypothesis, of: Sequence[Hypothesis]) -> float:
-    alike = sum(len(other) == len(one) for other in of)
-    if not one:
+def _prior(hypothesis: Hypothesis, of: Sequence[Hypothesis]) -> float:
+    alike = sum(len(other) == len(hypothesis) for other in of)
+    if not hypothesis:
         return _SOUND if len(of) > 1 else 1.0
     pairs = any(len(other) > 1 for other in of)
-    share = (_PAIR if len(one) > 1 else 1.0 - _PAIR) if pairs else 1.0
+    share = (_PAIR if len(hypothesis) > 1 else 1.0 - _PAIR) if pairs else 1.0
     return (1.0 - _SOUND) * share / alike
 
 
@@ -239,26 +239,26 @@ def _candidates(shown: Sequence[int], hypotheses: Sequence[Hypothesis], chance: 
         holds = [place in dict(h) for h in hypotheses]
         drifts = [dict(h).get(place) == "drift" for h in hypotheses]
         found.append(Candidate(OF_THE_TRANSDUCER[place], float(chance[holds].sum()), float(chance[drifts].sum())))
-    return tuple(sorted(found, key=lambda one: -one.probability))
+    return tuple(sorted(found, key=lambda c: -c.probability))
 
 
 def _shared(shared: Sequence[tuple[str, str]], chance: FloatArray) -> tuple[Candidate, ...]:
     total: dict[str, float] = {}
     for (effect, _), each in zip(shared, chance.tolist(), strict=True):
         total[effect] = total.get(effect, 0.0) + each
-    return tuple(sorted((Candidate(key, each, 0.0) for key, each in total.items()), key=lambda one: -one.probability))
+    return tuple(sorted((Candidate(key, each, 0.0) for key, each in total.items()), key=lambda c: -c.probability))
 
 
 def _decided(wrong: float, candidates: Sequence[Candidate]) -> tuple[Decision, tuple[str, ...]]:
     if wrong < _SURE:
         return "nothing", ()
-    if named := tuple(one.effect for one in candidates if one.probability >= _SURE):
+    if named := tuple(candidate.effect for candidate in candidates if candidate.probability >= _SURE):
         return "named", named
     open_ones: list[str] = []
     total = 0.0
-    for one in candidates:
-        open_ones.append(one.effect)
-        total += one.probability
+    for candidate in candidates:
+        open_ones.append(candidate.effect)
+        total += candidate.probability
         if total >= _SURE:
             break
     return "flagged", tuple(open_ones)
@@ -275,11 +275,16 @@ def _trends(
         unit = scales[place] * np.array([1.0, _SLOPE])
         sigma, mean = np.sqrt(np.diag(covariance)) * abs(unit), mean * unit
         points = []
-        for one, campaign in zip(data, ordered, strict=True):
-            own = one.precision[place, place]
-            value, error = (one.score[place] / own, own**-0.5) if own > 0 else (np.nan, np.nan)
+        for campaign, observation in zip(data, ordered, strict=True):
+            own = campaign.precision[place, place]
+            value, error = (campaign.score[place] / own, own**-0.5) if own > 0 else (np.nan, np.nan)
             points.append(
-                Point(campaign.campaign, one.years, float(value * scales[place]), float(error * abs(scales[place])))
+                Point(
+                    observation.campaign,
+                    campaign.years,
+                    float(value * scales[place]),
+                    float(error * abs(scales[place])),
+                )
             )
         found[OF_THE_TRANSDUCER[place]] = Trend(
             effect=OF_THE_TRANSDUCER[place],
@@ -300,12 +305,12 @@ def _disagreeing(
     found = {}
     m = len(OF_THE_TRANSDUCER)
     whole = _sums(data, tau, middle)
-    for i, one in enumerate(data):
-        rest = whole.without(_sums([one], tau, middle)) if len(data) > 1 else Sums.none(len(one.score))
+    for i, campaign in enumerate(data):
+        rest = whole.without(_sums([campaign], tau, middle)) if len(data) > 1 else Sums.none(len(campaign.score))
         mean, covariance = rest.fit(places)
-        rows = one.precision[:m] @ rest.design(places, _SLOPE * (one.years - middle))
-        error = one.score[:m] - rows @ mean
-        own = one.precision[:m, :m]
+        rows = campaign.precision[:m] @ rest.design(places, _SLOPE * (campaign.years - middle))
+        error = campaign.score[:m] - rows @ mean
+        own = campaign.precision[:m, :m]
         size, axes = np.linalg.eigh(own)
         seen = size > 1e-9 * max(float(size[-1]), 1.0)
         basis = axes[:, seen]

@@ -73,16 +73,16 @@ def may_be_shared(observations: Sequence[Observation]) -> list[Shared]:
     """Return what the campaigns show of wheel, soil and speed, in its order."""
     shown = dict.fromkeys(
         pair
-        for one in observations
-        for pair in zip(one.information.effects, one.information.parameters, strict=True)
+        for observation in observations
+        for pair in zip(observation.information.effects, observation.information.parameters, strict=True)
         if pair[0] not in OF_THE_TRANSDUCER
     )
     return list(shown)
 
 
-def reduced(one: Observation, shared: Sequence[Shared] = ()) -> Reduced:
+def reduced(observation: Observation, shared: Sequence[Shared] = ()) -> Reduced:
     """Return what a campaign says of its transducer, and of what it may share with others."""
-    information, first = one.information, 1 + len(one.information.soil)
+    information, first = observation.information, 1 + len(observation.information.soil)
     alone, kept, places = list(range(1, first)), [], []
     for at, (key, parameter) in enumerate(zip(information.effects, information.parameters, strict=True), first):
         if key in OF_THE_TRANSDUCER:
@@ -95,7 +95,7 @@ def reduced(one: Observation, shared: Sequence[Shared] = ()) -> Reduced:
             places.append(1 + len(OF_THE_TRANSDUCER) + shared.index((key, parameter)))
     precision, score = _without(information.matrix, alone, kept)
     size = 1 + len(OF_THE_TRANSDUCER) + len(shared)
-    out = Reduced(one.years, np.zeros((size, size)))
+    out = Reduced(observation.years, np.zeros((size, size)))
     out.moments[np.ix_(places, places)] = precision
     out.moments[0, places] = out.moments[places, 0] = score
     return out
@@ -126,7 +126,7 @@ class SoilDeparture:
     p_value: float
 
 
-def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDeparture:
+def soil_departure(observation: Observation, known: FloatArray | None = None) -> SoilDeparture:
     r"""Compare a campaign's soil with its laboratory.
 
     Parameters
@@ -139,7 +139,7 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
     With the laboratory's prior :math:`u \sim N(0, I)` the score h of the soil has the covariance
     :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
     """
-    information, first = one.information, 1 + len(one.information.soil)
+    information, first = observation.information, 1 + len(observation.information.soil)
     soil = [at for at, label in enumerate(information.soil, 1) if label not in SENSORS]
     others = [at for at in range(1, first) if at not in soil]
     others += [
@@ -163,7 +163,7 @@ def soil_departure(one: Observation, known: FloatArray | None = None) -> SoilDep
     mean = np.linalg.solve(np.eye(len(soil)) + precision, score)
     p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
     return SoilDeparture(
-        one.campaign, {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}, p_value
+        observation.campaign, {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}, p_value
     )
 
 
@@ -171,10 +171,10 @@ def scales_of(observations: Sequence[Observation]) -> tuple[FloatArray, tuple[st
     """Return scale, parameter and unit of each of the transducer's parameters; NaN and empty for one nobody shows."""
     scales = np.full(len(OF_THE_TRANSDUCER), np.nan)
     names, units = [""] * len(scales), [""] * len(scales)
-    for one in observations:
-        for i, key in enumerate(one.information.effects):
+    for observation in observations:
+        for i, key in enumerate(observation.information.effects):
             if key in OF_THE_TRANSDUCER:
                 at = OF_THE_TRANSDUCER.index(key)
-                scales[at] = one.information.scales[i]
-                names[at], units[at] = one.information.parameters[i], one.information.units[i]
+                scales[at] = observation.information.scales[i]
+                names[at], units[at] = observation.information.parameters[i], observation.information.units[i]
     return scales, tuple(names), tuple(units)

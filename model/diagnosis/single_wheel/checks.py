@@ -55,16 +55,16 @@ def cancelling(weighing: Weighing) -> Note | None:
     As well means that the rows' evidence falls by less than `LEAST_NATS` without it.
     """
     best = weighing.sets[0]
-    for one, other in combinations(best.hypothesis, 2):
-        alone = [_changes(weighing, best, (use,)) for use in (one, other)]
-        if _size(weighing, _changes(weighing, best, (one, other))) > REMAINDER * min(
+    for first, second in combinations(best.hypothesis, 2):
+        alone = [_changes(weighing, best, (use,)) for use in (first, second)]
+        if _size(weighing, _changes(weighing, best, (first, second))) > REMAINDER * min(
             _size(weighing, change) for change in alone
         ):
             continue
-        for use in (one, other):
+        for use in (first, second):
             fewer = [w for w in weighing.sets if set(w.hypothesis) == set(best.hypothesis) - {use}]
             if fewer and best.log_evidence - fewer[0].log_evidence < LEAST_NATS:
-                facts = {"families": tuple(family_of(u) for u in (one, other)), "without": family_of(use)}
+                facts = {"families": tuple(family_of(u) for u in (first, second)), "without": family_of(use)}
                 return Note(LackCode.PARTS_CANCEL, values=facts)
     return None
 
@@ -76,7 +76,7 @@ def _changes(weighing: Weighing, best: Weighed, causes: Sequence[CauseUse]) -> d
     places = problem.positions(best.hypothesis)
     left = np.concatenate([standard[: problem.soil_offsets[-1]], *(standard[places[use]] for use in kept)])
     without, _ = problem.evaluate([kept], left[None])
-    return {channel: best.optima[0].said[channel] - without[channel][0] for channel in without}
+    return {channel: best.optima[0].predicted[channel] - without[channel][0] for channel in without}
 
 
 def _size(weighing: Weighing, change: Mapping[str, FloatArray]) -> float:

@@ -31,7 +31,7 @@ _NEVER = 8.0
 
 @dataclass(frozen=True)
 class SoilCoordinates:
-    """One soil, shared by the benches that name it.
+    """One soil, shared by the tables that name it.
 
     Attributes
     ----------
@@ -53,34 +53,34 @@ class SoilCoordinates:
     cohesive_share: float
 
     @staticmethod
-    def of(bench: Bench) -> SoilCoordinates:
-        """Return the coordinates of a bench's soil.
+    def of(table: Bench) -> SoilCoordinates:
+        """Return the coordinates of a table's soil.
 
         Raises
         ------
         ConfigError
             The laboratory's stiffness at the wheel's width is not positive.
         """
-        c, tan_phi, shear, n, kc, kphi = (float(x) for x in bench.soil_prior.mean)
-        k = kc / bench.wheel.width_m + kphi
+        c, tan_phi, shear, n, kc, kphi = (float(x) for x in table.soil_prior.mean)
+        k = kc / table.wheel.width_m + kphi
         if not k > 0:
             raise ConfigError.of(
                 "the soil does not carry the wheel: k_c/b + k_phi is not positive",
-                bench.name,
-                f"{k:.4g} Pa/m^n at b = {bench.wheel.width_m:g} m",
+                table.name,
+                f"{k:.4g} Pa/m^n at b = {table.wheel.width_m:g} m",
                 next_step="take k of the plate nearest to the wheel's width as frictional_modulus_kn",
             )
         to_coordinates = np.zeros((5, len(SOIL_PARAMETERS)))
         to_coordinates[[0, 1, 2, 3], [0, 1, 2, 3]] = 1.0, 1.0, 1.0 / shear, 1.0
-        to_coordinates[4, 4:] = 1.0 / (bench.wheel.width_m * k), 1.0 / k
-        covariance = to_coordinates @ bench.soil_prior.covariance @ to_coordinates.T
+        to_coordinates[4, 4:] = 1.0 / (table.wheel.width_m * k), 1.0 / k
+        covariance = to_coordinates @ table.soil_prior.covariance @ to_coordinates.T
         known = np.diag(covariance) > 0
         fixed = dict(zip(SOIL_COORDINATES, (c, tan_phi, np.log(shear), n, np.log(k)), strict=True))
         names = tuple(name for name, free in zip(SOIL_COORDINATES, known, strict=True) if free)
         root = np.zeros((len(names), len(names)))
         root[:] = np.linalg.cholesky(covariance[np.ix_(known, known)])
         mean = np.array([fixed[name] for name in names])
-        return SoilCoordinates(names, fixed, mean, root, kc / bench.wheel.width_m / k)
+        return SoilCoordinates(names, fixed, mean, root, kc / table.wheel.width_m / k)
 
     def values(self, standard: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
         """Return the coordinates and their derivatives.
@@ -149,7 +149,7 @@ class CauseCoordinate:
         """Return the coordinate for a wheel under a typical load; `declared` are centre and scale, if they are known.
 
         Scales in N and N m are stated for a vehicle's wheel under 10 kN and shrink with the load (moments with the
-        load only: a bench's torque sensor has the range that its loads ask for).
+        load only: a single-wheel test's torque sensor has the range that its loads ask for).
         """
         scale = parameter.scale(wheel)
         if parameter.unit in _LOAD_UNITS:

@@ -1,4 +1,4 @@
-"""Diagnosis of bench tables: few independent rows, a strongly nonlinear model, a soil that is barely known."""
+"""Diagnosis of single-wheel tables: few independent rows, a strongly nonlinear model, a soil that is barely known."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MOST_SIGNATURES = 6
 
 @one_thread
 def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = None) -> Diagnosis:
-    """Diagnose bench tables jointly: causes are shared, and the soil where two tables name the same one.
+    """Diagnose single-wheel tables jointly: causes are shared, and the soil where two tables name the same one.
 
     Rows of a driven wheel (s >= 0) are diagnosed; rows with s < 0 have a law of their own and do not enter. A table
     with rows of a braked wheel alone is diagnosed by its sinkage.
@@ -55,7 +55,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         No rows, or a wheel that no soil near the laboratory's carries.
     """
     options = options or DiagnosisOptions()
-    if not any(len(bench.rows) for bench in benches):
+    if not any(len(table.rows) for table in benches):
         raise DataError.of("the table has no rows to diagnose", ", ".join(b.name for b in benches))
     clock = Clock(shares=OF_TABLES)
     with clock.stage("rows"):
@@ -106,20 +106,20 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     return replace(found, gain=gain, grounds=grounds, stages_s=clock.stages_s)
 
 
-def _rows(benches: Sequence[Bench], channels: tuple[str, ...]) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
+def _rows(tables: Sequence[Bench], channels: tuple[str, ...]) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
     """Return the rows to diagnose, the channels to use, and what is to be noted of the choice."""
-    driven = [bench.rows.slip > -NO_SLIP for bench in benches]
-    braked = not any(int(np.count_nonzero(bench.rows.slip > NO_SLIP)) for bench in benches)
+    driven = [table.rows.slip > -NO_SLIP for table in tables]
+    braked = not any(int(np.count_nonzero(table.rows.slip > NO_SLIP)) for table in tables)
     kept, remarks = [], []
-    for bench, rows in zip(benches, driven, strict=True):
-        usable = np.isfinite(bench.rows.slip) & np.isfinite(bench.rows.vertical_load_n)
-        wanted = usable & ((bench.rows.slip < NO_SLIP) if braked else rows)
+    for table, rows in zip(tables, driven, strict=True):
+        usable = np.isfinite(table.rows.slip) & np.isfinite(table.rows.vertical_load_n)
+        wanted = usable & ((table.rows.slip < NO_SLIP) if braked else rows)
         left = int(np.count_nonzero(usable & ~wanted))
         if left:
-            remarks.append(Note(DiagnosisCode.BRAKED_ROWS_EXCLUDED, values={"table": bench.name, "rows": left}))
-        part = bench.rows[wanted]
+            remarks.append(Note(DiagnosisCode.BRAKED_ROWS_EXCLUDED, values={"table": table.name, "rows": left}))
+        part = table.rows[wanted]
         slip = np.minimum(part.slip, 0.0) if braked else np.maximum(part.slip, 0.0)
-        kept.append(replace(bench, rows=replace(part, slip=slip)))
+        kept.append(replace(table, rows=replace(part, slip=slip)))
     if braked:
         remarks.append(Note(DiagnosisCode.BRAKED_ROWS_ONLY))
         return kept, tuple(c for c in channels if c == "z"), remarks
@@ -138,7 +138,7 @@ def _too_few(problem: BenchProblem) -> Note | None:
 
 
 def _diagnosis(
-    benches: Sequence[Bench],
+    tables: Sequence[Bench],
     weighing: Weighing,
     known: Library,
     judged: tuple[Verdict, tuple[Cause, ...]],
@@ -153,14 +153,14 @@ def _diagnosis(
     shown = _shown(weighing, causes)
     plot_data = plot_data_of(weighing, best, shown)
     runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
-    skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
+    skids = {table.name: law for table in tables if (law := skid_law(table)) is not None}
     null = weighing.of_set(())
     return Diagnosis(
         verdict=verdict,
         causes=causes,
         candidates=candidates(found),
         what_is_wrong=findings_of(weighing),
-        inconsistent=inconsistencies(benches),
+        inconsistent=inconsistencies(tables),
         adequacy=_adequacy(weighing),
         proposal=None,
         minimum_detectable=detectable_in_rows(problem, known, null.optima[0], options.name_at),
@@ -239,9 +239,9 @@ def _least_misfit(weighing: Weighing) -> float:
     return min(w.misfit for w in weighing.sets)
 
 
-def _noise(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
+def _noise(problem: BenchProblem, predicted: dict[str, FloatArray]) -> dict[str, float]:
     found = {}
-    for channel, (scatter, form) in noise_of(problem, said).items():
+    for channel, (scatter, form) in noise_of(problem, predicted).items():
         found[f"{channel}_repeats_{OUTPUTS[channel].suffix}"] = scatter
         found[f"{channel}_form_{OUTPUTS[channel].suffix}"] = form
     return found

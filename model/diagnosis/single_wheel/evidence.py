@@ -43,7 +43,7 @@ class SetPosterior:
     standard : array, shape (draws, p)
     log_weight : array, shape (draws,)
         ln (prior / proposal) of each draw: without the likelihood, so that rows can be held out.
-    said : mapping channel -> array, shape (draws, n)
+    predicted : mapping channel -> array, shape (draws, n)
     log_likelihood : array, shape (draws,)
     """
 
@@ -52,7 +52,7 @@ class SetPosterior:
     log_evidence_sigma: float
     standard: FloatArray
     log_weight: FloatArray
-    said: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
     log_likelihood: FloatArray
 
     @property
@@ -106,18 +106,18 @@ def posterior_of(
     hypothesis = modes[0].hypothesis
     proposals, counts = _around(modes)
     draws = np.concatenate([p.draw(n, rng) for p, n in zip(proposals, counts, strict=True)])
-    said, likelihood = _evaluated(problem, hypothesis, draws, rows)
+    predicted, likelihood = _evaluated(problem, hypothesis, draws, rows)
     for done in range(_ROUNDS[1]):
         weight = _log_weight(draws, proposals, counts) + likelihood
         if done >= _ROUNDS[0] and _effective(weight) > _ENOUGH:
             break
         wide = _widened(draws, weight)
         new = wide.draw(_ROUND, rng)
-        said_new, likelihood_new = _evaluated(problem, hypothesis, new, rows)
+        predicted_new, likelihood_new = _evaluated(problem, hypothesis, new, rows)
         draws, likelihood = np.concatenate([draws, new]), np.concatenate([likelihood, likelihood_new])
-        said = {channel: np.concatenate([said[channel], said_new[channel]]) for channel in said}
+        predicted = {channel: np.concatenate([predicted[channel], predicted_new[channel]]) for channel in predicted}
         proposals, counts = [*proposals, wide], [*counts, _ROUND]
-    return _summed(hypothesis, draws, _log_weight(draws, proposals, counts), said, likelihood)
+    return _summed(hypothesis, draws, _log_weight(draws, proposals, counts), predicted, likelihood)
 
 
 def _around(modes: Sequence[Optimum]) -> tuple[list[_Proposal], list[int]]:
@@ -136,8 +136,8 @@ def _around(modes: Sequence[Optimum]) -> tuple[list[_Proposal], list[int]]:
 def _evaluated(
     problem: BenchProblem, hypothesis: Hypothesis, draws: FloatArray, rows: FloatArray | None
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    said, _ = problem.evaluate([hypothesis] * len(draws), draws)
-    return said, log_likelihood(problem, said, rows)
+    predicted, _ = problem.evaluate([hypothesis] * len(draws), draws)
+    return predicted, log_likelihood(problem, predicted, rows)
 
 
 def _distinct(optima: Sequence[Optimum]) -> list[Optimum]:
@@ -177,16 +177,18 @@ def _summed(
     hypothesis: Hypothesis,
     draws: FloatArray,
     log_weight: FloatArray,
-    said: dict[str, FloatArray],
+    predicted: dict[str, FloatArray],
     likelihood: FloatArray,
 ) -> SetPosterior:
-    said = {channel: np.where(np.isfinite(likelihood)[:, None], values, 0.0) for channel, values in said.items()}
+    predicted = {
+        channel: np.where(np.isfinite(likelihood)[:, None], values, 0.0) for channel, values in predicted.items()
+    }
     each = log_weight + likelihood
     top = float(each.max())
     share = np.exp(each - top)
     mean = float(share.mean())
     error = float(share.std() / np.sqrt(len(share)) / mean)
-    return SetPosterior(hypothesis, top + log(mean), error, draws, log_weight, said, likelihood)
+    return SetPosterior(hypothesis, top + log(mean), error, draws, log_weight, predicted, likelihood)
 
 
 def _shares(log_weight: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ _USUAL_LOAD_N = 10_000.0
 
 
 def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[PlotData, ...]:
-    """Return every bench's rows with what the simulation and its extensions say.
+    """Return every table's rows with what the simulation and its extensions say.
 
     Parameters
     ----------
@@ -51,29 +51,31 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
     members = {key: _alone(weighing, key) for key in keys}
     sigma = _sigmas(problem, extended)
     found = []
-    for i, bench in enumerate(problem.benches):
-        rows = problem.bench == i
+    for i, table in enumerate(problem.tables):
+        rows = problem.table == i
         channels = [c for c in OUTPUTS if np.isfinite(problem.measured(c)[rows]).any()]
         nothing = np.full(int(rows.sum()), np.nan)
         found.append(
             PlotData(
-                campaign=bench.name,
-                runs=bench.rows.names,
-                run=bench.rows.run,
-                time_s=bench.rows.time_s,
-                slip=bench.rows.slip,
+                campaign=table.name,
+                runs=table.rows.names,
+                run=table.rows.run,
+                time_s=table.rows.time_s,
+                slip=table.rows.slip,
                 ground_speed_mps=nothing,
-                vertical_load_n=bench.rows.vertical_load_n,
+                vertical_load_n=table.rows.vertical_load_n,
                 line_position=nothing,
                 measured={c: problem.measured(c)[rows] for c in channels},
                 base={c: base[c][rows] for c in channels},
                 extended={c: extended[c][rows] for c in channels},
                 base_sigma={c: np.full(int(rows.sum()), sigma.get(c, np.nan)) for c in channels},
                 signatures={
-                    key: {c: (said[c] - null.optima[0].said[c])[rows] for c in channels if c in problem.channels}
-                    for key, said in members.items()
+                    key: {
+                        c: (predicted[c] - null.optima[0].predicted[c])[rows] for c in channels if c in problem.channels
+                    }
+                    for key, predicted in members.items()
                 },
-                implied={key: {c: said[c][rows] for c in OUTPUTS} for key, said in members.items()},
+                implied={key: {c: predicted[c][rows] for c in OUTPUTS} for key, predicted in members.items()},
                 unused_channels=tuple(c for c in channels if c not in problem.channels),
             )
         )
@@ -83,10 +85,10 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
 def findings_of(weighing: Weighing, chosen: Weighed | None = None) -> tuple[Finding, ...]:
     """Return where the simulation with its re-calibrated soil, or with a set of causes, is off, worst first."""
     problem, least = weighing.problem, _SIGNIFICANT if chosen is None else 0.0
-    said = mean_of(weighing.of_set(()).posterior) if chosen is None else chosen.optima[0].said
+    predicted = mean_of(weighing.of_set(()).posterior) if chosen is None else chosen.optima[0].predicted
     found = []
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
-        error = noise.measured - said[noise.channel][rows]
+        error = noise.measured - predicted[noise.channel][rows]
         scatter = float(np.median(noise.scatter))
         for group in np.unique(noise.groups):
             own = noise.groups == group
@@ -100,32 +102,32 @@ def findings_of(weighing: Weighing, chosen: Weighed | None = None) -> tuple[Find
 
 def _place(problem: BenchProblem, rows: IndexArray) -> Rows:
     slip, load = problem.slip[rows], problem.load_n[rows]
-    table = problem.benches[problem.bench[rows[0]]].name if len(problem.benches) > 1 else ""
+    table = problem.tables[problem.table[rows[0]]].name if len(problem.tables) > 1 else ""
     return Rows(float(slip.mean()), float(load.mean()), len(rows), table)
 
 
 def mean_of(posterior: SetPosterior | None) -> dict[str, FloatArray]:
     """Return what a set says on average over its posterior: channel -> array, shape (n,)."""
     assert posterior is not None
-    return {channel: posterior.weights @ values for channel, values in posterior.said.items()}
+    return {channel: posterior.weights @ values for channel, values in posterior.predicted.items()}
 
 
 def _alone(weighing: Weighing, key: str) -> dict[str, FloatArray]:
     """Return what a cause says as if it were the one: its own set, alone."""
     own = next(w for w in weighing.sets if [use.key for use in w.hypothesis] == [key])
-    return own.optima[0].said if own.posterior is None else mean_of(own.posterior)
+    return own.optima[0].predicted if own.posterior is None else mean_of(own.posterior)
 
 
-def _sigmas(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
-    """Return the one-sigma of a row, of each channel, where `said` is right."""
-    return {channel: float(np.hypot(*noise)) for channel, noise in noise_of(problem, said).items()}
+def _sigmas(problem: BenchProblem, predicted: dict[str, FloatArray]) -> dict[str, float]:
+    """Return the one-sigma of a row, of each channel, where `predicted` is right."""
+    return {channel: float(np.hypot(*noise)) for channel, noise in noise_of(problem, predicted).items()}
 
 
-def noise_of(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, tuple[float, float]]:
+def noise_of(problem: BenchProblem, predicted: dict[str, FloatArray]) -> dict[str, tuple[float, float]]:
     """Return scatter of repeats and error of form of each channel, given what a model says."""
     found = {}
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
-        scatter, form = noise.means(noise.node_shares(noise.measured - said[noise.channel][rows]))
+        scatter, form = noise.means(noise.node_shares(noise.measured - predicted[noise.channel][rows]))
         found[noise.channel] = (float(scatter), float(form))
     return found
 
@@ -160,11 +162,11 @@ def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int
     for i, coordinate in enumerate(coordinates):
         value = coordinate.neutral + (0.5 * coordinate.side * coordinate.scale if i == which else 0.0)
         standard[0, soil + i] = coordinate.standard(value)
-    said, _ = problem.evaluate([(use,)], standard)
+    predicted, _ = problem.evaluate([(use,)], standard)
     fixed = with_usual_form(problem)
     change, slopes, precision = [], [], []
     for noise, rows in zip(fixed.noises, fixed.rows, strict=True):
-        change.append((said[noise.channel][0, rows] - null.said[noise.channel][rows]) / 0.5)
+        change.append((predicted[noise.channel][0, rows] - null.predicted[noise.channel][rows]) / 0.5)
         slopes.append(null.slopes[noise.channel][rows, :soil])
         precision.append(noise.precision(np.ones(1)))
     information = sum(float(c @ p @ c) for c, p in zip(change, precision, strict=True))
@@ -200,7 +202,7 @@ def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) ->
     found = [draws[p.name].estimate(p.name, p.unit) for p in effect.parameters]
     if effect.total:
         each = [draws[p.name] for p in effect.parameters]
-        total = Draws(np.sum([one.values for one in each], axis=0), each[0].weights)
+        total = Draws(np.sum([d.values for d in each], axis=0), each[0].weights)
         found.insert(0, total.estimate(effect.total, effect.parameters[0].unit))
     return tuple(found)
 
@@ -237,18 +239,18 @@ def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
     assert posterior is not None
     found = []
     for i, soil in enumerate(problem.soils):
-        bench = problem.benches[problem.soil_of.index(i)]
+        table = problem.tables[problem.soil_of.index(i)]
         start, stop = problem.soil_offsets[i : i + 2]
         values, _ = soil.values(posterior.standard[:, start:stop])
-        natural = soil.soil_parameters(values, bench.wheel.width_m)
+        natural = soil.soil_parameters(values, table.wheel.width_m)
         draws = {name: Draws(column, posterior.weights).estimate(name, "") for name, column in natural.items()}
-        names = [b.name for b, of in zip(problem.benches, problem.soil_of, strict=True) if of == i]
+        names = [b.name for b, of in zip(problem.tables, problem.soil_of, strict=True) if of == i]
         found.append(
             SoilEstimate(
                 " and ".join(names),
                 {n: d.value for n, d in draws.items()},
                 {n: d.sigma for n, d in draws.items()},
-                bench.soil_prior.sized(),
+                table.soil_prior.sized(),
             )
         )
     return tuple(found)
@@ -300,8 +302,8 @@ def _unused_channels(plot_data: Sequence[PlotData]) -> list[Note]:
     for table in plot_data:
         for channel in table.unused_channels:
             errors = {
-                key: float(np.sqrt(np.nanmean((said[channel] - table.measured[channel]) ** 2)))
-                for key, said in table.implied.items()
+                key: float(np.sqrt(np.nanmean((predicted[channel] - table.measured[channel]) ** 2)))
+                for key, predicted in table.implied.items()
             }
             known = {key: error for key, error in errors.items() if np.isfinite(error)}
             if known:

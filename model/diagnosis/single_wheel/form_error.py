@@ -59,10 +59,13 @@ def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Jud
     """
     own = base.judgement
     others = {factor: judged_with(factor) for factor in _ASKED.get(own.verdict, ())}
-    turned = {factor: one for factor, one in others.items() if not _same(one, base.plain)}
+    turned = {factor: judgement for factor, judgement in others.items() if not _same(judgement, base.plain)}
     if not turned:
         return own, None
-    why = Note(LackCode.FORM_DECIDES, values={_NAMES[f]: (one.verdict, one.families) for f, one in turned.items()})
+    why = Note(
+        LackCode.FORM_DECIDES,
+        values={_NAMES[f]: (judgement.verdict, judgement.families) for f, judgement in turned.items()},
+    )
     if own.verdict != "named":
         return own, why
     likely = tuple(family for family, p in base.posterior.families().items() if p > _LIKELY)
@@ -70,9 +73,9 @@ def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Jud
     return one_of(base.posterior, why, likely, kept_back), why
 
 
-def _same(one: Judgement, other: Judgement) -> bool:
-    named = one.verdict == "named"
-    return one.verdict == other.verdict and (not named or set(one.families) == set(other.families))
+def _same(judgement: Judgement, other: Judgement) -> bool:
+    named = judgement.verdict == "named"
+    return judgement.verdict == other.verdict and (not named or set(judgement.families) == set(other.families))
 
 
 def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:

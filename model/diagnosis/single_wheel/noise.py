@@ -1,4 +1,4 @@
-"""What separates a bench's rows from a model: scatter of repeats, and an error of form that repeats share.
+"""What separates a table's rows from a model: scatter of repeats, and an error of form that repeats share.
 
 A row of a group (one preparation, one speed) is ``y = f + d_group + e`` with e the scatter of repeats, d an error of
 the model's form that all rows of the group share: no such model is right to the last digit, and a cause must not be

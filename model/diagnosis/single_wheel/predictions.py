@@ -67,22 +67,22 @@ def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
     null = _searched(problem, folds, [weighing.of_set(()).optima] * len(folds))
     base = [_predicted(problem, fold, again, rng) for fold, again in zip(folds, null, strict=True)]
     extended = [
-        _predicted(problem, fold, (one,), rng) if one.hypothesis else plain
-        for fold, one, plain in zip(folds, best, base, strict=True)
+        _predicted(problem, fold, (optimum,), rng) if optimum.hypothesis else plain
+        for fold, optimum, plain in zip(folds, best, base, strict=True)
     ]
-    chosen = [tuple(use.key for use in one.hypothesis) for one in best]
+    chosen = [tuple(use.key for use in optimum.hypothesis) for optimum in best]
     return gain_of(base, extended, chosen, problem.channels[0])
 
 
 @dataclass(frozen=True)
 class _Fold:
-    left_out: BoolArray
+    held_out: BoolArray
     kept: FloatArray
 
     @staticmethod
     def of(problem: BenchProblem, group: int) -> _Fold:
-        left_out = problem.group == group
-        return _Fold(left_out, np.where(left_out, 0.0, 1.0))
+        own = problem.group == group
+        return _Fold(own, np.where(own, 0.0, 1.0))
 
 
 def _best_in(weighing: Weighing, folds: Sequence[_Fold], rng: np.random.Generator) -> list[Optimum]:
@@ -117,8 +117,10 @@ def _searched(
 
 def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
     """Return the sets that are worth a search on the rows that are kept; no cause at all is always one."""
-    said = {c: np.stack([w.optima[0].said[c] for w in weighing.sets]) for c in weighing.sets[0].optima[0].said}
-    kept = log_likelihood(weighing.problem, said, fold.kept)
+    predicted = {
+        c: np.stack([w.optima[0].predicted[c] for w in weighing.sets]) for c in weighing.sets[0].optima[0].predicted
+    }
+    kept = log_likelihood(weighing.problem, predicted, fold.kept)
     whole = np.array([w.optima[0].log_likelihood for w in weighing.sets])
     possible = np.isfinite(kept) & np.isfinite(whole)
     score = np.full(len(kept), -np.inf)
@@ -133,21 +135,21 @@ def _predicted(
     """Predict the rows of a fold that were held out from where a hypothesis fits the others best."""
     posterior = posterior_of(problem, optima, rng, fold.kept)
     weights = posterior.weights
-    measured = {channel: problem.measured(channel) for channel in posterior.said}
+    measured = {channel: problem.measured(channel) for channel in posterior.predicted}
     there = [channel for channel, values in measured.items() if np.isfinite(values).any()]
     return HeldOutPrediction(
         log_likelihood=_log_predictive(problem, posterior),
-        measured={channel: measured[channel][fold.left_out] for channel in there},
-        predicted={channel: weights @ posterior.said[channel][:, fold.left_out] for channel in there},
-        judged=np.ones(int(fold.left_out.sum()), bool),
-        numbers=int(sum(fold.left_out[rows].sum() for rows in problem.rows)),
+        measured={channel: measured[channel][fold.held_out] for channel in there},
+        predicted={channel: weights @ posterior.predicted[channel][:, fold.held_out] for channel in there},
+        judged=np.ones(int(fold.held_out.sum()), bool),
+        numbers=int(sum(fold.held_out[rows].sum() for rows in problem.rows)),
     )
 
 
 def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
     """Return ln p of the rows that were held out, given those that were kept."""
     possible = np.isfinite(posterior.log_likelihood)
-    everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.said.items()})
+    everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.predicted.items()})
     ratio = everything - posterior.log_likelihood[possible]
     top = float(ratio.max())
     return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
@@ -165,9 +167,9 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
     rivals = _rivals(weighing)
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
-        said = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
-        known = [prediction for prediction in said if prediction is not None]
-        if len(known) < len(said):
+        predictions = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
+        known = [prediction for prediction in predictions if prediction is not None]
+        if len(known) < len(predictions):
             continue
         nats = np.array([[_divergence(a, b) for b in known] for a in known])
         expected = expected_nats(nats, [p for p, _ in rivals])
@@ -201,7 +203,7 @@ def _designs(problem: BenchProblem) -> list[_Design]:
     groups = np.unique(problem.group)
     first = np.array([np.flatnonzero(problem.group == g)[0] for g in groups])
     slip, load = (np.array([x[problem.group == g].mean() for g in groups]) for x in (problem.slip, problem.load_n))
-    at_centres = replace(problem, slip=slip, load_n=load, bench=problem.bench[first], group=np.arange(len(groups)))
+    at_centres = replace(problem, slip=slip, load_n=load, table=problem.table[first], group=np.arange(len(groups)))
     used = problem.channels
     missing = [channel for channel in OUTPUTS if channel not in used]
     designs = [_Design(_step(1.0, c), at_centres, (*used, c)) for c in missing]
@@ -223,8 +225,8 @@ def _prediction_of_design(
     posterior = weighed.posterior
     assert posterior is not None
     drawn = rng.choice(len(posterior.weights), _DRAWS, p=posterior.weights)
-    said, _ = design.problem.evaluate([weighed.hypothesis] * _DRAWS, posterior.standard[drawn])
-    values = np.concatenate([said[channel] for channel in design.channels], axis=1)
+    predicted, _ = design.problem.evaluate([weighed.hypothesis] * _DRAWS, posterior.standard[drawn])
+    values = np.concatenate([predicted[channel] for channel in design.channels], axis=1)
     possible = np.isfinite(values).all(axis=1)
     if possible.mean() < 0.9:
         return None

@@ -1,6 +1,6 @@
 """Many hypotheses about the same rows, evaluated at once: what the model says, and its slopes.
 
-A hypothesis is a set of causes, each on all benches or on one of them only. Its coordinates have a standard normal
+A hypothesis is a set of causes, each on all tables or on one of them only. Its coordinates have a standard normal
 prior (`model.diagnosis.single_wheel.coordinates`): first those of every soil, then those of its causes.
 Hypotheses with fewer coordinates than others are padded with ones that nothing depends on: they change no evidence.
 The rows of many hypotheses are columns of one model: parameters with their slopes, row by row.
@@ -37,14 +37,14 @@ class CauseUse:
     ----------
     key : str
         Of the effect in the library.
-    bench : int or None
-        Position of the only bench that it acts on, with a value of its own; None: on all, with one value.
+    table : int or None
+        Position of the only table that it acts on, with a value of its own; None: on all, with one value.
     usual : bool
         Expected at what soils usually have, instead of at neutral.
     """
 
     key: str
-    bench: int | None = None
+    table: int | None = None
     usual: bool = False
 
 
@@ -74,11 +74,11 @@ class Columns:
 
     def parameters(self, model: WheelSoilModel) -> dict[str, Number]:
         """Return every parameter of the model, as a column where rows differ in it."""
-        wheels = [bench.wheel for bench in self.problem.benches]
+        wheels = [table.wheel for table in self.problem.tables]
         sizes = {name: np.array([getattr(w, name) for w in wheels]) for name in ("radius_m", "width_m")}
         alike = all(np.ptp(size) == 0 for size in sizes.values())
         columns: dict[str, Number] = {
-            name: float(size[0]) if alike else self.of_rows(size[self.problem.bench]) for name, size in sizes.items()
+            name: float(size[0]) if alike else self.of_rows(size[self.problem.table]) for name, size in sizes.items()
         }
         return columns | self._soils() | self._causes(model)
 
@@ -89,7 +89,7 @@ class Columns:
         for i, soil in enumerate(problem.soils):
             start, stop = problem.soil_offsets[i : i + 2]
             values, by = soil.values(self.standard[:, start:stop])
-            width = problem.benches[problem.soil_of.index(i)].wheel.width_m
+            width = problem.tables[problem.soil_of.index(i)].wheel.width_m
             natural = soil.soil_parameters(values, width)
             through = {
                 "cohesion_pa": by[:, 0],
@@ -104,7 +104,7 @@ class Columns:
                 padded = np.zeros((len(value), 5))
                 padded[:, : stop - start] = through[name]
                 partials.setdefault(name, []).append(padded)
-        of_row = np.array(problem.soil_of)[problem.bench]
+        of_row = np.array(problem.soil_of)[problem.table]
         columns: dict[str, Number] = {}
         for name, values_of_soils in parts.items():
             value = np.stack(values_of_soils, axis=1)[:, of_row].reshape(-1, 1)
@@ -125,8 +125,8 @@ class Columns:
             for key, p in zip(effect.parameter_keys().values(), effect.parameters, strict=True)
         }
         partials: dict[str, dict[str, FloatArray]] = {key: {} for key in values}
-        for (name, key, bench, slot), (coordinate, members) in self._slots().items():
-            rows = problem.acts_on(CauseUse(key, bench))
+        for (name, key, table, slot), (coordinate, members) in self._slots().items():
+            rows = problem.acts_on(CauseUse(key, table))
             value, slope = coordinate.values(self.standard[members, problem.soil_offsets[-1] + slot])
             block = np.ix_(np.array(members), rows)
             values[name][block] = value[:, None]
@@ -149,22 +149,22 @@ class Columns:
             for use in hypothesis:
                 names = EFFECTS[use.key].parameter_keys().values()
                 for name, coordinate in zip(names, self.problem.coordinates(use), strict=True):
-                    found.setdefault((name, use.key, use.bench, slot), (coordinate, []))[1].extend(members)
+                    found.setdefault((name, use.key, use.table, slot), (coordinate, []))[1].extend(members)
                     slot += 1
-        # a bench's own value replaces the value for all
+        # a table's own value replaces the value for all
         return dict(sorted(found.items(), key=lambda item: item[0][2] is not None))
 
-    def of_each(self, said: Number) -> FloatArray:
+    def of_each(self, output: Number) -> FloatArray:
         """Return a column of the model as one row for each hypothesis, shape (B, n)."""
         shape = (len(self.hypotheses), len(self.problem.slip))
-        return np.array(np.broadcast_to(value_of(said), (self.count, 1))).reshape(shape)
+        return np.array(np.broadcast_to(value_of(output), (self.count, 1))).reshape(shape)
 
-    def scattered(self, said: Number) -> FloatArray:
+    def scattered(self, output: Number) -> FloatArray:
         """Return the derivatives by the hypotheses' coordinates, shape (B, n, p)."""
         problem, shape = self.problem, (len(self.hypotheses), len(self.problem.slip))
         out = np.zeros((*shape, self.standard.shape[1]))
-        partials: dict[str, Any] = said.partials if isinstance(said, Dual) else {}
-        of_row = np.array(problem.soil_of)[problem.bench]
+        partials: dict[str, Any] = output.partials if isinstance(output, Dual) else {}
+        of_row = np.array(problem.soil_of)[problem.table]
         for name, partial in partials.items():
             slope = np.broadcast_to(partial, (self.count, 1)).reshape(shape)
             number = int(name[1:])
@@ -180,16 +180,16 @@ class Columns:
 
 @dataclass(frozen=True)
 class BenchProblem:
-    """The rows of some benches, and the prior of the unknowns.
+    """The rows of some tables, and the prior of the unknowns.
 
     Attributes
     ----------
     soil_of : tuple of int
-        Which of the soils each bench is on.
+        Which of the soils each table is on.
     slip, load_n : arrays, shape (n,)
-        Of all rows, one bench after the other.
-    bench : int array, shape (n,)
-        Which bench a row is of.
+        Of all rows, one table after the other.
+    table : int array, shape (n,)
+        Which table a row is of.
     group : int array, shape (n,)
         Rows of one group are repeats.
     noises : tuple of ChannelNoise
@@ -198,12 +198,12 @@ class BenchProblem:
         Rows of each channel.
     """
 
-    benches: tuple[Bench, ...]
+    tables: tuple[Bench, ...]
     soils: tuple[SoilCoordinates, ...]
     soil_of: tuple[int, ...]
     slip: FloatArray
     load_n: FloatArray
-    bench: IndexArray
+    table: IndexArray
     group: IndexArray
     noises: tuple[ChannelNoise, ...]
     rows: tuple[IndexArray, ...]
@@ -211,12 +211,12 @@ class BenchProblem:
 
     @staticmethod
     def of(
-        benches: Sequence[Bench],
+        tables: Sequence[Bench],
         channels: Sequence[str] = tuple(OUTPUTS),
         reading: Reading = "balanced",
         form_error: FormError | None = None,
     ) -> BenchProblem:
-        """Return the problem; benches with the same laboratory soil stand on one soil.
+        """Return the problem; tables with the same laboratory soil stand on one soil.
 
         Parameters
         ----------
@@ -230,19 +230,19 @@ class BenchProblem:
         """
         soils: list[Bench] = []
         soil_of = []
-        for bench in benches:
-            same = [i for i, other in enumerate(soils) if _same_soil(bench, other)]
+        for table in tables:
+            same = [i for i, other in enumerate(soils) if _same_soil(table, other)]
             soil_of.append(same[0] if same else len(soils))
             if not same:
-                soils.append(bench)
-        slip, load = (np.concatenate([getattr(b.rows, name) for b in benches]) for name in ("slip", "vertical_load_n"))
-        index = np.repeat(np.arange(len(benches)), [len(b.rows) for b in benches])
+                soils.append(table)
+        slip, load = (np.concatenate([getattr(b.rows, name) for b in tables]) for name in ("slip", "vertical_load_n"))
+        index = np.repeat(np.arange(len(tables)), [len(b.rows) for b in tables])
         groups: list[IndexArray] = []
-        for b in benches:
+        for b in tables:
             first = groups[-1].max() + 1 if groups else 0
             groups.append(first + groups_of_rows(b.rows.run, b.rows.slip, b.rows.vertical_load_n))
         problem = BenchProblem(
-            tuple(benches),
+            tuple(tables),
             tuple(SoilCoordinates.of(b) for b in soils),
             tuple(soil_of),
             slip,
@@ -266,14 +266,14 @@ class BenchProblem:
 
     def _with_noise(self, channels: Sequence[str], form_error: FormError) -> BenchProblem:
         noises, rows = [], []
-        slopes = self._input_slopes() if any(_uncertain(b) for b in self.benches) else None
+        slopes = self._input_slopes() if any(_uncertain(b) for b in self.tables) else None
         for channel in channels:
             measured = self.measured(channel)
             chosen = np.flatnonzero(np.isfinite(measured))
             if not len(chosen):
                 continue
             carried = np.zeros(len(chosen)) if slopes is None else slopes[channel][chosen]
-            known = [b.sigmas.get(channel) for b in self.benches]
+            known = [b.sigmas.get(channel) for b in self.tables]
             sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
             group = np.unique(self.group[chosen], return_inverse=True)[1]
             form, share = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel), form_error)
@@ -283,11 +283,11 @@ class BenchProblem:
 
     def measured(self, channel: str) -> FloatArray:
         """Return the measured values of a channel in all rows, NaN where not measured."""
-        return np.concatenate([getattr(b.rows, OUTPUTS[channel].field) for b in self.benches])
+        return np.concatenate([getattr(b.rows, OUTPUTS[channel].field) for b in self.tables])
 
     def size_of(self, channel: str) -> float:
         """Return what a channel is measured against: W, W r or r."""
-        radius = float(np.mean([b.wheel.radius_m for b in self.benches]))
+        radius = float(np.mean([b.wheel.radius_m for b in self.tables]))
         return {"dp": self.typical_load_n, "t": self.typical_load_n * radius, "z": radius}[channel]
 
     @cached_property
@@ -308,7 +308,7 @@ class BenchProblem:
     def coordinates(self, use: CauseUse) -> tuple[CauseCoordinate, ...]:
         """Return the coordinates of a cause."""
         if use not in self._coordinates:
-            wheel, load_n = self.benches[use.bench or 0].wheel, self.typical_load_n
+            wheel, load_n = self.tables[use.table or 0].wheel, self.typical_load_n
             parameters, declared = EFFECTS[use.key].parameters, self._declared(use)
             self._coordinates[use] = tuple(
                 CauseCoordinate.of(p, wheel, load_n, p.usual if use.usual else declared) for p in parameters
@@ -319,15 +319,15 @@ class BenchProblem:
         """Return centre and one-sigma of a cause's prior where the wheel's lugs are declared; else nothing."""
         if not EFFECTS[use.key].needs.lugs:
             return None
-        benches = self.benches if use.bench is None else (self.benches[use.bench],)
-        heights = [b.lugs.sheared_m(b.wheel.radius_m) for b in benches if b.lugs is not None]
+        tables = self.tables if use.table is None else (self.tables[use.table],)
+        heights = [b.lugs.sheared_m(b.wheel.radius_m) for b in tables if b.lugs is not None]
         return (float(np.mean(heights)), _LUG_SPREAD * float(np.mean(heights))) if heights else None
 
     def acts_on(self, use: CauseUse) -> BoolArray:
-        """Return on which rows a cause acts, shape (n,): on its own bench or all, a lugged wheel's on no smooth one."""
-        rows = np.ones(len(self.slip), bool) if use.bench is None else self.bench == use.bench
+        """Return on which rows a cause acts, shape (n,): on its own table or all, a lugged wheel's on no smooth one."""
+        rows = np.ones(len(self.slip), bool) if use.table is None else self.table == use.table
         if EFFECTS[use.key].needs.lugs:
-            rows = rows & np.array([b.tyre != "smooth" for b in self.benches])[self.bench]
+            rows = rows & np.array([b.tyre != "smooth" for b in self.tables])[self.table]
         return np.asarray(rows)
 
     @cached_property
@@ -360,19 +360,20 @@ class BenchProblem:
 
         Returns
         -------
-        said : mapping channel ("dp", "t", "z") -> array, shape (B, n)
+        predicted : mapping channel ("dp", "t", "z") -> array, shape (B, n)
             NaN where the model has no answer.
         slopes : mapping channel -> array, shape (B, n, p)
             Empty unless wanted.
         """
         kinds = [_kind(hypothesis) for hypothesis in hypotheses]
-        parts = [np.flatnonzero([kind == one for kind in kinds]) for one in dict.fromkeys(kinds)]
+        parts = [np.flatnonzero([kind == wanted for kind in kinds]) for wanted in dict.fromkeys(kinds)]
         if len(parts) == 1 or len(hypotheses) * len(self.slip) < _SPLIT_ROWS:
             return self._evaluated(hypotheses, standard, slopes=slopes)
         found = [self._evaluated([hypotheses[i] for i in p.tolist()], standard[p], slopes=slopes) for p in parts]
         back = np.argsort(np.concatenate(parts))
         values, by = (
-            {key: np.concatenate([one[side][key] for one in found])[back] for key in found[0][side]} for side in (0, 1)
+            {key: np.concatenate([part[side][key] for part in found])[back] for key in found[0][side]}
+            for side in (0, 1)
         )
         return values, by
 
@@ -381,30 +382,32 @@ class BenchProblem:
     ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Return what `evaluate` does, of hypotheses that cost alike."""
         columns = Columns(self, tuple(hypotheses), standard, slopes)
-        weight = np.array([b.soil.unit_weight_n_m3 for b in self.benches])[self.bench]
+        weight = np.array([b.soil.unit_weight_n_m3 for b in self.tables])[self.table]
         conditions = Conditions(
             columns.of_rows(self.slip), columns.of_rows(self.load_n), unit_weight_n_m3=columns.of_rows(weight)
         )
         keys = dict.fromkeys(use.key for hypothesis in hypotheses for use in hypothesis)
-        first = self.benches[0]
+        first = self.tables[0]
         model = WheelSoilModel(first.wheel, first.soil, [EFFECTS[key] for key in keys], self.reading)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
-            said = model.evaluate(conditions, columns.parameters(model))
-        values = {key: columns.of_each(said[channel.field]) for key, channel in OUTPUTS.items()}
+            outputs = model.evaluate(conditions, columns.parameters(model))
+        values = {key: columns.of_each(outputs[channel.field]) for key, channel in OUTPUTS.items()}
         if not slopes:
             return values, {}
-        return values, {key: columns.scattered(said[channel.field]) for key, channel in OUTPUTS.items()}
+        return values, {key: columns.scattered(outputs[channel.field]) for key, channel in OUTPUTS.items()}
 
     def _input_slopes(self) -> dict[str, FloatArray]:
         """Return the variances that slip's and load's errors carry into each channel, at the laboratory's soil."""
         found: dict[str, list[FloatArray]] = {channel: [] for channel in OUTPUTS}
-        for bench in self.benches:
-            said = WheelSoilModel(bench.wheel, bench.soil, reading=self.reading).predict(
-                Conditions(bench.rows.slip, bench.rows.vertical_load_n), wrt=("slip", "vertical_load_n")
+        for table in self.tables:
+            prediction = WheelSoilModel(table.wheel, table.soil, reading=self.reading).predict(
+                Conditions(table.rows.slip, table.rows.vertical_load_n), wrt=("slip", "vertical_load_n")
             )
             for key, channel in OUTPUTS.items():
-                by_slip, by_load = (getattr(said.sensitivities[x], channel.field) for x in ("slip", "vertical_load_n"))
-                variance = (by_slip * bench.rows.slip_sigma) ** 2 + (by_load * bench.rows.vertical_load_sigma_n) ** 2
+                by_slip, by_load = (
+                    getattr(prediction.sensitivities[x], channel.field) for x in ("slip", "vertical_load_n")
+                )
+                variance = (by_slip * table.rows.slip_sigma) ** 2 + (by_load * table.rows.vertical_load_sigma_n) ** 2
                 found[key].append(np.nan_to_num(variance))
         return {channel: np.concatenate(parts) for channel, parts in found.items()}
 
@@ -422,5 +425,5 @@ def _same_soil(a: Bench, b: Bench) -> bool:
     )
 
 
-def _uncertain(bench: Bench) -> bool:
-    return bool(np.any(bench.rows.slip_sigma > 0) or np.any(bench.rows.vertical_load_sigma_n > 0))
+def _uncertain(table: Bench) -> bool:
+    return bool(np.any(table.rows.slip_sigma > 0) or np.any(table.rows.vertical_load_sigma_n > 0))

@@ -44,7 +44,7 @@ class Optimum:
         Prior's included; its inverse is the covariance.
     log_likelihood : float
         NaN never; -inf where the model has no answer.
-    said, slopes : mapping channel -> arrays, shapes (n,) and (n, p)
+    predicted, slopes : mapping channel -> arrays, shapes (n,) and (n, p)
     log_evidence : float
         Laplace's.
     """
@@ -53,7 +53,7 @@ class Optimum:
     standard: FloatArray
     information: FloatArray
     log_likelihood: float
-    said: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
     slopes: dict[str, FloatArray]
 
     @property
@@ -68,11 +68,13 @@ class Optimum:
         return self.log_posterior - 0.5 * float(log_det) if sign > 0 else -np.inf
 
 
-def log_likelihood(problem: BenchProblem, said: dict[str, FloatArray], rows: FloatArray | None = None) -> FloatArray:
+def log_likelihood(
+    problem: BenchProblem, predicted: dict[str, FloatArray], rows: FloatArray | None = None
+) -> FloatArray:
     """Return ln p of all channels, shape (B,); `rows`, shape (n,): 1 counts, 0 is excluded."""
-    total: FloatArray = np.zeros(len(next(iter(said.values()))))
+    total: FloatArray = np.zeros(len(next(iter(predicted.values()))))
     for noise, chosen in zip(problem.noises, problem.rows, strict=True):
-        error = noise.measured - said[noise.channel][:, chosen]
+        error = noise.measured - predicted[noise.channel][:, chosen]
         bad = ~np.isfinite(error).all(axis=1)
         error[bad] = 0.0
         total += np.where(bad, -np.inf, noise.log_likelihood(error, None if rows is None else rows[chosen]))
@@ -109,7 +111,7 @@ class _Batch:
 
     standard: FloatArray
     objective: FloatArray
-    said: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
     slopes: dict[str, FloatArray]
     information: FloatArray
     gradient: FloatArray
@@ -141,8 +143,8 @@ def _search(
         kept = todo[better]
         for name in ("standard", "objective", "information", "gradient"):
             getattr(state, name)[kept] = getattr(trial, name)[better]
-        for channel in state.said:
-            state.said[channel][kept] = trial.said[channel][better]
+        for channel in state.predicted:
+            state.predicted[channel][kept] = trial.predicted[channel][better]
             state.slopes[channel][kept] = trial.slopes[channel][better]
         state.damping[todo] = np.where(better, state.damping[todo] * 0.2, np.maximum(state.damping[todo], 0.02) * 6.0)
         ended = (expected < _ENOUGH) | idle | (state.damping[todo] > 1e7)
@@ -158,7 +160,7 @@ def _optimum(problem: BenchProblem, state: _Batch, member: int, hypothesis: Hypo
         standard,
         state.information[member, :own, :own],
         float(-state.objective[member] + 0.5 * standard @ standard),
-        {channel: values[member] for channel, values in state.said.items()},
+        {channel: values[member] for channel, values in state.predicted.items()},
         {channel: values[member, :, :own] for channel, values in state.slopes.items()},
     )
 
@@ -167,13 +169,13 @@ def _linearised(
     problem: BenchProblem, hypotheses: Sequence[Hypothesis], standard: FloatArray, rows: FloatArray | None
 ) -> _Batch:
     count, size = standard.shape
-    said, slopes = problem.evaluate(hypotheses, standard, slopes=True)
+    predicted, slopes = problem.evaluate(hypotheses, standard, slopes=True)
     information = np.tile(np.eye(size), (count, 1, 1))
     gradient = standard.copy()
     objective = 0.5 * np.einsum("bp,bp->b", standard, standard)
     for members, counted in _alike(rows, count):
         for noise, chosen in zip(problem.noises, problem.rows, strict=True):
-            error = noise.measured - said[noise.channel][members][:, chosen]
+            error = noise.measured - predicted[noise.channel][members][:, chosen]
             slope = slopes[noise.channel][members][:, chosen]
             bad = ~(np.isfinite(error).all(axis=1) & np.isfinite(slope).all(axis=(1, 2)))
             error[bad], slope[bad] = 0.0, 0.0
@@ -183,7 +185,7 @@ def _linearised(
             information[members] += slope.transpose(0, 2, 1) @ weighted
             gradient[members] -= (error[:, None] @ weighted)[:, 0]
             objective[members] -= np.where(bad, -np.inf, likelihood)
-    return _Batch(standard, objective, said, slopes, information, gradient, np.zeros(count))
+    return _Batch(standard, objective, predicted, slopes, information, gradient, np.zeros(count))
 
 
 def _alike(rows: FloatArray | None, count: int) -> list[tuple[IndexArray, FloatArray | None]]:
@@ -229,8 +231,8 @@ class Optima:
         size, soil = self.problem.size(hypothesis), self.problem.soil_offsets[-1]
         parents = [
             self.best(parent)
-            for left_out in range(len(hypothesis))
-            if (parent := hypothesis[:left_out] + hypothesis[left_out + 1 :]) in self._found
+            for i in range(len(hypothesis))
+            if (parent := hypothesis[:i] + hypothesis[i + 1 :]) in self._found
         ]
         parents.sort(key=lambda o: -o.log_evidence)
         starts = [self._extended(parent, hypothesis) for parent in parents[:_PARENTS]]
@@ -258,8 +260,8 @@ def answered(problem: BenchProblem, starts: Sequence[tuple[Hypothesis, FloatArra
     """
     found = [start for _, start in starts]
     for stiffer in (0.0, 0.0, *_STIFFER):
-        said = _likelihoods(problem, [h for h, _ in starts], found)
-        lost = np.flatnonzero(~np.isfinite(said))
+        likelihoods = _likelihoods(problem, [h for h, _ in starts], found)
+        lost = np.flatnonzero(~np.isfinite(likelihoods))
         if not len(lost):
             break
         for i in lost.tolist():
@@ -271,8 +273,8 @@ def _likelihoods(problem: BenchProblem, hypotheses: Sequence[Hypothesis], starts
     standard = np.zeros((len(starts), max(len(start) for start in starts)))
     for row, start in zip(standard, starts, strict=True):
         row[: len(start)] = start
-    said, _ = problem.evaluate(hypotheses, standard)
-    return log_likelihood(problem, said)
+    predicted, _ = problem.evaluate(hypotheses, standard)
+    return log_likelihood(problem, predicted)
 
 
 def _nearly_neutral(problem: BenchProblem, hypothesis: Hypothesis, start: FloatArray, stiffer: float) -> FloatArray:

@@ -56,15 +56,15 @@ class SkidLaw:
     rows: int
 
 
-def driven_rows(bench: Bench) -> Bench:
-    """Return a bench with the rows of its driven wheel; a slip just below 0 counts as 0."""
-    rows = bench.rows[bench.rows.slip > -NO_SLIP]
-    return replace(bench, rows=replace(rows, slip=np.maximum(rows.slip, 0.0)))
+def driven_rows(table: Bench) -> Bench:
+    """Return a table with the rows of its driven wheel; a slip just below 0 counts as 0."""
+    rows = table.rows[table.rows.slip > -NO_SLIP]
+    return replace(table, rows=replace(rows, slip=np.maximum(rows.slip, 0.0)))
 
 
-def skid_law(bench: Bench) -> SkidLaw | None:
-    """Return the law of a bench's braked rows; None where sinkage was measured at fewer than three braked speeds."""
-    rows = bench.rows
+def skid_law(table: Bench) -> SkidLaw | None:
+    """Return the law of a table's braked rows; None where sinkage was measured at fewer than three braked speeds."""
+    rows = table.rows
     chosen = (rows.slip < NO_SLIP) & np.isfinite(rows.sinkage_m)
     slip, sinkage = np.minimum(rows.slip[chosen], 0.0), rows.sinkage_m[chosen]
     group = groups_of_rows(rows.run[chosen], slip, rows.vertical_load_n[chosen]) if chosen.any() else np.zeros(0)
@@ -75,19 +75,19 @@ def skid_law(bench: Bench) -> SkidLaw | None:
     error = sinkage - design @ values
     variance = float(error @ error) / max(len(error) - 2, 1)
     sigma = float(np.sqrt(variance * np.linalg.inv(design.T @ design)[1, 1]))
-    left_out = [_left_out(design, sinkage, group == g) for g in np.unique(group)]
-    rms = float(np.sqrt(np.mean(np.concatenate(left_out) ** 2)))
+    held_out = [_held_out_error(design, sinkage, group == g) for g in np.unique(group)]
+    rms = float(np.sqrt(np.mean(np.concatenate(held_out) ** 2)))
     return SkidLaw(float(values[0]), float(values[1]), sigma, rms, int(chosen.sum()))
 
 
-def _left_out(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> FloatArray:
+def _held_out_error(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> FloatArray:
     values = np.linalg.lstsq(design[~rows], sinkage[~rows], rcond=None)[0]
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
 
 @dataclass(frozen=True)
 class Library:
-    """Causes that a bench can tell of.
+    """Causes that a table can identify.
 
     Attributes
     ----------
@@ -111,20 +111,20 @@ def family_of(use: CauseUse) -> str:
     return EFFECTS[use.key].name
 
 
-def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), bench: int | None = None) -> Library:
+def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), table: int | None = None) -> Library:
     """Return the causes that the rows can identify.
 
     Parameters
     ----------
     keys : sequence of str
         Of the effects to consider.
-    bench : int, optional
-        Causes of this bench only, with values of their own; else causes of all.
+    table : int, optional
+        Causes of this table only, with values of their own; else causes of all.
     """
-    coverage = coverage_of(problem, bench)
+    coverage = coverage_of(problem, table)
     effects = [e for e in map(EFFECTS.__getitem__, keys) if e.reading in ("any", problem.reading)]
     lacking = {e.name: why for e in effects if (why := ruled_out(e.needs, coverage))}
-    uses = [CauseUse(e.key(), bench) for e in considered(coverage, keys, problem.reading)]
+    uses = [CauseUse(e.key(), table) for e in considered(coverage, keys, problem.reading)]
     traced = _traced(problem, uses)
     left = {family_of(use) for use in traced}
     braked = not (problem.slip > 0).any()
@@ -133,15 +133,15 @@ def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), bench: 
     return Library(traced, {**not_identifiable(coverage), **lacking, **unused_channels})
 
 
-def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
+def coverage_of(problem: BenchProblem, table: int | None = None) -> Coverage:
     """Return what the rows cover.
 
     Parameters
     ----------
-    bench : int, optional
-        Whose tyre is asked for; else a tyre counts that all benches have.
+    table : int, optional
+        Whose tyre is asked for; else a tyre counts that all tables have.
     """
-    tyres = {b.tyre for i, b in enumerate(problem.benches) if bench in (None, i)}
+    tyres = {b.tyre for i, b in enumerate(problem.tables) if table in (None, i)}
     measured = {channel for channel in OUTPUTS if np.isfinite(problem.measured(channel)).any()}
     return Coverage(
         conditions=_KNOWN,
@@ -169,10 +169,10 @@ def _traced(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, 
     lab = np.zeros((len(hypotheses) + 1, widest))
     for row, hypothesis in zip(lab[1:], hypotheses, strict=True):
         row[problem.soil_offsets[-1] : problem.size(hypothesis)] = 1.0
-    said, _ = problem.evaluate([(), *hypotheses], lab)
+    predicted, _ = problem.evaluate([(), *hypotheses], lab)
     change = np.zeros(len(hypotheses))
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
-        size = np.abs(said[noise.channel][1:, rows] - said[noise.channel][0, rows]) / noise.form_scale
+        size = np.abs(predicted[noise.channel][1:, rows] - predicted[noise.channel][0, rows]) / noise.form_scale
         change = np.maximum(change, np.nan_to_num(size, nan=1.0).max(axis=1))
     return tuple(use for use, size in zip(uses, change, strict=True) if size > _TRACELESS)
 

@@ -74,8 +74,8 @@ def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray 
             rng.chisquare(freedom, _SIMULATIONS) / freedom if freedom and len(noise.scatter) > 1 else 1.0
         )
         true = variance / size + noise.form_scale**2
-        said = np.reshape(estimated, (-1, 1)) / size + noise.form_scale**2
-        total += (rng.standard_normal((_SIMULATIONS, len(size))) ** 2 * true / said).sum(axis=1)
+        assumed = np.reshape(estimated, (-1, 1)) / size + noise.form_scale**2
+        total += (rng.standard_normal((_SIMULATIONS, len(size))) ** 2 * true / assumed).sum(axis=1)
     return float(np.quantile(total, _LEVEL))
 
 
@@ -94,7 +94,7 @@ def _misfit(fixed: BenchProblem, optimum: Optimum, rows: FloatArray | None) -> f
     total = float(optimum.standard @ optimum.standard)
     for noise, chosen in zip(fixed.noises, fixed.rows, strict=True):
         counted = np.ones(len(chosen)) if rows is None else rows[chosen]
-        error = (noise.measured - optimum.said[noise.channel][chosen]) * counted
+        error = (noise.measured - optimum.predicted[noise.channel][chosen]) * counted
         size = noise.members.T @ counted
         there = size > 0
         mean = (noise.members.T @ error)[there] / size[there]
@@ -242,7 +242,7 @@ def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
         return
     raise DataError.of(
         "the wheel sinks to its axle on every soil near the laboratory's",
-        ", ".join(bench.name for bench in problem.benches),
+        ", ".join(table.name for table in problem.tables),
         next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
     )
 

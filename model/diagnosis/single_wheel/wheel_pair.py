@@ -103,7 +103,7 @@ class WheelPair:
 
 def own_part(hypothesis: Hypothesis) -> Hypothesis:
     """Return the causes that act on the second wheel alone."""
-    return tuple(use for use in hypothesis if use.bench is not None)
+    return tuple(use for use in hypothesis if use.table is not None)
 
 
 @one_thread
@@ -125,13 +125,13 @@ def compare_wheels(first: Bench, second: Bench, options: DiagnosisOptions | None
     """
     options = options or DiagnosisOptions()
     rng = np.random.default_rng(options.seed)
-    one = driven_rows(first)
-    two = replace(driven_rows(second), soil=first.soil, soil_prior=first.soil_prior)
-    _refuse_few(one, two)
+    first_driven = driven_rows(first)
+    second_driven = replace(driven_rows(second), soil=first.soil, soil_prior=first.soil_prior)
+    _refuse_few(first_driven, second_driven)
     form_error = FormError(options.error_of_form)
-    alone = BenchProblem.of([one], options.channels, options.reading, form_error)
+    alone = BenchProblem.of([first_driven], options.channels, options.reading, form_error)
     weighing = weigh(alone, library(alone, options.effects).uses, options.most_causes, rng)
-    both = BenchProblem.of([one, two], options.channels, options.reading, form_error)
+    both = BenchProblem.of([first_driven, second_driven], options.channels, options.reading, form_error)
     known = library(both, options.effects, OWN)
     carried = _Carried.of(weighing, both, rng)
     p_value, difference, sigma = carried.paired()
@@ -152,11 +152,11 @@ def compare_wheels(first: Bench, second: Bench, options: DiagnosisOptions | None
 
 @dataclass(frozen=True)
 class _Carried:
-    """What the first wheel's soil and causes say of both wheels' rows; `said`: channel -> (draws, n)."""
+    """What the first wheel's soil and causes say of both wheels' rows; `predictions`: channel -> (draws, n)."""
 
     weighing: Weighing
     both: BenchProblem
-    said: dict[str, FloatArray]
+    predictions: dict[str, FloatArray]
 
     @staticmethod
     def of(weighing: Weighing, both: BenchProblem, rng: np.random.Generator) -> _Carried:
@@ -166,23 +166,23 @@ class _Carried:
             if w.posterior is None or not count:
                 continue
             drawn = rng.choice(len(w.posterior.weights), count, p=w.posterior.weights)
-            said, _ = both.evaluate([w.hypothesis] * count, w.posterior.standard[drawn])
-            possible = np.isfinite(said["dp"]).all(axis=1)
+            predicted, _ = both.evaluate([w.hypothesis] * count, w.posterior.standard[drawn])
+            possible = np.isfinite(predicted["dp"]).all(axis=1)
             for channel, values in parts.items():
-                values.append(said[channel][possible])
+                values.append(predicted[channel][possible])
         return _Carried(weighing, both, {channel: np.concatenate(values) for channel, values in parts.items()})
 
-    def groups(self, bench: int) -> NDArray[np.intp]:
-        return np.unique(self.both.group[self.both.bench == bench])
+    def groups(self, table: int) -> NDArray[np.intp]:
+        return np.unique(self.both.group[self.both.table == table])
 
-    def measured(self, channel: str, bench: int) -> FloatArray:
+    def measured(self, channel: str, table: int) -> FloatArray:
         values = self.both.measured(channel)
-        return np.array([np.nanmean(values[self.both.group == g]) for g in self.groups(bench)])
+        return np.array([np.nanmean(values[self.both.group == g]) for g in self.groups(table)])
 
-    def _draws(self, channel: str, bench: int) -> FloatArray:
-        """Return the predicted group means of a bench, shape (draws, groups)."""
-        said = self.said[channel]
-        return np.stack([said[:, self.both.group == g].mean(axis=1) for g in self.groups(bench)], axis=1)
+    def _draws(self, channel: str, table: int) -> FloatArray:
+        """Return the predicted group means of a table, shape (draws, groups)."""
+        predicted = self.predictions[channel]
+        return np.stack([predicted[:, self.both.group == g].mean(axis=1) for g in self.groups(table)], axis=1)
 
     def predicted(self, channel: str) -> FloatArray:
         return np.asarray(self._draws(channel, OWN).mean(axis=0))
@@ -248,17 +248,17 @@ def _scatter(noise: ChannelNoise) -> tuple[float, bool]:
     return (scatter, False) if scatter > 0 else (noise.form_scale, True)
 
 
-def _refuse_few(one: Bench, two: Bench) -> None:
+def _refuse_few(first: Bench, second: Bench) -> None:
     faults = [
         Fault(
             "too few driven rows to compare wheels",
-            bench.name,
-            f"{len(bench.rows)} with slip of 0 or more",
+            table.name,
+            f"{len(table.rows)} with slip of 0 or more",
             f"{least} or more",
             "measure at the same slips with both wheels",
         )
-        for bench, least in ((one, _LEAST_ROWS), (two, 1))
-        if len(bench.rows) < least
+        for table, least in ((first, _LEAST_ROWS), (second, 1))
+        if len(table.rows) < least
     ]
     if faults:
         raise DataError(*faults)
@@ -267,7 +267,7 @@ def _refuse_few(one: Bench, two: Bench) -> None:
 def _means_of(weighing: Weighing) -> dict[str, FloatArray]:
     posterior = weighing.sets[0].posterior
     assert posterior is not None
-    return {channel: posterior.weights @ values for channel, values in posterior.said.items()}
+    return {channel: posterior.weights @ values for channel, values in posterior.predicted.items()}
 
 
 def _weigh_own(weighing: Weighing, both: BenchProblem, known: Library, most: int, rng: np.random.Generator) -> Weighing:

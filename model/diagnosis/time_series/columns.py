@@ -219,7 +219,7 @@ class Grams:
 
     def scaled(self, factor: float) -> Grams:
         """Return the Grams with all cross products times a factor."""
-        own = tuple(replace(one, across=factor * one.across, inner=factor * one.inner) for one in self.own)
+        own = tuple(replace(gram, across=factor * gram.across, inner=factor * gram.inner) for gram in self.own)
         return replace(self, matrices=factor * self.matrices, own=own)
 
     def all_shapes(self) -> tuple[tuple[Shape, ...], FloatArray]:
@@ -232,24 +232,24 @@ class Grams:
         """
         start, shared = self.cause_columns.stop, len(self.basis)
         place = start + self.places
-        shapes = (*self.basis, *(shape for one in self.own for shape in one.shapes.shapes))
+        shapes = (*self.basis, *(shape for gram in self.own for shape in gram.shapes.shapes))
         total = np.zeros((start + len(shapes),) * 2)
         kept = np.r_[np.arange(start), place[:shared]]
         total[np.ix_(kept, kept)] = self.total
         at = shared
-        for one in self.own:
-            rows = place[at : at + len(one.inner)]
-            total[np.ix_(rows, kept)] = one.across
-            total[np.ix_(kept, rows)] = one.across.T
-            total[np.ix_(rows, rows)] = one.inner
-            at += len(one.inner)
+        for gram in self.own:
+            rows = place[at : at + len(gram.inner)]
+            total[np.ix_(rows, kept)] = gram.across
+            total[np.ix_(kept, rows)] = gram.across.T
+            total[np.ix_(rows, rows)] = gram.inner
+            at += len(gram.inner)
         return tuple(shapes[i] for i in np.argsort(self.places)), total
 
     @property
     def places(self) -> IndexArray:
         """Places of all shapes by rank: the shared ones, then those of single runs."""
         order = np.arange(len(self.basis)) if self.order is None else self.order
-        ranks = np.concatenate([order, *(one.shapes.order for one in self.own)])
+        ranks = np.concatenate([order, *(gram.shapes.order for gram in self.own)])
         return np.argsort(np.argsort(ranks))
 
 
@@ -306,8 +306,8 @@ class Columns:
         inputs, of_run = self.catch_all.input_heights, self.catch_all.of_run
         shared = _largest(self.rows[..., self.shared - len(inputs) : self.shared])
         own = self.rows[..., self.shared : self.varying]
-        single = [_largest(own[:, run == i, : len(one.shapes)]) for i, one in enumerate(of_run)]
-        ranks = np.concatenate([self.catch_all.order, *(one.order for one in of_run)])
+        single = [_largest(own[:, run == i, : len(run_shapes.shapes)]) for i, run_shapes in enumerate(of_run)]
+        ranks = np.concatenate([self.catch_all.order, *(run_shapes.order for run_shapes in of_run)])
         heights = np.concatenate([np.where(np.isnan(inputs), shared, inputs), *single])
         return np.asarray(heights[np.argsort(ranks)])
 

@@ -158,7 +158,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         if (after := confirmed(verdict, found, explained.causes)) != verdict:
             verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
-        spaces = [(one.campaign.name, one.simulation.space) for one in linearised.campaigns]
+        spaces = [(data.campaign.name, data.simulation.space) for data in linearised.campaigns]
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
         named = explained.extended if verdict.verdict == "named" else ()
@@ -189,7 +189,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             barred=verdict.barred,
             beside=verdict.beside,
             kept_back=barred_causes(found, verdict),
-            confounded=tuple(one.family for one in confounded),
+            confounded=tuple(rival.family for rival in confounded),
             most_probable=tuple(EFFECTS[key].name for key in linearised.best.keys),
             terrains=two_soils(linearised.grams) if one_campaign else None,
             lack_of_fit=weighed.lack,
@@ -237,7 +237,7 @@ def _judged(linearised: LinearisedCampaign) -> tuple[Adequacy, float, Unlisted]:
     found = unlisted(linearised.grams, linearised.excluded, most)
     if grams is not linearised.grams:
         strict = unlisted(grams, linearised.excluded, most)
-        found = max(found, strict, key=lambda one: one.probability)
+        found = max(found, strict, key=lambda u: u.probability)
     if found.probability > DOUBTFUL:
         found = over_noises(grams_around(linearised), linearised.excluded, most)
     return adequacy(linearised.grams, keys, found), excess(linearised.grams, keys), found
@@ -297,8 +297,8 @@ def _onward(
     chances = found.families()
     if verdict.verdict == "named" and confounded:
         named = [cause.key for cause in explained.causes]
-        sizes = {one.of: explained.sizes[one.of] for one in confounded}
-        sizes |= {one.key: coefficients_in_place_of(linearised.grams, named, one) for one in confounded}
+        sizes = {rival.of: explained.sizes[rival.of] for rival in confounded}
+        sizes |= {rival.key: coefficients_in_place_of(linearised.grams, named, rival) for rival in confounded}
     elif verdict.verdict == "one_of" or on_request:
         members = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else []
         own = members if len(members) > 1 else list(explained.sizes)

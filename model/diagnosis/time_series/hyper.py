@@ -387,8 +387,8 @@ def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -
     """
     found: list[_Sums] = pieces("sums", values, names)
     width = len(found[0].side) if found else 0
-    inner = sum((one.inner for one in found), np.eye(width))
-    side = sum((one.side for one in found), np.zeros(width))
+    inner = sum((sums.inner for sums in found), np.eye(width))
+    side = sum((sums.side for sums in found), np.zeros(width))
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
     gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
@@ -398,8 +398,8 @@ def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -
         information += of_information
         across += of_across
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
-    log_determinant = sum(one.log_determinant for one in found) + 2.0 * float(np.log(np.diag(root)).sum())
-    square = sum(one.square for one in found) - float(side @ best)
+    log_determinant = sum(sums.log_determinant for sums in found) + 2.0 * float(np.log(np.diag(root)).sum())
+    square = sum(sums.square for sums in found) - float(side @ best)
     return Objective(0.5 * (log_determinant + square), gradient, information)
 
 

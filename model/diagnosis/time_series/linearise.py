@@ -381,18 +381,18 @@ def _derivatives(
         wheel_acceleration_radps2=Dual(columns.wheel_acceleration_radps2, {_SPIN: 1.0}),
     )
     with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
-        said = model.evaluate(seeded, parameters)
+        outputs = model.evaluate(seeded, parameters)
     n = len(np.asarray(conditions.slip))
 
     def of(name: str, key: str) -> FloatArray:
-        x = said[name]
+        x = outputs[name]
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (n, 1))[:, 0]
 
     def by(key: str) -> FloatArray:
         return np.stack([of(OUTPUTS[c].field, key) for c in channels])
 
     return {
-        "value": np.stack([np.broadcast_to(value_of(said[OUTPUTS[c].field]), (n, 1))[:, 0] for c in channels]),
+        "value": np.stack([np.broadcast_to(value_of(outputs[OUTPUTS[c].field]), (n, 1))[:, 0] for c in channels]),
         "speed": by(_SPEED),
         "load": by(_LOAD),
         "acceleration": by(_RATE),

@@ -219,7 +219,7 @@ def campaigns_at(
         if not any(at.loses(linear) for at, linear in zip(tried, models, strict=True)):
             break
     each = zip(starts, samples, models, tried, strict=True)
-    return tuple(_campaign_data(*one, clock, keep_noise=keep_noise, catch_all=catch_all) for one in each), step
+    return tuple(_campaign_data(*parts, clock, keep_noise=keep_noise, catch_all=catch_all) for parts in each), step
 
 
 def _campaign_data(
@@ -250,24 +250,24 @@ def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
     return joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in campaigns])
 
 
-def _same(one: SetEstimate, other: SetEstimate) -> bool:
+def _same(before: SetEstimate, after: SetEstimate) -> bool:
     """Return whether two explanations are equal within their uncertainty."""
-    return one.keys == other.keys and bool((np.abs(_change(one, other)) < _STILL).all())
+    return before.keys == after.keys and bool((np.abs(_change(before, after)) < _STILL).all())
 
 
-def _swings(first: SetEstimate | None, one: SetEstimate, other: SetEstimate) -> bool:
+def _swings(first: SetEstimate | None, second: SetEstimate, third: SetEstimate) -> bool:
     """Return whether an explanation goes back: to a set of before the last, or against the last step."""
     if first is None:
         return False
-    if one.keys != other.keys:
-        return first.keys == other.keys
-    return first.keys == one.keys and float(_change(one, other) @ _change(first, one)) < 0.0
+    if second.keys != third.keys:
+        return first.keys == third.keys
+    return first.keys == second.keys and float(_change(second, third) @ _change(first, second)) < 0.0
 
 
-def _change(one: SetEstimate, other: SetEstimate) -> FloatArray:
+def _change(before: SetEstimate, after: SetEstimate) -> FloatArray:
     """Return how far two explanations by the same causes are apart, in their uncertainty, shape (q + c,)."""
-    change = np.concatenate([one.soil - other.soil, (one.coefficients - other.coefficients)[list(other.columns)]])
-    return np.asarray(change / np.concatenate([np.ones(len(other.soil)), np.maximum(other.sigmas, _FINEST)]))
+    change = np.concatenate([before.soil - after.soil, (before.coefficients - after.coefficients)[list(after.columns)]])
+    return np.asarray(change / np.concatenate([np.ones(len(after.soil)), np.maximum(after.sigmas, _FINEST)]))
 
 
 MOST_TRIED = 4
@@ -312,12 +312,12 @@ def converged_alternative(
 
 def most_probable(found: Sequence[Relinearised]) -> Relinearised:
     """Return the one whose explanation is the most probable, by the samples that all of them answer."""
-    each = zip(*(one.campaigns for one in found), strict=True)
+    each = zip(*(result.campaigns for result in found), strict=True)
     shared = [np.logical_and.reduce([data.columns.present for data in of_one]) for of_one in each]
 
-    def evidence(one: Relinearised) -> float:
-        campaigns = [_of_samples(data, kept) for data, kept in zip(one.campaigns, shared, strict=True)]
-        return log_evidence(joined_grams(campaigns), one.best.keys)
+    def evidence(result: Relinearised) -> float:
+        campaigns = [_of_samples(data, kept) for data, kept in zip(result.campaigns, shared, strict=True)]
+        return log_evidence(joined_grams(campaigns), result.best.keys)
 
     return max(found, key=evidence)
 
@@ -397,7 +397,7 @@ class LinearisedCampaign:
 
     def soil_of(self, index: int) -> slice:
         """Return where the soil of a campaign stands among those of all."""
-        first = sum(len(one.columns.soil) for one in self.campaigns[:index])
+        first = sum(len(data.columns.soil) for data in self.campaigns[:index])
         return slice(first, first + len(self.campaigns[index].columns.soil))
 
     @property

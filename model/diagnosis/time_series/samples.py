@@ -77,7 +77,7 @@ class Samples:
         What the channels read at standstill.
     block_s : float
         Length of a block.
-    left_out : mapping str -> int
+    excluded : mapping str -> int
         Blocks that were not used, by reason.
     """
 
@@ -96,7 +96,7 @@ class Samples:
     rests: Standstills
     wheel_radius_m: float
     block_s: float
-    left_out: dict[str, int]
+    excluded: dict[str, int]
     notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
@@ -153,9 +153,9 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
     """
     positions, notes = line_positions(campaign.runs)
     clocks = campaign_times(campaign.runs)
-    left_out: Counter[str] = Counter()
+    excluded: Counter[str] = Counter()
     parts = [
-        _blocks(run, x, clock, campaign, left_out)
+        _blocks(run, x, clock, campaign, excluded)
         for run, x, clock in zip(campaign.runs, positions, clocks, strict=True)
     ]
     names = tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(campaign.runs))
@@ -181,7 +181,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
-        left_out=dict(left_out),
+        excluded=dict(excluded),
         notes=notes,
     )
 
@@ -235,12 +235,12 @@ def _typical(arrays: list[FloatArray]) -> float:
 
 
 def _blocks(
-    run: ProcessedRun, position: FloatArray, clock: FloatArray, campaign: Campaign, left_out: Counter[str]
+    run: ProcessedRun, position: FloatArray, clock: FloatArray, campaign: Campaign, excluded: Counter[str]
 ) -> dict[str, FloatArray]:
     """Return the block means of one run by the names of `Conditions` and of the channels, and its instants."""
     step = max(1, round(block_seconds(run) * run.rate_hz))
     starts = _starts(run.used, step)
-    left_out.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
+    excluded.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
     acceleration = _across_block(run, step)
@@ -283,7 +283,7 @@ def _blocks(
     found |= _instants(run, starts, step, found)
     found["moments"] = _moments(run, starts, step, acceleration, jerk)
     found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
-    keep = _kept(run, found, left_out)
+    keep = _kept(run, found, excluded)
     return {name: x[..., keep] for name, x in found.items()}
 
 
@@ -368,7 +368,7 @@ def _joined_across_holes(x: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
 
-def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> BoolArray:
+def _kept(run: ProcessedRun, found: dict[str, FloatArray], excluded: Counter[str]) -> BoolArray:
     """Return which blocks are used: not where the slip is small, or changes too fast within a block.
 
     Nor where ground or wheel stand: a receiver that lags behind a stop looks like a locked wheel.
@@ -381,7 +381,7 @@ def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str
         quick = np.logical_or.reduce([np.ptp(at, axis=0) > _QUICK_SLIP, *stands])
         odd = ~(size <= 1.0) | ~(found["vertical_load_n"] > 0)
     odd |= _at_a_hole(found["ground_jerk_mps3"])
-    left_out.update({"little_slip": int(small.sum()), "slip_changes_fast": int((quick & ~small).sum())})
+    excluded.update({"little_slip": int(small.sum()), "slip_changes_fast": int((quick & ~small).sum())})
     return np.asarray(~(small | quick | odd))
 
 

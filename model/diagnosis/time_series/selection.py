@@ -71,7 +71,7 @@ def without_outliers(
         soil = best.soil[first : first + len(data.columns.soil)]
         first += len(soil)
         found.append(_without(start, _outliers(data, soil, grams, best)))
-    return tuple(found) if any(one is not start for one, start in zip(found, starts, strict=True)) else None
+    return tuple(found) if any(kept is not start for kept, start in zip(found, starts, strict=True)) else None
 
 
 def _outliers(data: CampaignData, soil: FloatArray, grams: Grams, best: SetEstimate) -> BoolArray:

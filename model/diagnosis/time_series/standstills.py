@@ -163,9 +163,9 @@ def _lifted(
         run = campaign.runs[index]
         zeros = {c: run.quality.zeros.get(REACTIONS[c].role) for c in channels}
         readings = {
-            c: (0.0, one.systematic_sigma)
-            for c, one in zeros.items()
-            if one and one.is_known and one.recordings == recordings
+            c: (0.0, own.systematic_sigma)
+            for c, own in zeros.items()
+            if own and own.is_known and own.recordings == recordings
         }
         if not readings:
             continue

@@ -110,11 +110,11 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
 
 
 def _too_few(campaign: Campaign, samples: Samples) -> Fault:
-    left_out = ", ".join(f"{why.replace('_', ' ')} {n}" for why, n in samples.left_out.items() if n)
+    excluded = ", ".join(f"{why.replace('_', ' ')} {n}" for why, n in samples.excluded.items() if n)
     return Fault(
         "too few usable samples for a diagnosis",
         campaign.name,
-        found=f"{len(samples)} samples of {samples.block_s:g} s (excluded: {left_out or 'nothing'})",
+        found=f"{len(samples)} samples of {samples.block_s:g} s (excluded: {excluded or 'nothing'})",
         expected=f"at least {FEWEST}",
         next_step="drive longer, with more slip, above 0.5 m/s",
     )

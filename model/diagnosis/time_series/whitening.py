@@ -97,12 +97,12 @@ class StateSpace:
         """Return the covariance of the states before any data, shape (S, S)."""
         found = np.diag(self.variance)
         if near := self.neighbours:
-            for one, other, blocks in (
+            for first, second, blocks in (
                 (near.later, near.now, 1),
                 (near.now, near.before, 1),
                 (near.later, near.before, 2),
             ):
-                found[one, other] = found[other, one] = near.block_decay**blocks * self.variance[near.now]
+                found[first, second] = found[second, first] = near.block_decay**blocks * self.variance[near.now]
         return found
 
     def moved(self, x: FloatArray, i: int) -> FloatArray:
@@ -473,10 +473,10 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         static += turn.T @ grams.static @ turn
         order.append(columns.catch_all.order + rank)
         form.append(columns.catch_all.form)
-        for one in grams.own:
-            shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
-            own.append(OwnGram(shapes, one.across @ turn, one.inner))
-        rank += b + sum(len(one.inner) for one in grams.own)
+        for gram in grams.own:
+            shapes = RunShapes(tuple(_of_campaign(name, gram.shapes.shapes, several)), gram.shapes.order + rank)
+            own.append(OwnGram(shapes, gram.across @ turn, gram.inner))
+        rank += b + sum(len(gram.inner) for gram in grams.own)
     return Grams(
         matrices=np.concatenate(matrices) if several else matrices[0],
         log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
