@@ -54,6 +54,10 @@ def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: Pag
             expect(seen.locator("#state")).to_have_text("BETWEEN RUNS" if state == "between" else "RECORDING")
             expect(seen.locator("#spoken")).to_contain_text(level)
             assert seen.locator("#band").evaluate(_CONTRAST) > 7
+            good = "✓ Good to leave" if state == "green" else "▲ Not good to leave yet: 1 red" if state == "red" else ""
+            expect(seen.locator("#leave")).to_contain_text(good) if state != "between" else expect(
+                seen.locator("#leave")
+            ).to_be_hidden()
             reasons = changes.get("reasons", [])
             expect(seen.locator("#reasons li")).to_have_count(max(len(reasons) - 1, 0))
             for each in reasons[:1]:  # the worst one stands in the band, and only there
@@ -88,13 +92,15 @@ def test_slip_pull_and_load_stand_below_the_band_also_when_it_is_red(browser: Br
 
 def test_the_unit_of_the_speed_is_kept(browser: Browser, panel: PagePanel) -> None:
     speed = "#values [data-role=ground_speed] .number"
-    with Shower(panel), looking_at(browser, panel.address) as seen:
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         expect(seen.locator(speed)).to_contain_text("m/s")
         seen.get_by_role("button", name="km/h").click()
         expect(seen.locator(speed)).to_contain_text("km/h")
-        converted = "async (unit) => (await import('/page.js')).inUnit({ role: 'ground_speed', unit, value: 36 }).value"
-        assert seen.evaluate(converted, "kt") == pytest.approx(36 * 1.852)
-        assert seen.evaluate(converted, "m/s") == pytest.approx(36 * 3.6)
+        for unit, value, shown in (("kt", 10.0, "18.5 km/h"), ("MPH", 10.0, "16.1 km/h"), ("rad/s", 3.0, "3.00 rad/s")):
+            sent = {"role": "ground_speed", "name": "v", "value": value, "unit": unit, "age_s": 0.1, "level": "green"}
+            shower.changes = {"values": [sent]}
+            expect(seen.locator(speed)).to_have_text(shown)
+        shower.changes = {}
         seen.reload()
         expect(seen.locator(speed)).to_contain_text("km/h")
         seen.get_by_role("button", name="m/s").click()

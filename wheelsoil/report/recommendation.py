@@ -201,6 +201,29 @@ def biases(one: Recommendation) -> list[Bias]:
     return found
 
 
+def unconfirmed(one: Recommendation, channel: str) -> str:
+    """Return in words that the model swings about the braked samples by more than the noise of a driven one, or "".
+
+    Their own noise is larger by what the slip's noise does on the steep curve, so that this is no bias; but who looks
+    at the residual sees it leave zero.
+    """
+    braked, driven = one.slip < 0, one.slip > 0
+    median = binned(one.slip[braked], one.residual(channel)[braked], EDGES).median
+    noise = [one.noise[channel][rows & np.isfinite(one.noise[channel])] for rows in (braked, driven)]
+    if not len(median) or not all(map(len, noise)):
+        return ""
+    own, ruler = (float(np.median(values)) for values in noise)
+    if max(abs(median.min()), abs(median.max())) <= ruler:
+        return ""
+    factor, unit = page_unit(channel)
+    low, high = (signed(factor * float(end), ".3g") for end in (median.min(), median.max()))
+    sizes = [f"{number(factor * sigma, 2)} {unit}" for sigma in (own, ruler)]
+    return (
+        f"Braking, {OUTPUTS[channel].name}: medians of {low} to {high} {unit}, within the noise of a braked sample "
+        f"({sizes[0]}) but beyond that of a driven one ({sizes[1]}). Do not rely on the model there."
+    )
+
+
 def caution_text(bias: Bias) -> str:
     """Return a bias of the recommended model in words."""
     factor, unit = page_unit(bias.channel)
