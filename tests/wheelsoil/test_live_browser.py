@@ -117,7 +117,7 @@ def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePane
 
 
 def test_live_values_buses_and_curves_move(browser: Browser) -> None:
-    with page() as panel, Shower(panel), looking_at(browser, panel.address) as seen:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         expect(seen.locator("#values")).to_contain_text("drawbar pull")
         expect(seen.locator("#buses")).to_contain_text("can0")
         expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points, newest"))
@@ -126,6 +126,9 @@ def test_live_values_buses_and_curves_move(browser: Browser) -> None:
         seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].textContent !== first", arg=first)
         for plot in ("#slip-plot", "#pull-plot"):
             assert seen.locator(plot).evaluate(_COLOURED) > 20
+        shower.changes = {"session_s": 55.0, "traces": {}}
+        expect(seen.locator("#values [data-role=slip] .age")).to_contain_text("not known for")
+        expect(seen.locator("#values [data-role=slip] .reach")).to_have_text("")
 
 
 def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:

@@ -170,7 +170,10 @@ def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material)
     assert any(check.good and check.text.startswith("Drawbar pull, driving:") for check in checks)
     [pull] = [block for block in blocks if isinstance(block, Drawing) and block.key == "residual-dp"]
     medians = next(curve["y"] for curve in pull.curves if curve["look"] == "model")
-    ticks = [float(t.replace("\u202f", "").replace("−", "-")) for t in re.findall(r'class="tick"[^>]*"end">([^<]+)', pull.wide)]
+    ticks = [
+        float(t.replace("\u202f", "").replace("−", "-"))
+        for t in re.findall(r'class="tick"[^>]*"end">([^<]+)', pull.wide)
+    ]
     assert np.nanmax(medians) < max(ticks) + (ticks[1] - ticks[0])
 
 
