@@ -105,11 +105,12 @@ def _other_checks(one: Recommendation, channel: str, found: Sequence[Bias]) -> l
     """Return the checks of a channel beside its biases: braked samples that confirm nothing, and what is well."""
     if not np.isfinite(one.noise[channel]).any():
         return []
-    swings = "" if any(not bias.driving for bias in found) else unconfirmed(one, channel)
+    braking_is_off = any(not bias.driving for bias in found)
+    swings = "" if braking_is_off else unconfirmed(one, channel)
     checks = [Check(False, swings)] if swings else []
-    if any(bias.driving for bias in found) or (found and not swings):
+    if any(bias.driving for bias in found):
         return checks
-    side = ", driving" if swings or (one.slip >= 0).all() else ""
+    side = ", driving" if swings or braking_is_off or (one.slip >= 0).all() else ""
     name = f"{OUTPUTS[channel].name.capitalize()}{side}"
     return [*checks, Check(True, f"{name}: {_NO_BIAS} ({_noise(one, channel, driving_only=bool(side))}).")]
 
