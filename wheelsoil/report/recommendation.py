@@ -209,19 +209,16 @@ def unconfirmed(one: Recommendation, channel: str) -> str:
     """
     braked, driven = one.slip < 0, one.slip > 0
     median = binned(one.slip[braked], one.residual(channel)[braked], EDGES).median
-    noise = [one.noise[channel][rows & np.isfinite(one.noise[channel])] for rows in (braked, driven)]
-    if not len(median) or not all(map(len, noise)):
+    noise = one.noise[channel][driven & np.isfinite(one.noise[channel])]
+    if not len(median) or not len(noise):
         return ""
-    own, ruler = (float(np.median(values)) for values in noise)
+    ruler = float(np.median(noise))
     if max(abs(median.min()), abs(median.max())) <= ruler:
         return ""
     factor, unit = page_unit(channel)
     low, high = (signed(factor * float(end), ".3g") for end in (median.min(), median.max()))
-    sizes = [f"{number(factor * sigma, 2)} {unit}" for sigma in (own, ruler)]
-    return (
-        f"Braking, {OUTPUTS[channel].name}: medians of {low} to {high} {unit}, within the noise of a braked sample "
-        f"({sizes[0]}) but beyond that of a driven one ({sizes[1]}). Do not rely on the model there."
-    )
+    beyond = f"beyond the noise of a driven sample ({number(factor * ruler, 2)} {unit}): not confirmed"
+    return f"Braking, {OUTPUTS[channel].name}: medians of {low} to {high} {unit}, {beyond}."
 
 
 def caution_text(bias: Bias) -> str:

@@ -54,7 +54,7 @@ _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive agai
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
-_NO_BIAS = "no bias above the noise of a sample in a bin of slip, or above half of it nearly everywhere"
+_NO_BIAS = "no median beyond the noise of a sample, nor beyond half of it nearly everywhere"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
