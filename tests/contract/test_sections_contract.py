@@ -18,7 +18,7 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from wheelsoil.report.content import Panels, Section, SectionBuilder, Table
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.report.sections import EVIDENCE, GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES, glance
 from wheelsoil.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.last_report import LastReport
@@ -53,6 +53,9 @@ def test_every_section_of_every_file_is_listed():
     assert len({one.key for one in SECTIONS}) == len({one.title for one in SECTIONS}) == len(SECTIONS)
     assert len({one.key for one in SECTIONS_OF_TABLES}) == len(SECTIONS_OF_TABLES)
     assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)
+    grouped = [one for group in GROUPS.values() for one in group]
+    assert {*grouped, *EVIDENCE, glance.glance} == {*SECTIONS, *SECTIONS_OF_TABLES}, "all of the appendix is in a group"
+    assert len(grouped) == len(set(grouped))
 
 
 @every_section

@@ -54,6 +54,10 @@ def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: Pag
             expect(seen.locator("#state")).to_have_text("BETWEEN RUNS" if state == "between" else "RECORDING")
             expect(seen.locator("#spoken")).to_contain_text(level)
             assert seen.locator("#band").evaluate(_CONTRAST) > 7
+            good = "✓ Good to leave" if state == "green" else "▲ Not good to leave yet: 1 red" if state == "red" else ""
+            expect(seen.locator("#leave")).to_contain_text(good) if state != "between" else expect(
+                seen.locator("#leave")
+            ).to_be_hidden()
             reasons = changes.get("reasons", [])
             expect(seen.locator("#reasons li")).to_have_count(max(len(reasons) - 1, 0))
             for each in reasons[:1]:  # the worst one stands in the band, and only there
@@ -88,13 +92,15 @@ def test_slip_pull_and_load_stand_below_the_band_also_when_it_is_red(browser: Br
 
 def test_the_unit_of_the_speed_is_kept(browser: Browser, panel: PagePanel) -> None:
     speed = "#values [data-role=ground_speed] .number"
-    with Shower(panel), looking_at(browser, panel.address) as seen:
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         expect(seen.locator(speed)).to_contain_text("m/s")
         seen.get_by_role("button", name="km/h").click()
         expect(seen.locator(speed)).to_contain_text("km/h")
-        converted = "async (unit) => (await import('/page.js')).inUnit({ role: 'ground_speed', unit, value: 36 }).value"
-        assert seen.evaluate(converted, "kt") == pytest.approx(36 * 1.852)
-        assert seen.evaluate(converted, "m/s") == pytest.approx(36 * 3.6)
+        for unit, value, shown in (("kt", 10.0, "18.5 km/h"), ("MPH", 10.0, "16.1 km/h"), ("rad/s", 3.0, "3.00 rad/s")):
+            sent = {"role": "ground_speed", "name": "v", "value": value, "unit": unit, "age_s": 0.1, "level": "green"}
+            shower.changes = {"values": [sent]}
+            expect(seen.locator(speed)).to_have_text(shown)
+        shower.changes = {}
         seen.reload()
         expect(seen.locator(speed)).to_contain_text("km/h")
         seen.get_by_role("button", name="m/s").click()
@@ -111,7 +117,7 @@ def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePane
 
 
 def test_live_values_buses_and_curves_move(browser: Browser) -> None:
-    with page() as panel, Shower(panel), looking_at(browser, panel.address) as seen:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         expect(seen.locator("#values")).to_contain_text("drawbar pull")
         expect(seen.locator("#buses")).to_contain_text("can0")
         expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points, newest"))
@@ -120,6 +126,9 @@ def test_live_values_buses_and_curves_move(browser: Browser) -> None:
         seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].textContent !== first", arg=first)
         for plot in ("#slip-plot", "#pull-plot"):
             assert seen.locator(plot).evaluate(_COLOURED) > 20
+        shower.changes = {"session_s": 55.0, "traces": {}}
+        expect(seen.locator("#values [data-role=slip] .age")).to_contain_text("not known for")
+        expect(seen.locator("#values [data-role=slip] .reach")).to_have_text("")
 
 
 def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:

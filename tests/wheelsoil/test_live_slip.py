@@ -84,6 +84,16 @@ def test_a_curve_holds_the_last_minute_and_gives_what_is_new(steps_s: list[float
     assert curve.since(-np.inf)[-1] == (times[-1], 1.0)
 
 
+def test_the_highest_slip_is_that_of_the_run() -> None:
+    live, low = LiveSlip(), _ramp(latency_s={})
+    live.take(low | {"session_s": 2.0, "run": {"since_s": 2.0}})
+    assert live.highest_slip == pytest.approx(0.2)
+    live.take({"session_s": 300.0, "run": {"since_s": 300.0}})
+    assert live.highest_slip == pytest.approx(0.2), "minutes later, too"
+    live.take({"session_s": 301.0, "run": {"since_s": 0.5}})
+    assert live.highest_slip is None, "of a new run nothing is known"
+
+
 def _times() -> list[float]:
     return [round(0.05 * k, 3) for k in range(1, 41)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +14,14 @@ from model.diagnosis.core.result import CauseSet, NextRun, ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Panels, Section, Step, Steps, Table, Text
+from wheelsoil.report.content import Checks, Drawing, Panels, Section, Step, Steps, Table, Text, blocks_of
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import checks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.evidence import gain
 from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.misfit import misfit
+from wheelsoil.report.sections.overview import fit
 from wheelsoil.report.sections.planning import detectable
 from wheelsoil.report.sections.verdict import Ranking, verdict
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -152,6 +154,27 @@ def test_the_terminal_says_to_check_what_the_report_says(material):
     off = replace(one, plot_data=(replace(seen, extended={c: x + 300.0 for c, x in seen.extended.items()}),))
     told = glance.build(replace(material, diagnosed=off)).numbers["cautions"]
     assert told == checks_of(off) != []
+
+
+def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material):
+    one = diagnosis("named")
+    seen = one.plot_data[0]
+    braked = seen.slip < 0
+    noise = {c: np.where(braked, 8 * x[~braked].mean(), x) for c, x in seen.base_sigma.items()}
+    swing = {c: x - np.where(braked, 4 * noise[c][~braked].mean(), 0.0) for c, x in seen.measured.items()}
+    swung = replace(one, plot_data=(replace(seen, base_sigma=noise, extended=swing),))
+    blocks = blocks_of(fit.build(replace(material, diagnosed=swung)))
+    checks = next(block for block in blocks if isinstance(block, Checks)).checks
+    amber = [check.text for check in checks if not check.good]
+    assert any(said.startswith("Braking, drawbar pull: medians of") for said in amber)
+    assert any(check.good and check.text.startswith("Drawbar pull, driving:") for check in checks)
+    [pull] = [block for block in blocks if isinstance(block, Drawing) and block.key == "residual-dp"]
+    medians = next(curve["y"] for curve in pull.curves if curve["look"] == "model")
+    ticks = [
+        float(t.replace("\u202f", "").replace("−", "-"))
+        for t in re.findall(r'class="tick"[^>]*"end">([^<]+)', pull.wide)
+    ]
+    assert np.nanmax(medians) < max(ticks) + (ticks[1] - ticks[0])
 
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):

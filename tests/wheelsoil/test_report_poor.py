@@ -11,10 +11,12 @@ import pytest
 from cli_support import invoke, ok
 from report_support import material_of, processed_of
 
+from daq.errors import ConfigError
 from processing.processed_run import ProcessedRun
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import texts_of
 from wheelsoil.workflows.report import report_of
+from wheelsoil.workflows.runs import Files
 
 MOST_BYTES = 12_000_000
 ROLES = {
@@ -93,6 +95,13 @@ def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
     assert page.stat().st_size < MOST_BYTES
     assert len(report.numbers()["sections"]["glance"]["grades"]) == 50
     assert {trace["shown_for"] for trace in _drawn(report, "slip-driving")} == {"all runs", *(r.run.id for r in runs)}
+
+
+def test_two_soils_are_refused_before_the_work(tmp_path):
+    recordings = Path(__file__).parents[2] / "recordings"
+    absent = Files(zero=tmp_path / "absent.toml")  # where work begins, this file is missed
+    with pytest.raises(ConfigError, match="of different soils"):
+        report_of([recordings / "clay" / "run-1.mcap", recordings / "sandy" / "run-1.mcap"], files=absent)
 
 
 def test_runs_of_one_name_are_distinguished(campaign):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,14 @@ def test_slip_sinkage_costs_pull_and_efficiency() -> None:
     pulls = [one for one in found if one.quantity == "drawbar_pull"]
     assert all(one.difference < 0 for one in found if one.quantity != "driving_torque")
     assert all(one.difference95[0] < one.difference < one.difference95[1] < 0 for one in pulls)
+
+
+def test_of_terms_that_are_known_together_the_cost_has_an_interval() -> None:
+    size = ParameterEstimate("p", "1", 0.6, (0.5, 0.7), 0.05)
+    terms = [ParameterEstimate(name, "1", value, (nan, nan), nan) for name, value in (("m1", 0.5), ("m2", 0.1))]
+    lyasko = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 1.0, (size, *terms))
+    found = costs_of([lyasko], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2)
+    assert all(one.difference95[0] < one.difference < one.difference95[1] for one in found)
 
 
 def sections(tan_phi: float, zero: tuple[float, float] | None, pull: float) -> dict[str, Any]:
@@ -91,6 +99,13 @@ def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) ->
     page = tmp_path / "monday.html"
     page.write_text("")
     assert load_last(tmp_path) == load_last(page) == load_last(tmp_path / "monday.json")
+
+
+def test_a_store_is_refused_with_what_shows_its_changes(tmp_path: Path) -> None:
+    (tmp_path / "store.json").write_text("{}")
+    with pytest.raises(ConfigError, match="store of a fleet") as refused:
+        load_last(tmp_path)
+    assert "wheelsoil fleet report" in str(refused.value)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}'])

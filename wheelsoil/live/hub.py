@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import FloatArray
+from daq import FloatArray, Quantity, find_unit
 from processing import interpolate
 from processing.pipeline import slip_of
 
@@ -23,6 +23,7 @@ _PATIENCE_S = 5.0
 _MAX_GAP_S = 1.0
 """Speeds are not interpolated over a longer gap; a GNSS receiver at 1 Hz is just accepted."""
 _MIN_SPEED_MPS = 0.5
+_SAME_START_S = 1.0
 _NOTHING = np.empty((0, 2))
 
 MOST_STREAMS = 12
@@ -57,10 +58,13 @@ class LiveSlip:
     """Traces assembled from the snapshots.
 
     `pull` has rows (time_s, pull_n); `slip` (time_s, slip, pull_n), at the samples of the pull whose slip is known.
+    `highest_slip` is that of the present run, None where none is known of it yet.
     """
 
     def __init__(self) -> None:
         self.pull, self.slip = Curve(), Curve()
+        self.highest_slip: float | None = None
+        self._run_start_s = -np.inf
         self._waiting: FloatArray = _NOTHING
         self._speeds: dict[str, FloatArray] = {"wheel_speed": _NOTHING, "ground_speed": _NOTHING}
 
@@ -73,9 +77,17 @@ class LiveSlip:
         for role, kept in self._speeds.items():
             self._speeds[role] = _newest(np.vstack([kept, _samples(traces.get(role), latencies.get(role))]))
         self._waiting = _newest(np.vstack([self._waiting, pull]))
+        self._begin(snapshot)
         radius_m = setup.get("wheel_radius_m")
         if radius_m:
             self._compute_slip(float(radius_m), float(setup.get("min_speed_mps") or _MIN_SPEED_MPS))
+
+    def _begin(self, snapshot: Mapping[str, Any]) -> None:
+        """Forget the highest slip where a new run began, or the time between runs."""
+        now_s, since_s = snapshot.get("session_s"), (snapshot.get("run") or {}).get("since_s")
+        if now_s is None or since_s is None or abs(now_s - since_s - self._run_start_s) < _SAME_START_S:
+            return
+        self._run_start_s, self.highest_slip = now_s - since_s, None
 
     def _compute_slip(self, radius_m: float, min_speed_mps: float) -> None:
         """Compute the slip of the samples up to which both speeds are known."""
@@ -88,6 +100,9 @@ class LiveSlip:
         slip = slip_of(rim, interpolate(due[:, 0], ground[:, 0], ground[:, 1], _MAX_GAP_S), min_speed_mps)
         rows = np.column_stack([due[:, 0], slip, due[:, 1]])[np.isfinite(slip)]
         self.slip.add([(round(t, 3), round(s, 4), round(n, 1)) for t, s, n in rows.tolist()])
+        of_run = rows[rows[:, 0] >= self._run_start_s, 1]
+        if len(of_run):
+            self.highest_slip = max(float(of_run.max()), self.highest_slip or 0.0)
 
 
 def _samples(trace: Mapping[str, Any] | None, latency_s: float | None) -> FloatArray:
@@ -127,6 +142,7 @@ class Hub:
         """Store the newest snapshot of the logger and notify the streams."""
         self._live.take(snapshot)
         self._snapshot = {key: value for key, value in snapshot.items() if key != "traces"}
+        self._snapshot["values"] = [_with_factor(one) for one in snapshot.get("values") or ()]
         self._taken_s = time.monotonic()
         self._number += 1
         await self._notify()
@@ -173,8 +189,15 @@ class Hub:
             "snapshot": self._snapshot,
             "age_s": round(time.monotonic() - self._taken_s, 3),
             "curves": {"fresh": sent_s[0] == sent_s[1] == -float("inf"), "span_s": SPAN_S, "pull": pull, "slip": slip},
+            "highest_slip": self._live.highest_slip,
         }
         return _event("snapshot", body)
+
+
+def _with_factor(value: dict[str, Any]) -> dict[str, Any]:
+    """Return a value with ``to_mps``, its unit in m/s, where it is a speed in a known unit."""
+    speed = find_unit(value["unit"], [Quantity.SPEED]) if value.get("role") == "ground_speed" else None
+    return value if speed is None else value | {"to_mps": speed.factor}
 
 
 def _event(name: str, body: dict[str, Any]) -> bytes:

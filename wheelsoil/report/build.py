@@ -23,7 +23,7 @@ from daq.series import write_whole
 from wheelsoil import __version__
 from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections import EVIDENCE, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.report.sections import EVIDENCE, GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import isolated
@@ -75,11 +75,13 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
     summary, *others = sections
     evidence = {builder.key for builder in EVIDENCE}
+    keys = {name: {builder.key for builder in group} for name, group in GROUPS.items()}
+    groups = {name: [one for one in others if one.key in of_group] for name, of_group in keys.items()}
     page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
         evidence=[one for one in others if one.key in evidence],
-        appendix=[one for one in others if one.key not in evidence],
+        appendix={name: sections for name, sections in groups.items() if sections},
         made_at=made_at,
         json_name=json_name,
         version=__version__,

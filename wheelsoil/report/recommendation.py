@@ -201,6 +201,26 @@ def biases(one: Recommendation) -> list[Bias]:
     return found
 
 
+def unconfirmed(one: Recommendation, channel: str) -> str:
+    """Return in words that the model swings about the braked samples by more than the noise of a driven one, or "".
+
+    Their own noise is larger by what the slip's noise does on the steep curve, so that this is no bias; but who looks
+    at the residual sees it leave zero.
+    """
+    braked, driven = one.slip < 0, one.slip > 0
+    median = binned(one.slip[braked], one.residual(channel)[braked], EDGES).median
+    noise = one.noise[channel][driven & np.isfinite(one.noise[channel])]
+    if not len(median) or not len(noise):
+        return ""
+    ruler = float(np.median(noise))
+    if max(abs(median.min()), abs(median.max())) <= ruler:
+        return ""
+    factor, unit = page_unit(channel)
+    low, high = (signed(factor * float(end), ".3g") for end in (median.min(), median.max()))
+    beyond = f"beyond the noise of a driven sample ({number(factor * ruler, 2)} {unit}): not confirmed"
+    return f"Braking, {OUTPUTS[channel].name}: medians of {low} to {high} {unit}, {beyond}."
+
+
 def caution_text(bias: Bias) -> str:
     """Return a bias of the recommended model in words."""
     factor, unit = page_unit(bias.channel)

@@ -90,11 +90,17 @@ def costs_of(
 
 
 def _known(causes: Sequence[Cause]) -> bool:
-    return all(isfinite(end) for cause in causes for one in cause.parameters for end in one.interval95)
+    return all(isfinite(one.value) for cause in causes for end in (0, 1) for one in _at_end(cause, end).parameters)
 
 
 def _at_end(cause: Cause, end: int) -> Cause:
-    return replace(cause, parameters=tuple(replace(one, value=one.interval95[end]) for one in cause.parameters))
+    """Return a cause at an end of its interval; where only a sum has one, its terms change in proportion."""
+    first, *others = cause.parameters
+    scale = first.interval95[end] / first.value if first.value else nan
+    ends = [first.interval95[end]]
+    ends += [one.interval95[end] if isfinite(one.interval95[end]) else scale * one.value for one in others]
+    moved = (replace(one, value=value) for one, value in zip(cause.parameters, ends, strict=True))
+    return replace(cause, parameters=tuple(moved))
 
 
 def _steady(wheel: Wheel, soil: Soil, load_n: float, speed_mps: float) -> Conditions:

@@ -108,6 +108,13 @@ def load_last(path: Path) -> LastReport:
 
 
 def _file_of(path: Path) -> Path:
+    if (path / "store.json").is_file():
+        raise ConfigError.of(
+            "this is the store of a fleet, which keeps no reports",
+            path,
+            expected="report.json, its page or their folder",
+            next_step="name the last report; `wheelsoil fleet report` shows what changed from campaign to campaign",
+        )
     if path.is_dir():
         found = [path / name for name in _USUAL_NAMES if (path / name).is_file()]
         found = found or [one for one in sorted(path.glob("*.json")) if one.with_suffix(".html").is_file()]

@@ -9,7 +9,7 @@ const clock = (date) => date.toTimeString().slice(0, 8);
 const markKey = (mark) => `${mark.time_utc_s}|${mark.text}`;
 
 export class Commands {
-  /** `leaving` says in words whether the run is good to leave. */
+  /** `leaving` says whether the run is good to leave. */
   constructor(leaving) {
     this.leaving = leaving;
     this.snapshot = null;
@@ -65,7 +65,7 @@ export class Commands {
 
   askStop() {
     write(get("stop-question"), `Stop run ${this.snapshot.run.id}?`);
-    write(get("stop-hint"), this.leaving());
+    write(get("stop-hint"), this.leaving().words);
     this.open("stop-dialog");
   }
 

@@ -18,9 +18,9 @@ const GOAL = 0.5; // slip from which on a run is good
 const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
 const rank = ({ role }) => ORDER.indexOf(role);
 
-const MPS = { "m/s": 1, "km/h": 1 / 3.6, kph: 1 / 3.6, kn: 1852 / 3600, kt: 1852 / 3600, kts: 1852 / 3600, knot: 1852 / 3600, knots: 1852 / 3600, mph: 0.44704 };
+const MPS = { "m/s": 1, "km/h": 1 / 3.6, kn: 1852 / 3600 };
 
-const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", run: "", highest: 0 };
+const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", highest: null };
 const commands = new Commands(leaving);
 const slipPlot = new Plot(get("slip-plot"), "slip, %");
 const pullPlot = new Plot(get("pull-plot"), "seconds before now");
@@ -138,9 +138,8 @@ function showValues(values) {
 
 /** The ground speed in the unit that was chosen, whichever the DBC sends. */
 export function inUnit(each) {
-  const sent = MPS[each.unit], chosen = MPS[unit];
-  if (each.role !== "ground_speed" || !sent || !chosen) return each;
-  return { ...each, value: known(each.value) ? (each.value * sent) / chosen : each.value, unit };
+  if (!known(each.to_mps)) return each;
+  return { ...each, value: known(each.value) ? (each.value * each.to_mps) / MPS[unit] : each.value, unit };
 }
 
 function showTiles(parent, values) {
@@ -151,7 +150,7 @@ function showTiles(parent, values) {
     return item;
   };
   list(parent, values, make, (item, each) => {
-    const [name, number, age] = item.children, gone = !known(each.age_s) || each.age_s > 1.5;
+    const [name, number] = item.children, age = item.lastElementChild, gone = !known(each.age_s) || each.age_s > 1.5;
     item.dataset.level = each.level;
     item.dataset.role = each.role;
     item.title = each.name ?? "";
@@ -168,30 +167,37 @@ function absence({ role, age_s }) {
   return known(age_s) ? `no frames for ${seconds(age_s)}` : "no frames yet";
 }
 
-/** Whether the run is good to leave: what it has reached, and what is wrong. */
+/** Whether the run is good to leave, and why: what it has reached, and what is wrong. */
 function leaving() {
-  const reached = Math.round(100 * page.highest), wrong = page.snapshot.reasons.filter(({ level }) => level === "red");
-  const missing = [...(page.highest < GOAL ? [`slip has reached ${reached} %, the goal is above ${100 * GOAL} %`] : []), ...wrong.map((each) => `${each.where}: ${each.what}`)];
-  return missing.length ? `Not good to leave yet: ${missing.join("; ")}.` : `Good to leave: slip has reached ${reached} %, and nothing is red.`;
+  const { highest, snapshot } = page, reached = `slip has reached ${Math.round(100 * highest)} %`;
+  const short = highest === null ? "the slip is not known" : highest < GOAL ? `${reached}, the goal is above ${100 * GOAL} %` : "";
+  const wrong = snapshot.reasons.filter(({ level }) => level === "red");
+  const good = !short && !wrong.length;
+  return { good, short, wrong, words: good ? `Good to leave: ${reached}, and nothing is red.` : `Not good to leave yet: ${[short, ...wrong.map((each) => `${each.where}: ${each.what}`)].filter(Boolean).join("; ")}.` };
+}
+
+/** The same below the values; a fault that stands in the band or in the list is not repeated. */
+function showLeaving({ state }) {
+  get("leave").hidden = state !== "recording";
+  const { good, short, wrong, words } = leaving(), why = [short, wrong.length ? `${wrong.length} red` : ""].filter(Boolean).join("; ");
+  get("leave").dataset.level = good ? "green" : "amber";
+  write(get("leave"), good ? `✓ ${words}` : `▲ Not good to leave yet: ${why}.`);
 }
 
 /** How far the slip went in this run, beside where it should go. */
 function showReach(last) {
   const item = get("values").querySelector("[data-role=slip]");
   if (!item) return;
-  const { run } = page.snapshot;
-  if (page.run !== run.id) Object.assign(page, { run: run.id, highest: 0 });
-  page.highest = Math.max(page.highest, ...page.slip.filter(([t]) => t > page.nowS - run.since_s).map(([, s]) => s));
   if (!item.querySelector(".reach")) {
     const bar = part("span", "reach");
     bar.append(part("i"), part("u"), part("b"));
     item.insertBefore(bar, item.lastElementChild);
   }
   const [reached, , now] = item.querySelector(".reach").children, share = (s) => `${100 * Math.min(Math.max(s, 0), 1)}%`;
-  reached.style.width = share(page.highest);
+  reached.style.width = share(page.highest ?? 0);
   now.hidden = !isNow(page.slip);
   now.style.left = share(last?.[1] ?? 0);
-  if (isNow(page.slip)) write(item.lastElementChild, `highest ${Math.round(100 * page.highest)} % · goal above ${100 * GOAL} %`);
+  if (isNow(page.slip) && page.highest !== null) write(item.lastElementChild, `highest ${Math.round(100 * page.highest)} % · goal above ${100 * GOAL} %`);
 }
 
 function showBuses(buses) {
@@ -296,7 +302,7 @@ function keep(kept, added, fresh, fromS) {
 const KEPT_UNIT = "wheelsoil.unit";
 let unit = "m/s";
 try {
-  unit = localStorage.getItem(KEPT_UNIT) ?? unit;
+  unit = MPS[localStorage.getItem(KEPT_UNIT)] ? localStorage.getItem(KEPT_UNIT) : unit;
 } catch { /* a browser that keeps nothing */ }
 
 function showUnit() {
@@ -319,14 +325,16 @@ const connection = new Connection({
     get("main").hidden = get("bar").hidden = false;
     if (!page.snapshot) write(get("run-title"), vehicle);
   },
-  snapshot({ snapshot, age_s, curves }) {
+  snapshot({ snapshot, age_s, curves, highest_slip }) {
     page.snapshot = snapshot;
+    page.highest = highest_slip;
     page.newsAt = performance.now() - 1000 * age_s;
     page.nowS = snapshot.session_s + age_s;
     page.pull = keep(page.pull, curves.pull, curves.fresh, page.nowS - curves.span_s);
     page.slip = keep(page.slip, curves.slip, curves.fresh, page.nowS - curves.span_s);
     showRun(snapshot);
     showValues(snapshot.values);
+    showLeaving(snapshot);
     showBuses(snapshot.buses);
     showLogger(snapshot);
     showTexts(snapshot);

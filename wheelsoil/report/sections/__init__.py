@@ -79,6 +79,31 @@ SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
 )
 """The same where there are single-wheel tables in place of runs."""
 
+GROUPS: dict[str, tuple[SectionBuilder, ...]] = {
+    "Recordings": (against_time.time, track.track, tables.rows),
+    "Diagnosis": (
+        misfit.misfit,
+        candidates.candidates,
+        evidence.evidence,
+        evidence.gain,
+        planning.detectable,
+        planning.next_run,
+    ),
+    "Single-law fits": (
+        verdict.verdict,
+        tables.verdict,
+        against_slip.drawbar_pull,
+        against_slip.torque,
+        coefficients.coefficients,
+        coefficients.criteria,
+        against_slip.sinkage,
+        tables.sinkage,
+        against_slip.load,
+    ),
+    "Quality and provenance": (quality.quality, quality.sensors, provenance.workings, provenance.provenance),
+}
+"""Of the appendix: one section of each group is open at a time."""
+
 OF_THE_DIAGNOSIS = (
     overview.causes,
     misfit.misfit,

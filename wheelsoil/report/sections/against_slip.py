@@ -130,6 +130,7 @@ def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: 
         set_axis_range(layout, "y", measured[inside], also=np.concatenate(medians))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
+    errors = _with_recommended(errors, material, channel)
     lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
     return [Panels(figures, f"{reading}{lacking}", list(choices)), Panels([errors], of_errors)], numbers
 
@@ -168,7 +169,7 @@ def _recommended(material: ReportInputs, channel: str, choice: str, *, driving: 
     if choice in one.runs:
         rows &= one.run == one.runs.index(choice)
     curve = binned(one.slip[rows], one.recommended[channel][rows], EDGES)
-    return [line(curve.centre, curve.median, f"recommended: {one.name}", RECOMMENDED, "solid", 3.0)]
+    return [line(curve.centre, curve.median, one.title.lower(), RECOMMENDED, "solid", 3.0)]
 
 
 def _errors(
@@ -192,6 +193,16 @@ def _errors(
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
     layout["shapes"] = [dotted_line(material.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
+
+
+def _with_recommended(figure: Figure, material: ReportInputs, channel: str) -> Figure:
+    """Return the figure of errors with that of the recommended model, where a diagnosis recommends one."""
+    one = material.recommendation
+    if material.diagnosed is None or one.is_base or channel not in one.measured:
+        return figure
+    curve = binned(one.slip[one.slip > 0], one.residual(channel)[one.slip > 0], EDGES)
+    drawn = line(curve.centre, curve.median, one.title.lower(), RECOMMENDED, "solid", 3.0)
+    return replace(figure, data=[*figure.data, drawn])
 
 
 @section("sinkage", "Sinkage: from forces and by the single-law fits")

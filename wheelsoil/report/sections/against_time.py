@@ -14,6 +14,7 @@ from processing.pipeline import runs_of
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Text, section
 from wheelsoil.report.figures import (
     MEASURED,
+    RECOMMENDED,
     STYLES,
     Trace,
     axes,
@@ -43,6 +44,7 @@ _SEGMENTS = {
     Segment.STANDSTILL: ("standstill", ("#eeeeee", ".")),
 }
 _SHOWN = ("dp", "t")
+_GAP_S = 0.5
 _MARK = "#8a5300"
 
 _READING_DRIVE = (
@@ -203,7 +205,21 @@ def _lines(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Tra
         look = style(name)
         predicted = _used(run, getattr(prediction, quantity))
         traces.append(line(time_s, predicted[rows], look.label, look.colour, look.dash, 1.6))
-    return traces
+    return [*traces, *_recommended(material, run, quantity)]
+
+
+def _recommended(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
+    """Return what the recommended model says of a run, where a diagnosis recommends more than the baseline."""
+    if material.diagnosed is None or (one := material.recommendation).is_base or run.run.id not in one.runs:
+        return []
+    channel = next((c for c in one.recommended if OUTPUTS[c].field == quantity), "")
+    rows = np.flatnonzero(one.run == one.runs.index(run.run.id))
+    if not channel or not len(rows):
+        return []
+    rows = rows[np.argsort(one.time_s[rows], kind="stable")]
+    gaps = np.flatnonzero(np.diff(one.time_s[rows]) > _GAP_S) + 1
+    time_s, values = (np.insert(x[rows], gaps, np.nan) for x in (one.time_s, one.recommended[channel]))
+    return [line(time_s, values, one.title.lower(), RECOMMENDED, "solid", 2.2)]
 
 
 def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:

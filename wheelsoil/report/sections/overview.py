@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
@@ -30,7 +31,14 @@ from wheelsoil.report.content import (
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Recommendation, biases, caution_text, recommended_causes
+from wheelsoil.report.recommendation import (
+    Bias,
+    Recommendation,
+    biases,
+    caution_text,
+    recommended_causes,
+    unconfirmed,
+)
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
@@ -46,7 +54,7 @@ _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive agai
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
-_NO_BIAS = "no bias above the noise of a sample in a bin of slip, or above half of it nearly everywhere"
+_NO_BIAS = "no median beyond the noise of a sample, nor beyond half of it nearly everywhere"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
@@ -61,11 +69,7 @@ def fit(material: ReportInputs) -> Contents:
     found = biases(one)
     figures = [_residuals(one, channel) for channel in one.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
-    checks += [
-        Check(True, f"{OUTPUTS[c].name.capitalize()}: {_NO_BIAS} ({_noise(one, c)}).")
-        for c in one.measured
-        if not any(bias.channel == c for bias in found) and np.isfinite(one.noise[c]).any()
-    ]
+    checks += [check for c in one.measured for check in _other_checks(one, c, [b for b in found if b.channel == c])]
     checks += _adequacy(material.diagnosed)
     blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
     beside: list[Block] = []
@@ -97,10 +101,24 @@ def fit(material: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _noise(one: Recommendation, channel: str) -> str:
+def _other_checks(one: Recommendation, channel: str, found: Sequence[Bias]) -> list[Check]:
+    """Return the checks of a channel beside its biases: braked samples that confirm nothing, and what is well."""
+    if not np.isfinite(one.noise[channel]).any():
+        return []
+    braking_is_off = any(not bias.driving for bias in found)
+    swings = "" if braking_is_off else unconfirmed(one, channel)
+    checks = [Check(False, swings)] if swings else []
+    if any(bias.driving for bias in found):
+        return checks
+    side = ", driving" if swings or braking_is_off or (one.slip >= 0).all() else ""
+    name = f"{OUTPUTS[channel].name.capitalize()}{side}"
+    return [*checks, Check(True, f"{name}: {_NO_BIAS} ({_noise(one, channel, driving_only=bool(side))}).")]
+
+
+def _noise(one: Recommendation, channel: str, *, driving_only: bool) -> str:
     """Return the noise of a sample, driving and braking: a smaller bias need not show."""
     factor, text = page_unit(channel)
-    sides = (("driving", one.slip > 0), ("braking", one.slip < 0))
+    sides = (("driving", one.slip > 0), ("braking", one.slip < 0))[: 1 if driving_only else 2]
     known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
     said = text.replace(" ", "\u00a0")
     return ", ".join(f"{name} {number(factor * float(np.median(x)), 2)}\u00a0{said}" for name, x in known if len(x))
@@ -122,9 +140,10 @@ def _residuals(one: Recommendation, channel: str) -> Drawing:
     curves.append(Curve(_short(one.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
-    low, high = reach(*driving, *edges)
+    low, high = (1.3 * end for end in reach(*driving, *edges))
+    low, high = reach(np.array([low, high]), curves[-1].y)
     slips = (float(np.floor(np.nanmin(one.slip) / 0.1) * 0.1), float(np.ceil(np.nanmax(one.slip) / 0.1) * 0.1))
-    plane = Plane(slips, (1.3 * low, 1.3 * high), "Slip ratio", f"Measured − predicted ({text})")
+    plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
     name = OUTPUTS[channel].name
     caption = "Medians in bins of slip, braking left of zero, cut at the axis. Grey: 95 % of the noise of a sample."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []

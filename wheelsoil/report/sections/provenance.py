@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-from wheelsoil.report.content import Block, Contents, Table, Text, section
+from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count, letter, named_with_unit, number
+from wheelsoil.report.words import count, letter, named_with_unit, number, signed
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import texts_of
 
@@ -30,17 +30,7 @@ def provenance(material: ReportInputs) -> Contents:
     blocks: list[Block] = [
         Text(f"Made by: {material.command}"),
         Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2, words=_FILE_HEAD[-1:]),
-        Table("Vehicle and terrain", ["what", "value"], material.facts, left=2),
-        Table(
-            "Options",
-            ["option", "value"],
-            [
-                [name.replace("_", " "), _value_text(value)]
-                for name, value in [*material.options.items(), *_used(material)]
-            ],
-            left=2,
-        ),
-        Table("Versions", ["program", "version"], [[name, text] for name, text in material.versions.items()], left=2),
+        Pair([_facts(material), _options(material), _versions(material)]),
     ]
     numbers = {
         "command": material.command,
@@ -51,6 +41,20 @@ def provenance(material: ReportInputs) -> Contents:
         "versions": material.versions,
     }
     return blocks, numbers
+
+
+def _facts(material: ReportInputs) -> Table:
+    return Table("Vehicle and terrain", ["what", "value"], material.facts, left=2)
+
+
+def _options(material: ReportInputs) -> Table:
+    options = [*material.options.items(), *_used(material)]
+    rows = [[name.replace("_", " "), _value_text(value)] for name, value in options]
+    return Table("Options", ["option", "value"], rows, left=2)
+
+
+def _versions(material: ReportInputs) -> Table:
+    return Table("Versions", ["program", "version"], [[*pair] for pair in material.versions.items()], left=2)
 
 
 def _file_row(source: Source) -> list[str]:
@@ -81,11 +85,12 @@ def workings(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis
     blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in texts_of(found.notes)]
+    tables: list[Block] = []
     if found.noise:
         named = [(*named_with_unit(name), value) for name, value in found.noise.items()]
         rows = [[name, number(value), unit] for name, unit, value in named]
         note = "Estimated from these runs by marginal likelihood; everything else on this page is weighed with it."
-        blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note, words=("unit",)))
+        tables.append(Table("Noise model", ["quantity", "value", "unit"], rows, note, words=("unit",)))
     for soil in found.soils:
         rows = [
             [
@@ -93,15 +98,16 @@ def workings(material: ReportInputs) -> Contents:
                 number(value, 4),
                 _sigma(soil.sigmas.get(name, float("nan"))),
                 _SOIL[name],
-                f"{soil.off_laboratory[name]:+.1f}" if name in soil.off_laboratory else "–",
+                signed(soil.off_laboratory[name], "+.1f") if name in soil.off_laboratory else "–",
             ]
             for name, value in soil.values.items()
         ]
         note = "With the named cause in the model, or none where none is named."
-        blocks.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note, words=("unit",)))
+        tables.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note, words=("unit",)))
     if found.stages_s:
         rows = [[plain_name(name), f"{seconds:.2f}"] for name, seconds in found.stages_s.items()]
-        blocks.append(Table("Stages", ["stage", "time (s)"], rows))
+        tables.append(Table("Stages", ["stage", "time (s)"], rows))
+    blocks += [Pair(tables)] if tables else []
     numbers = {"noise": found.noise, "soils": found.soils, "notes": found.notes, "stages_s": found.stages_s}
     return blocks or [Text("Nothing is known of it.")], numbers
 
