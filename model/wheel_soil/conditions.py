@@ -48,7 +48,7 @@ class Conditions:
     line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
     campaign_time : from -1/2 to 1/2 over the campaign's clock
     direction : 1 "out", -1 "back"
-    pass_number : from 1
+    pass_number : of the wheels that have driven over the soil, from 1; see `ProcessedRun.passage`
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration, by the ground speed, was added to the measured drawbar pull

@@ -150,7 +150,7 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         line_position=position,
         campaign_time=clock,
         direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),
-        pass_number=everywhere(float(run.run.pass_number)),
+        pass_number=everywhere(float(run.passage)),
         inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
         ground_speed_shift_s=everywhere(0.0),

@@ -211,7 +211,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         unused_channels=frozenset(OUTPUTS[c].role for c in measured if c not in samples.measured),
         several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
         both_directions=len({run.direction for run in runs}) > 1,
-        several_passes=len({run.pass_number for run in runs}) > 1,
+        several_passes=len({run.passage for run in campaign.runs}) > 1,
         several_runs=len(runs) > 1,
         pressures=any(run.inflation_kpa for run in runs),
         standstill=not samples.rests.lifted.all(),
@@ -271,7 +271,7 @@ def _blocks(
         found["sinkage_m"] = _of_known(run.sinkage_m[rows])
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
-        ("pass_number", float(info.pass_number)),
+        ("pass_number", float(run.passage)),
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),

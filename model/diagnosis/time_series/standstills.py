@@ -200,7 +200,7 @@ def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> 
         "clock": clock,
         "x": x,
         "direction": -1.0 if run.run.direction == "back" else 1.0,
-        "pass": float(run.run.pass_number),
+        "pass": float(run.passage),
         "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
         "duration": 0.0,
         "angle": 0.0,
