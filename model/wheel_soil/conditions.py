@@ -53,6 +53,7 @@ class Conditions:
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration, by the ground speed, was added to the measured drawbar pull
     compensated_inertia_kgm2 : outboard inertia whose acceleration was taken off the measured torque
+    body_pitch_rad : of the body under acceleration, positive nose up; NaN where pitch is not measured
     outboard_mass_kg : between transducer and soil; NaN where an accelerometer took its weight along a slope off
     """
 
@@ -74,6 +75,7 @@ class Conditions:
     compensated_mass_kg: Number = 0.0
     compensated_inertia_kgm2: Number = 0.0
     outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
+    body_pitch_rad: Number = np.nan
 
     @property
     def driving_slip(self) -> Number:

@@ -134,6 +134,7 @@ def standstills_of(
         compensated_mass_kg=np.full(len(rows), campaign.outboard_mass_kg),
         compensated_inertia_kgm2=np.full(len(rows), campaign.outboard_inertia_kgm2),
         outboard_mass_kg=np.full(len(rows), campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
+        body_pitch_rad=nothing,
     )
     return Standstills(
         run=table["run"].astype(np.intp),
