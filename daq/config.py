@@ -58,12 +58,21 @@ LEAST_LOAD_SHARE = 0.03
 """Of a vehicle's mass on a wheel that stands on the ground."""
 
 
+Axle = Annotated[int, Field(ge=1, le=30)]
+"""An axle, counted from the front, or a number of axles."""
+
+
 class VehicleSection(Section):
-    """``[vehicle]``."""
+    """``[vehicle]``; ``axles`` counts those without an instrumented wheel, too."""
 
     name: str = "unnamed vehicle"
     mass_kg: Positive | None = None
     standstill_brakes: Brakes = "unknown"
+    axles: Axle | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_axles(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key != "axles" or value is not None}
 
 
 _SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
@@ -95,18 +104,23 @@ class Placed(Section):
 
     @model_serializer(mode="wrap")
     def _without_place(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key not in _PLACE or value is not None}
+        return {key: value for key, value in dump(self).items() if key not in _WHERE or value is not None}
 
 
 _PLACE = ("x_m", "y_m", "z_m")
+_WHERE = (*_PLACE, "axle")
 
 
 class WheelSection(Placed):
-    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer. Without a place: (0, 0)."""
+    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer. Without a place: (0, 0).
+
+    ``axle`` is counted from the front: the wheel of a rear axle runs in the rut of those before it.
+    """
 
     radius_m: Positive
     width_m: Annotated[float, Field(gt=0, lt=5)]
     position: str = ""
+    axle: Axle | None = None
     outboard_mass_kg: NonNegative = 0.0
     outboard_inertia_kgm2: NonNegative = 0.0
     tyre: Literal["smooth", "lugged"] | None = None
@@ -292,6 +306,19 @@ class VehicleConfig(Section):
         for role, name in self.signals.items() if self.bus else ():
             if name.signal.count(".") != 1 or not all(name.signal.split(".")):
                 raise ValueError(f'signals.{role} = "{name}" is not "Message.Signal"')
+        return self
+
+    @model_validator(mode="after")
+    def _axle_of_the_vehicle(self) -> Self:
+        axle, axles = self.wheel.axle if self.wheel else None, self.vehicle.axles
+        if axle is not None and axles is None:
+            raise ValueError(f"wheel.axle = {axle} needs the number of axles: add axles under [vehicle]")
+        if axles is not None and self.wheel and axle is None:
+            raise ValueError(f"vehicle.axles = {axles} needs the wheel's: add axle under [wheel], 1 at the front")
+        if axle is not None and axles is not None and axle > axles:
+            raise ValueError(
+                f"wheel.axle = {axle} is not on a vehicle with vehicle.axles = {axles}; correct one of them"
+            )
         return self
 
     def latency_s(self, role: str) -> float:

@@ -221,6 +221,8 @@ class ProcessedRun:
     outboard_role : str
         What the acceleration of that mass is of: the slope of ``ground_speed``, or an accelerometer, whose reading has
         the weight along a slope in it.
+    axle, axles : int
+        Of the wheel, from the front, and how many the vehicle has.
     """
 
     run: RunInfo
@@ -255,6 +257,8 @@ class ProcessedRun:
     outboard_mass_kg: float = 0.0
     outboard_inertia_kgm2: float = 0.0
     outboard_role: str = GROUND_SPEED
+    axle: int = 1
+    axles: int = 1
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -263,6 +267,11 @@ class ProcessedRun:
     def used(self) -> BoolArray:
         """Samples that have no reason to be excluded."""
         return np.asarray(self.reason == Reason.USED)
+
+    @property
+    def passage(self) -> int:
+        """How many wheels, with this one, have driven over the soil: the vehicle drives forward in every pass."""
+        return (self.run.pass_number - 1) * self.axles + self.axle
 
     @property
     def has_accelerometer(self) -> bool:

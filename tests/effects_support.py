@@ -40,6 +40,7 @@ def full_conditions(count: int = 21, seed: int = 3) -> Conditions:
         pass_number=1.0 + every % 3,
         inflation_kpa=np.where(every % 5 < 2, 340.0, 250.0),
         unit_weight_n_m3=np.full(count, 16_500.0),
+        body_pitch_rad=rng.normal(0.0, 5e-3, count),
     )
 
 

@@ -122,7 +122,7 @@ def study_sound(count: int) -> None:
 
 def study_causes(count: int) -> None:
     """Print how many runs with a measurement cause of up to three prior scales are refused."""
-    causes = [effect for effect in EFFECTS.values() if effect.kind == "measurement"]
+    causes = [effect for effect in EFFECTS.values() if effect.kind == "measurement" and not effect.needs.roles]
     refused = noted = 0
     for seed in range(count):
         rng = np.random.default_rng(seed)

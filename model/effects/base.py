@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
+    from processing import ProcessedRun
 
 Values = Mapping[str, Number]
 
@@ -23,11 +24,13 @@ Values = Mapping[str, Number]
 class Needs:
     """What the data must hold for an effect to be identified.
 
-    Without `conditions`, or on a tyre that has no lugs, an effect is not considered at all. Without the rest it is
-    considered, since it may be there, but never named.
+    Without `roles` or `conditions`, or on a tyre that has no lugs, an effect is not considered at all. Without the
+    rest it is considered, since it may be there, but never named.
 
     Attributes
     ----------
+    roles : tuple of str
+        Optional roles of vehicle.toml. Where a run lacks one, the effect is no hypothesis at all, and is not listed.
     conditions : tuple of str
         Fields of `Conditions` beyond slip and load that its formula takes.
     channels : tuple of "drawbar_pull", "driving_torque"
@@ -40,6 +43,7 @@ class Needs:
     lugs : it cannot be on a tyre that is declared smooth
     """
 
+    roles: tuple[str, ...] = ()
     conditions: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
     two_loads: bool = False
@@ -122,6 +126,7 @@ class Signals:
     ground_speed_mps : for the ground-speed sensor only
     wheel_speed_radps : for the wheel-speed sensor only
     campaign_time : float array, from -1/2 to 1/2 over the campaign's clock
+    body_pitch_rad : of the body under acceleration, positive nose up
     direction : 1 "out", -1 "back"
     """
 
@@ -132,6 +137,7 @@ class Signals:
     ground_speed_mps: FloatArray
     wheel_speed_radps: FloatArray
     campaign_time: FloatArray
+    body_pitch_rad: FloatArray
     direction: float
 
 
@@ -165,7 +171,7 @@ class Effect:
         First estimate of the only parameter.
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
-        are given in. Physical causes and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
+        are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
     """
 
     name: ClassVar[str]
@@ -235,6 +241,14 @@ class Effect:
         drawbar pull and torque.
         """
         return signals
+
+    @classmethod
+    def direct_estimate(cls, runs: Sequence[ProcessedRun]) -> tuple[float, float] | None:  # noqa: ARG003 - a hook
+        """Return what further sensors of a campaign's runs say of the only parameter, and its one-sigma.
+
+        A diagnosis takes it as a measurement beside those of the forces; None where there is none.
+        """
+        return None
 
     @classmethod
     def moves_sinkage(cls) -> bool:

@@ -31,7 +31,15 @@ from model.simulation.motion import (
 from model.simulation.speed_sensors import GnssReceiver, GnssSetup, Track, WheelSpeedSensor, WheelSpeedSetup
 from model.simulation.stance import Stance, StandingForces, standing_forces
 from model.simulation.transducer import HostClock, HubLoads, Readings, Transducer, TransducerSetup
-from model.simulation.truth import Circumstances, Truth, campaign_line_m, reaction_at_rest, soil_reaction, towed
+from model.simulation.truth import (
+    PITCH_RAD_PER_MPS2,
+    Circumstances,
+    Truth,
+    campaign_line_m,
+    reaction_at_rest,
+    soil_reaction,
+    towed,
+)
 from model.wheel_soil.soils import LABORATORY_SPREAD, Soil
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
@@ -354,6 +362,7 @@ class Faulty:
             ground_speed_mps=motion.ground_speed_mps,
             wheel_speed_radps=motion.wheel_speed_radps,
             campaign_time=self._circumstances.campaign_time(motion.time_s),
+            body_pitch_rad=PITCH_RAD_PER_MPS2 * motion.ground_acceleration_mps2,
             direction=self._circumstances.direction,
         )
         for effect, values in self._faults:

@@ -21,6 +21,9 @@ _USUAL_SPEED_MPS = 1.25
 TRUTH_QUADRATURE = Quadrature(nodes=36, power=4)
 """Of the simulated truth; a fitter uses another one (12 nodes, power 3 by default)."""
 
+PITCH_RAD_PER_MPS2 = 0.006
+"""By how much the body pitches, nose up, under acceleration: 3.4 deg per g."""
+
 _SETTLED_SPEED_MPS = 0.2
 _LEAST_LOAD_N = 200.0
 
@@ -76,6 +79,7 @@ class Circumstances:
             wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
             line_position=self.line_position(track_position_m),
             campaign_time=self.campaign_time(motion.time_s),
+            body_pitch_rad=PITCH_RAD_PER_MPS2 * motion.ground_acceleration_mps2,
             **self._of_run(model),
         )
 
@@ -91,6 +95,7 @@ class Circumstances:
             wheel_acceleration_radps2=0.0,
             line_position=0.0,
             campaign_time=0.0,
+            body_pitch_rad=0.0,
             **self._of_run(model),
         )
 

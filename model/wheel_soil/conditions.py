@@ -48,11 +48,12 @@ class Conditions:
     line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
     campaign_time : from -1/2 to 1/2 over the campaign's clock
     direction : 1 "out", -1 "back"
-    pass_number : from 1
+    pass_number : of the wheels that have driven over the soil, from 1; see `ProcessedRun.passage`
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration, by the ground speed, was added to the measured drawbar pull
     compensated_inertia_kgm2 : outboard inertia whose acceleration was taken off the measured torque
+    body_pitch_rad : of the body under acceleration, positive nose up; NaN where pitch is not measured
     outboard_mass_kg : between transducer and soil; NaN where an accelerometer took its weight along a slope off
     """
 
@@ -74,6 +75,7 @@ class Conditions:
     compensated_mass_kg: Number = 0.0
     compensated_inertia_kgm2: Number = 0.0
     outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
+    body_pitch_rad: Number = np.nan
 
     @property
     def driving_slip(self) -> Number:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq import EARTH_RADIUS_M, FloatArray, Note
+from daq import EARTH_RADIUS_M, ROLES, FloatArray, Note
 from model.notes import DiagnosisCode
 from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Conditions
 from processing import ProcessedRun
@@ -131,6 +131,24 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
     ]
 
 
+def body_pitch(run: ProcessedRun) -> FloatArray:
+    """Return by how much the body pitches on its springs, rad, nose up, shape (n,); NaN where pitch is not measured.
+
+    The measured pitch has the slope of the ground and the mounting of its sensor in it, too. A straight line over the
+    distance, fitted beside the acceleration, takes both off.
+    """
+    pitch = run.extras.get(ROLES["pitch"].field)
+    if pitch is None:
+        return np.full(len(run), np.nan)
+    line = np.column_stack([np.ones(len(run)), run.distance_m])
+    basis = np.column_stack([line, run.ground_acceleration_mps2])
+    known = run.used & np.isfinite(pitch) & np.isfinite(basis).all(axis=1)
+    if np.count_nonzero(known) < _LEAST_FIXES:
+        return np.full(len(run), np.nan)
+    found = np.linalg.lstsq(basis[known], pitch[known], rcond=None)[0]
+    return np.asarray(pitch - line @ found[:2])
+
+
 def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> Conditions:
     def everywhere(value: float) -> FloatArray:
         return np.broadcast_to(np.float64(value), len(run))
@@ -150,7 +168,7 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         line_position=position,
         campaign_time=clock,
         direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),
-        pass_number=everywhere(float(run.run.pass_number)),
+        pass_number=everywhere(float(run.passage)),
         inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
         ground_speed_shift_s=everywhere(0.0),
@@ -159,4 +177,5 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         outboard_mass_kg=everywhere(
             np.nan if run.has_accelerometer else run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG
         ),
+        body_pitch_rad=body_pitch(run),
     )

@@ -20,6 +20,7 @@ from daq import (
     Note,
     RunInfo,
     Use,
+    VehicleSection,
     WheelSection,
 )
 from processing.notes import RunCode
@@ -149,9 +150,9 @@ class FilteredRun:
 
 
 def assemble(
-    filtered: FilteredRun, wheel: WheelSection, run: RunInfo, options: ProcessOptions, brakes: Brakes
+    filtered: FilteredRun, wheel: WheelSection, run: RunInfo, options: ProcessOptions, vehicle: VehicleSection
 ) -> ProcessedRun:
-    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons; `brakes` as declared."""
+    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons."""
     radius_m = wheel.radius_m
     ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
     rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
@@ -199,7 +200,9 @@ def assemble(
         outboard_mass_kg=wheel.outboard_mass_kg,
         outboard_inertia_kgm2=wheel.outboard_inertia_kgm2,
         outboard_role=filtered.outboard_role,
-        quality=_quality(filtered, segments, stuck, reason, radius_m, options, brakes, notes, pace),
+        axle=wheel.axle or 1,
+        axles=vehicle.axles or 1,
+        quality=_quality(filtered, segments, stuck, reason, radius_m, options, vehicle.standstill_brakes, notes, pace),
     )
 
 

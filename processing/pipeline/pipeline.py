@@ -233,7 +233,7 @@ class _ReadyRun:
         filtered = FilteredRun(
             *base, self.cutoff_hz, roles, *position, brake, self.clock, notes, self.missing, steered, outboard_role
         )
-        return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle.standstill_brakes))
+        return with_ruts(assemble(filtered, self.wheel, self.info, options, self.vehicle.vehicle))
 
 
 def _with_remark(

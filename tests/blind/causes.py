@@ -8,10 +8,11 @@ from __future__ import annotations
 from blind.outside_causes import OUTSIDE
 from blind.sensor_causes import MEASUREMENT
 from blind.soil_causes import PHYSICAL
+from blind.tilts import TILTS
 
-ALL = {hidden.key: hidden for hidden in (*PHYSICAL, *MEASUREMENT, *OUTSIDE)}
-KNOWN = {key: hidden for key, hidden in ALL.items() if not hidden.outside}
-"""Every form of the engine's library that a balanced simulation can have, and the variants."""
+ALL = {hidden.key: hidden for hidden in (*PHYSICAL, *MEASUREMENT, *TILTS, *OUTSIDE)}
+KNOWN = {key: hidden for key, hidden in ALL.items() if not hidden.outside and hidden not in TILTS}
+"""Every form of the engine's library that a balanced simulation without further sensors can have, and the variants."""
 FAMILIES = tuple(dict.fromkeys(hidden.family for hidden in KNOWN.values()))
 RIVALS = (
     ("peak_at_rest", "peak_with_slip"),

@@ -118,6 +118,7 @@ def conditions(found: Simulated) -> Conditions:
         wheel_acceleration_radps2=run.wheel_acceleration_radps2,
         line_position=of_truth(true.line_position),
         campaign_time=of_truth(true.campaign_time),
+        body_pitch_rad=of_truth(true.body_pitch_rad),
     )
 
 

@@ -20,6 +20,10 @@ WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
         ("[sensors.wheel_speed]\nz_m = 0.2", "wheel_speed takes no z_m: only ground_speed"),
         (f"{WHEEL}y_m = 0.9", "wheel: x_m and y_m go together"),
         (f"{WHEEL}z_m = 0.9", r"unknown key 'wheel.z_m'"),
+        (f"{WHEEL}axle = 2", r"wheel.axle = 2 needs the number of axles: add axles under \[vehicle\]"),
+        (f"[vehicle]\naxles = 2\n{WHEEL}", "vehicle.axles = 2 needs the wheel's: add axle"),
+        (f"[vehicle]\naxles = 2\n{WHEEL}axle = 3", "wheel.axle = 3 is not on a vehicle with vehicle.axles = 2"),
+        (f"[vehicle]\naxles = 2\n{WHEEL}axle = 0", "wheel.axle: .*greater than or equal to 1"),
         ("[signals]\nyawrate = 'Imu.Yaw'", "yaw_rate"),
     ],
 )
@@ -32,7 +36,8 @@ def test_without_a_place_the_settings_are_what_they_were() -> None:
     text = f"{WHEEL}[sensors.ground_speed]\nlatency_s = 0.1\n"
     dumped = parse_toml(text, VehicleConfig, "vehicle.toml").model_dump(mode="json")
     assert dumped["sensors"] == {"ground_speed": {"latency_s": 0.1, "sigma": None}}
-    assert not {"x_m", "y_m"} & dumped["wheel"].keys()
+    assert not {"x_m", "y_m", "axle"} & dumped["wheel"].keys()
+    assert "axles" not in dumped["vehicle"]
     again = parse_toml(f"{text}x_m = 1.0\ny_m = -2.0\n", VehicleConfig, "vehicle.toml")
     assert again.model_dump(exclude_none=True)["sensors"]["ground_speed"] == {
         "latency_s": 0.1,

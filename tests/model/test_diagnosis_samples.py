@@ -16,7 +16,7 @@ from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
 from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
-from model.wheel_soil.run_conditions import campaign_times, line_positions
+from model.wheel_soil.run_conditions import campaign_times, conditions_of, line_positions
 from processing.processed_run import ProcessedRun, Reason
 
 RUNS = 2
@@ -64,6 +64,18 @@ def test_an_accelerometer_leaves_nothing_to_the_ground_speed_and_nothing_to_a_sl
     assert np.abs(samples_of(heavy).measured["dp"] - plain.measured["dp"]).max() > 1.0
     assert not found.conditions.compensated_mass_kg.any()
     assert not_identifiable(coverage_of(read, found))["slope"].values == {"conditions": ("outboard_mass_kg",)}
+
+
+def test_a_wheel_runs_in_the_ruts_of_the_axles_ahead_of_it(campaign: Campaign) -> None:
+    """On the second of three axles the second pass is the fifth wheel."""
+    passes = with_info(campaign, RunInfo(), RunInfo(pass_number=2))
+    rear = changed(passes, axle=2, axles=3)
+    for one, expected in ((passes, [1.0, 2.0]), (rear, [2.0, 5.0])):
+        samples = samples_of(one)
+        np.testing.assert_array_equal(samples.conditions.pass_number, np.array(expected)[samples.run])
+        np.testing.assert_array_equal(samples.rests.conditions.pass_number, np.array(expected)[samples.rests.run])
+        assert [found.pass_number[0] for found in conditions_of(one.runs, 16_500.0)] == expected
+        assert coverage_of(one, samples).several_passes
 
 
 def test_three_instants_average_to_the_mean_and_have_the_spread_of_block_and_filter(campaign: Campaign) -> None:

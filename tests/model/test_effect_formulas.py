@@ -22,6 +22,7 @@ CONDITIONS = Conditions(
     wheel_acceleration_radps2=np.array([3.0, -3.0]),
     campaign_time=np.array([-0.5, 0.5]),
     direction=np.array([1.0, -1.0]),
+    body_pitch_rad=np.array([4e-3, -4e-3]),
 )
 SOIL = SoilState(*(getattr(SOILS["clay"], name) for name in SOIL_PARAMETERS))
 STATE = WheelState(CONDITIONS, SOIL, WHEEL.radius_m, WHEEL.width_m, np.nan, np.nan)
@@ -36,6 +37,9 @@ REACTION = Reaction(np.full(2, 1000.0), np.full(2, 700.0))
         # uphill out, downhill back: of 75 kg outboard of the transducer
         ("slope", {"angle_rad": 0.02}, [-75 * 9.80665 * np.sin(0.02), 75 * 9.80665 * np.sin(0.02)], [0, 0]),
         ("crosstalk", {"coefficient": 0.01}, [80.0, 80.0], [0, 0]),
+        # nose up under a driving torque of 0.7 kN m, as on a beam axle: the frame's x axis gets a share of the load
+        ("axle_windup", {"angle_rad_per_knm": 0.002}, [11.2, 11.2], [0, 0]),
+        ("body_pitch", {"share": 0.5}, [16.0, -16.0], [0, 0]),
         # d is the whole span of the campaign
         ("zero_drift", {"campaign_span_n": 100.0}, [-50.0, 50.0], [0, 0]),
     ],

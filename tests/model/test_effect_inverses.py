@@ -35,6 +35,7 @@ def driven() -> Signals:
         ground_speed_mps=speed,
         wheel_speed_radps=speed / (ratio * WHEEL.radius_m),
         campaign_time=TIME / 100.0 - 0.2,
+        body_pitch_rad=5e-3 * np.sin(0.9 * TIME),
         direction=-1.0,
     )
 
@@ -51,6 +52,7 @@ def conditions(signals: Signals) -> Conditions:
         ground_acceleration_mps2=acceleration,
         ground_jerk_mps3=np.gradient(acceleration, 1.0 / RATE_HZ),
         campaign_time=signals.campaign_time,
+        body_pitch_rad=signals.body_pitch_rad,
         direction=signals.direction,
     )
 
@@ -73,6 +75,8 @@ def round_trip(chosen: Chosen) -> tuple[Conditions, Conditions, Signals, Reactio
         recovered = effect.inputs(recovered, values)
     state = WheelState(true, SOIL, WHEEL.radius_m, WHEEL.width_m, np.nan, np.nan)
     reaction = Reaction(truth.drawbar_pull_n, truth.driving_torque_nm)
+    for effect, values in chosen:
+        reaction = effect.resultants(reaction, state, values)
     for effect, values in chosen:
         reaction = effect.observation(reaction, state, values)
     return true, recovered, seen, reaction

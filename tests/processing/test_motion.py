@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
-from daq import Channel, FloatArray, SensorSection, Severity, VehicleConfig, WheelSection
+from daq import Channel, FloatArray, RunInfo, SensorSection, Severity, VehicleConfig, VehicleSection, WheelSection
 from processing import ProcessedRun, Reason, RunCode
 from processing.pipeline import process
 
@@ -43,6 +43,13 @@ def outboard(time_s: FloatArray, slope: float, rng: np.random.Generator) -> dict
         "drawbar_pull": channel("drawbar_pull", fine, PULL_N - MASS_KG * felt),
         "longitudinal_acceleration": channel("longitudinal_acceleration", time_s, read),
     }
+
+
+def test_a_run_has_the_axle_of_its_wheel() -> None:
+    rear = vehicle(vehicle=VehicleSection(axles=3), wheel=WheelSection(radius_m=RADIUS_M, width_m=0.3, axle=2))
+    channels = speeds(SECONDS) | forces(SECONDS)
+    assert process(channels, rear, RunInfo(pass_number=4)).passage == 11
+    assert process(channels, vehicle(), RunInfo(pass_number=4)).passage == 4
 
 
 def heavy(**sections: object) -> VehicleConfig:

@@ -243,7 +243,7 @@ class AnalysisSession:
             campaign = self.campaign(key)
             base, choices = campaign.base(), campaign.choice.fit_choices()
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
-            reasons = campaign.not_identifiable.get(choices.reading)
+            reasons, roles = campaign.not_identifiable.get(choices.reading), campaign.first.vehicle.signals
             asked = campaign.ready_members(), campaign.options
             pending = campaign.pending
         if reasons is None and not pending:
@@ -257,7 +257,7 @@ class AnalysisSession:
             "complete": reasons is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
-            "effects": effect_entries(base, choices.reading, reasons or {}),
+            "effects": effect_entries(base, choices.reading, reasons or {}, roles),
         }
 
     def _not_identifiable(self, members: Sequence[Member]) -> dict[str, str]:

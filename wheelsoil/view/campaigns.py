@@ -269,7 +269,7 @@ class ViewedCampaign:
             load_n=median_n if load_n is None else load_n,
             ground_speed_mps=_USUAL_SPEED_MPS if np.isnan(speed_mps) else speed_mps,
             direction=-1.0 if all(info.direction == "back" for info in infos) else 1.0,
-            pass_number=float(max(info.pass_number for info in infos)),
+            pass_number=float(max(map(_passage, own), default=self.first.info.pass_number)),
             inflation_kpa=min(filter(None, (info.inflation_kpa for info in infos)), default=REFERENCE_INFLATION_KPA),
         )
 
@@ -301,6 +301,11 @@ class ViewedCampaign:
             kept = keeps.get(run.key)
             if run.plot_data is not None and kept is not None:
                 check_within(kept, run.plot_data.end_s, f"run {run.run.id}")
+
+
+def _passage(run: ViewedRun) -> int:
+    """Return the wheels that have driven over the soil, with this one; the pass of a run that is not processed."""
+    return run.plot_data.run.passage if run.plot_data else run.run.info.pass_number
 
 
 def _median(pieces: Sequence[FloatArray]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, log10
@@ -88,6 +88,7 @@ class Base:
             pass_number=held(self.pass_number),
             inflation_kpa=held(self.inflation_kpa),
             unit_weight_n_m3=held(self.soil.unit_weight_n_m3),
+            body_pitch_rad=held(0.0),
         )
 
 
@@ -133,10 +134,16 @@ def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:
     return [_soil_parameter(name, float(getattr(soil, name)), prior) for name in SOIL_PARAMETERS]
 
 
-def effect_entries(base: Base, reading: Reading, reasons: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return every effect with its parameters, and why these data cannot identify it (`reasons` by family)."""
+def effect_entries(
+    base: Base, reading: Reading, reasons: Mapping[str, str], roles: Collection[str]
+) -> list[dict[str, Any]]:
+    """Return every effect with its parameters, and why these data cannot identify it (`reasons` by family).
+
+    Effects that need further `roles` than the vehicle declares are left out.
+    """
     visible = _visible_in_curve(base, reading)
-    return [_entry(key, base.wheel, reading, reasons) | {"in_curve": visible[key]} for key in EFFECTS]
+    keys = [key for key, effect in EFFECTS.items() if set(effect.needs.roles) <= set(roles)]
+    return [_entry(key, base.wheel, reading, reasons) | {"in_curve": visible[key]} for key in keys]
 
 
 def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:

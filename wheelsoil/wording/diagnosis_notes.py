@@ -22,6 +22,7 @@ _CONDITIONS = {
     "pass_number": "the number of the pass",
     "inflation_kpa": "the inflation pressure",
     "unit_weight_n_m3": "the soil's unit weight",
+    "body_pitch_rad": "the pitch of the body",
     "outboard_mass_kg": "the outboard weight along a slope (an accelerometer takes it off)",
 }
 _ROW_UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}

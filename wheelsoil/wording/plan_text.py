@@ -40,7 +40,7 @@ def _sentence(plan: Plan) -> str:
         for f, d in zip(found.families, found.separation, strict=True)
         if d >= DETECTABLE_D and f not in plan.not_identifiable
     )
-    library = {effect.name for effect in EFFECTS.values()}
+    library = {effect.name for effect in EFFECTS.values() if not effect.needs.roles} | families.keys()
     return (
         f"Of the {len(families)} families considered (the library has {len(library)}), {len(seen)} are detectable in "
         f"these runs at a plausible size; {len(apart)} of them are separable from every other (d_sep of 5 or more, on "

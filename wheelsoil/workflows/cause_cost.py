@@ -121,4 +121,5 @@ def _steady(wheel: Wheel, soil: Soil, load_n: float, speed_mps: float) -> Condit
         pass_number=held(1.0),
         inflation_kpa=held(nan),
         unit_weight_n_m3=held(soil.unit_weight_n_m3),
+        body_pitch_rad=held(0.0),
     )

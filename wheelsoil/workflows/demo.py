@@ -59,7 +59,7 @@ def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
         return Hidden(NONE)
     families: dict[str, list[type[Effect]]] = {}
     for effect in EFFECTS.values():
-        if effect.reading == "any":
+        if effect.reading == "any" and not effect.needs.roles:
             families.setdefault(effect.name, []).append(effect)
     forms = families[list(families)[rng.integers(len(families))]]
     effect = forms[rng.integers(len(forms))]

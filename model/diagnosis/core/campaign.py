@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import pi
 
@@ -166,6 +166,8 @@ class Coverage:
         As declared.
     lifted : set of str
         Forces that were read of the lifted wheel.
+    roles : set of str
+        Of channels that no model takes and every run carries.
     """
 
     conditions: frozenset[str]
@@ -182,18 +184,26 @@ class Coverage:
     largest_slip: float
     tyre: str
     lifted: frozenset[str] = frozenset()
+    roles: frozenset[str] = frozenset()
+
+
+def hypotheses_of(coverage: Coverage, keys: Iterable[str], reading: Reading) -> list[type[Effect]]:
+    """Return the effects of these keys that are hypotheses about such a vehicle in a reading."""
+    effects = [EFFECTS[key] for key in keys if key in EFFECTS]
+    return [e for e in effects if e.reading in ("any", reading) and coverage.roles.issuperset(e.needs.roles)]
 
 
 def considered(coverage: Coverage, keys: Sequence[str], reading: Reading) -> tuple[type[Effect], ...]:
     """Return the effects of these keys that can be there at all, and whose inputs are known."""
-    effects = [EFFECTS[key] for key in keys if key in EFFECTS]
-    return tuple(e for e in effects if e.reading in ("any", reading) and not ruled_out(e.needs, coverage))
+    return tuple(e for e in hypotheses_of(coverage, keys, reading) if not ruled_out(e.needs, coverage))
 
 
 def not_identifiable(coverage: Coverage) -> dict[str, Note]:
     """Return, for families of which no form can be identified, a note on why."""
     reasons: dict[str, list[Note | None]] = {}
     for effect in EFFECTS.values():
+        if not coverage.roles.issuperset(effect.needs.roles):
+            continue
         why = ruled_out(effect.needs, coverage) or next(_unmet(effect.needs, coverage), None)
         reasons.setdefault(effect.name, []).append(why if effect.reading == "any" else None)
     return {family: each[0] for family, each in reasons.items() if each[0] is not None and None not in each}

@@ -165,6 +165,7 @@ def with_speed_times(run: Samples, factor: float) -> Samples:
         "ground_jerk_mps3",
         "wheel_acceleration_radps2",
         "wheel_jerk_radps3",
+        "body_pitch_rad",
     )
     return _changed(
         run,
@@ -187,6 +188,7 @@ def slower_ramps(run: Samples) -> Samples:
             ground_jerk_mps3=0.25 * np.asarray(c.ground_jerk_mps3),
             wheel_acceleration_radps2=0.5 * np.asarray(c.wheel_acceleration_radps2),
             wheel_jerk_radps3=0.25 * np.asarray(c.wheel_jerk_radps3),
+            body_pitch_rad=0.5 * np.asarray(c.body_pitch_rad),
         )
 
     def nearer(values: FloatArray) -> FloatArray:
@@ -242,6 +244,7 @@ def with_standstills(run: Samples) -> Samples:
         ground_jerk_mps3=nothing,
         wheel_acceleration_radps2=nothing,
         wheel_jerk_radps3=nothing,
+        body_pitch_rad=nothing,
     )
     return replace(
         run,

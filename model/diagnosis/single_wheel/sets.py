@@ -18,6 +18,7 @@ from model.diagnosis.core.campaign import (
     Bench,
     Coverage,
     considered,
+    hypotheses_of,
     not_identifiable,
     ruled_out,
 )
@@ -122,7 +123,7 @@ def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), table: 
         Causes of this table only, with values of their own; else causes of all.
     """
     coverage = coverage_of(problem, table)
-    effects = [e for e in map(EFFECTS.__getitem__, keys) if e.reading in ("any", problem.reading)]
+    effects = hypotheses_of(coverage, keys, problem.reading)
     lacking = {e.name: why for e in effects if (why := ruled_out(e.needs, coverage))}
     uses = [CauseUse(e.key(), table) for e in considered(coverage, keys, problem.reading)]
     traced = _traced(problem, uses)

@@ -121,7 +121,7 @@ def _excluded(fault: Fault) -> Note:
 
 def _undecided(faults: Sequence[Fault], effects: Sequence[str]) -> Diagnosis:
     """Return a diagnosis that says what was wanting."""
-    families = dict.fromkeys(EFFECTS[key].name for key in effects if key in EFFECTS)
+    families = dict.fromkeys(EFFECTS[key].name for key in effects if key in EFFECTS and not EFFECTS[key].needs.roles)
     why = Note(LackCode.NOTHING_USABLE, Severity.FAULT, {"faults": tuple(faults)})
     return undecided(why, dict.fromkeys(families, why), tuple(_excluded(fault) for fault in faults))
 

@@ -11,16 +11,18 @@ instants whose spread is that of block and filter together, and the model is ave
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note
+from daq import CHANNELS, OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note, Use
 from model.diagnosis.core.campaign import ONE_LOAD, Campaign, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
+from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
-from model.wheel_soil.run_conditions import campaign_times, line_positions
+from model.wheel_soil.run_conditions import body_pitch, campaign_times, line_positions
 from processing import ProcessedRun, Reason
 from processing.pipeline import kernel_sigma_s, slip_of
 
@@ -79,6 +81,8 @@ class Samples:
         Length of a block.
     excluded : mapping str -> int
         Blocks that were not used, by reason.
+    direct : mapping key of an effect -> (value, one-sigma)
+        What further sensors say of its only parameter.
     """
 
     run: IndexArray
@@ -98,6 +102,7 @@ class Samples:
     block_s: float
     excluded: dict[str, int]
     notes: tuple[Note, ...] = ()
+    direct: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.run)
@@ -179,6 +184,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
         moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
+        direct=_direct_estimates(campaign.runs),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         excluded=dict(excluded),
@@ -211,7 +217,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         unused_channels=frozenset(OUTPUTS[c].role for c in measured if c not in samples.measured),
         several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
         both_directions=len({run.direction for run in runs}) > 1,
-        several_passes=len({run.pass_number for run in runs}) > 1,
+        several_passes=len({run.passage for run in campaign.runs}) > 1,
         several_runs=len(runs) > 1,
         pressures=any(run.inflation_kpa for run in runs),
         standstill=not samples.rests.lifted.all(),
@@ -219,8 +225,21 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         braked=int(np.count_nonzero(slip < 0)) >= _SOME,
         largest_slip=float(np.max(slip, initial=0.0)),
         tyre=campaign.tyre,
+        roles=frozenset(_shared_extras(campaign.runs)),
         lifted=frozenset(OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if np.isfinite(x).any()),
     )
+
+
+def _direct_estimates(runs: Sequence[ProcessedRun]) -> dict[str, tuple[float, float]]:
+    found = {key: effect.direct_estimate(runs) for key, effect in EFFECTS.items()}
+    return {key: estimate for key, estimate in found.items() if estimate is not None}
+
+
+def _shared_extras(runs: Sequence[ProcessedRun]) -> Iterator[str]:
+    """Yield the roles of channels that no model takes and every run carries."""
+    for channel in CHANNELS:
+        if runs and channel.use is Use.EXTRA and all(channel.field in run.extras for run in runs):
+            yield channel.role
 
 
 def block_seconds(run: ProcessedRun) -> float:
@@ -258,6 +277,7 @@ def _blocks(
         "wheel_jerk_radps3": _rate(run.wheel_acceleration_radps2, run.rate_hz),
         "line_position": position,
         "campaign_time": clock,
+        "body_pitch_rad": body_pitch(run),
         "time_s": run.time_s,
         "distance_m": run.distance_m,
         "wheel_angle_rad": angle,
@@ -271,7 +291,7 @@ def _blocks(
         found["sinkage_m"] = _of_known(run.sinkage_m[rows])
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
-        ("pass_number", float(info.pass_number)),
+        ("pass_number", float(run.passage)),
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),

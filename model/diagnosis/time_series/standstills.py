@@ -134,6 +134,7 @@ def standstills_of(
         compensated_mass_kg=np.full(len(rows), campaign.outboard_mass_kg),
         compensated_inertia_kgm2=np.full(len(rows), campaign.outboard_inertia_kgm2),
         outboard_mass_kg=np.full(len(rows), campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
+        body_pitch_rad=nothing,
     )
     return Standstills(
         run=table["run"].astype(np.intp),
@@ -200,7 +201,7 @@ def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> 
         "clock": clock,
         "x": x,
         "direction": -1.0 if run.run.direction == "back" else 1.0,
-        "pass": float(run.run.pass_number),
+        "pass": float(run.passage),
         "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
         "duration": 0.0,
         "angle": 0.0,
