@@ -82,6 +82,8 @@ class Shard:
 
     def has(self, source: Source) -> bool:
         """Return whether a campaign is in this part."""
+        if self.count == 1:
+            return True
         number = int.from_bytes(hashlib.sha256(source.name.encode()).digest()[:8])
         return number % self.count == self.index - 1
 
