@@ -222,7 +222,8 @@ def _worst_first(campaigns: pd.DataFrame) -> pd.DataFrame:
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     """Return what the table shows of a campaign."""
     report = Path(row["path"]) / REPORT
-    verdict = str(row["verdict"]).replace("_", " ") if row["verdict"] == row["verdict"] and row["verdict"] else ""
+    verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
+    verdict = "one of several" if verdict == "one_of" else verdict.replace("_", " ")
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
