@@ -114,8 +114,8 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
             faults.append(Fault(what, str(root), next_step=step))
         found |= own
     ordered = sorted(found, key=lambda source: source.name)
-    for name, own in groupby(ordered, key=lambda source: source.name):
-        paths = sorted(source.path for source in own)
+    for name, same in groupby(ordered, key=lambda source: source.name):
+        paths = sorted(source.path for source in same)
         if not name.isascii() and name.encode(errors="replace").decode() != name:
             step = "rename the folder: a store keeps names as UTF-8"
             faults.append(Fault("this name of a campaign is no UTF-8", repr(name), next_step=step))

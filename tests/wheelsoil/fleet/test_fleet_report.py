@@ -111,6 +111,8 @@ def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser)
 )
 def test_a_tie_between_channels_is_called_one(decisions: Sequence[Any], headline: str) -> None:
     effects = ("load_gain", "load_zero")
-    passports = tuple(Passport(str(i), (), each, effects, 0.99, (), {}, 0.0, {}) for i, each in enumerate(decisions))
+    passports = tuple(
+        Passport(str(i), (), each, effects, 0.99, (), {}, 0.0, {}, ()) for i, each in enumerate(decisions)
+    )
     none = pd.DataFrame({"state": []})
     assert Overview("", none, {}, Pooled(passports, (), (), ()), datetime.now(UTC)).headline == headline
