@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any
 from urllib.parse import parse_qs
 
-from moto.server import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication, MotoRequestHandler, create_backend_app
 from werkzeug.serving import run_simple
 
 Answer = Callable[[str, list[tuple[str, str]]], Any]
@@ -26,13 +26,13 @@ _CODES = {403: "AccessDenied", 500: "InternalError", 503: "SlowDown"}
 class Counted:
     """A WSGI application with its requests counted, and a share of them refused."""
 
-    def __init__(self, application: Callable[[Mapping[str, Any], Answer], Iterable[bytes]]) -> None:
+    def __init__(self, application: Callable[[dict[str, Any], Answer], Iterable[bytes]]) -> None:
         self.application = application
         self.requests: Counter[str] = Counter()
         self.share, self.status, self.method = 0.0, 503, ""
         self.random, self.lock = random.Random(1), Lock()
 
-    def __call__(self, environ: Mapping[str, Any], answer: Answer) -> Iterable[bytes]:
+    def __call__(self, environ: dict[str, Any], answer: Answer) -> Iterable[bytes]:
         """Answer a request."""
         path, asked = environ["PATH_INFO"], parse_qs(environ["QUERY_STRING"], keep_blank_values=True)
         with self.lock:
