@@ -26,7 +26,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wheelsoil.fleet import COLUMNS, Manifest, Store, holdings_of, open_store, plan_fleet
-from wheelsoil.fleet.manifests import PACKS, sealed, stated
+from wheelsoil.fleet.manifests import PACKS, sealed, stated, text_of_pack
 from wheelsoil.fleet.packs import CAMPAIGNS_OF_A_GROUP, CAMPAIGNS_OF_A_PACK
 from wheelsoil.fleet.tables import packed_schema_of
 
@@ -86,12 +86,7 @@ class Copies:
         for file, each in data.items():
             store.write(f"{PACKS}/{pack}/{file}", each)
         parts = {file: stated(each) for file, each in data.items()}
-        unwanted = ("files", "options", "parts")
-        light = [
-            [{key: value for key, value in vars(one).items() if key not in unwanted} for one in group]
-            for group in groups
-        ]
-        store.write(f"{PACKS}/{pack}.json", sealed({"groups": light, "parts": parts}))
+        store.write(f"{PACKS}/{pack}.json", text_of_pack(groups, parts))
 
 
 def make(origin: str, target: str, place: str, count: str) -> None:

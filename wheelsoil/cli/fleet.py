@@ -18,7 +18,7 @@ from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
-    from wheelsoil.fleet import Damage, Step
+    from wheelsoil.fleet import Damage, Manifest, Step
 
 StoreUrl = Annotated[str, typer.Argument(metavar="STORE", help="A folder, or a bucket: s3://bucket/folder.")]
 
@@ -149,33 +149,32 @@ def _duration(seconds: float) -> str:
 @fleet_app.command("status")
 def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     """Report what a store holds: campaigns and their verdicts, rows, what failed and why, what it took."""
-    from wheelsoil.fleet import holdings_of, open_store
+    from wheelsoil.fleet import holdings_of, open_store, uncollected
 
-    holdings = holdings_of(open_store(store))
-    manifests = list(holdings.manifests.values())
-    failed = {one.campaign: one.fault for one in manifests if one.state == "failed"}
-    rows: dict[str, int] = {}
-    for one in manifests:
-        for table, count in one.rows.items():
-            rows[table] = rows.get(table, 0) + count
-    facts: dict[str, Any] = {
-        "store": store,
-        "campaigns": len(manifests),
-        "failed": failed,
-        "verdicts": dict(Counter(one.verdict for one in manifests if one.verdict).most_common()),
-        "rows": rows,
-        "cpu_s": sum(one.cpu_s for one in manifests),
-        "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
-        "longest": max(manifests, key=lambda one: one.cpu_s).campaign if manifests else None,
-        "largest": max(manifests, key=lambda one: one.peak_bytes).campaign if manifests else None,
-        "versions": sorted({one.version for one in manifests}),
-        "damaged": [vars(one) for one in holdings.damaged],
-    }
+    with uncollected():
+        holdings = holdings_of(open_store(store))
+        facts = {"store": store, **_summary(list(holdings.manifests.values()))}
+        facts["damaged"] = [vars(one) for one in holdings.damaged]
     if json:
         print_json(facts)
     else:
         _print_status(facts)
     _set_aside(store, holdings.damaged)
+
+
+def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
+    tables = dict.fromkeys(table for one in manifests for table in one.rows)
+    return {
+        "campaigns": len(manifests),
+        "failed": {one.campaign: one.fault for one in manifests if one.state == "failed"},
+        "verdicts": dict(Counter(one.verdict for one in manifests if one.verdict).most_common()),
+        "rows": {table: sum(one.rows.get(table, 0) for one in manifests) for table in tables},
+        "cpu_s": sum(one.cpu_s for one in manifests),
+        "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
+        "longest": max(manifests, key=lambda one: one.cpu_s).campaign if manifests else None,
+        "largest": max(manifests, key=lambda one: one.peak_bytes).campaign if manifests else None,
+        "versions": sorted({one.version for one in manifests}),
+    }
 
 
 def _print_status(facts: Mapping[str, Any]) -> None:

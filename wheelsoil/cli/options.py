@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault, VehicleConfig, parse_toml
-from daq.can import Database, load_database, messages_by_bus
-from daq.runs import VEHICLE_FILE, Collected, Configuration, terrain_from_file, vehicle_from_file
+from daq import ConfigError, Fault
 from wheelsoil.console import say, say_folded
 
 if TYPE_CHECKING:
     from daq import RunInfo
-    from daq.runs import Run
+    from daq.can import Database
+    from daq.runs import Configuration, Run
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
     from wheelsoil.workflows.runs import Files
@@ -209,6 +208,8 @@ def configuration(
     ConfigError
         Lists every error.
     """
+    from daq.runs import Collected, Configuration, terrain_from_file, vehicle_from_file
+
     files = list(dbc)
     if vehicle and files:
         raise ConfigError.of("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml")
@@ -253,6 +254,10 @@ def split(texts: Iterable[str] | None) -> list[str]:
 def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Configuration:
     """Return a vehicle with buses and DBCs only."""
     import tomli_w
+
+    from daq import VehicleConfig, parse_toml
+    from daq.can import load_database, messages_by_bus
+    from daq.runs import VEHICLE_FILE, Collected, Configuration
 
     buses: dict[str, list[Path]] = {}
     for bus, file in files:

@@ -7,7 +7,7 @@ table and these campaigns. What a file holds has a checksum; it is compared wher
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -38,15 +38,15 @@ class Holdings:
         What was set aside.
     older : tuple of Part
         What newer parts replace.
-    newest : mapping campaign -> time in ns
-        Of the campaigns in packs.
+    packs : tuple of Part
+        All that can be read, as they were written.
     """
 
     store: Store
     parts: tuple[Part, ...]
     damaged: tuple[Damage, ...] = ()
     older: tuple[Part, ...] = ()
-    newest: dict[str, int] = field(default_factory=dict)
+    packs: tuple[Part, ...] = ()
 
     @property
     def manifests(self) -> dict[str, Manifest]:
@@ -173,7 +173,7 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
                 damaged += [Damage(one.campaign, path, what, part.name) for one in part.used(group)]
         parts = [replace(part, lost=part.lost | wrong.get(part.name, {}).keys()) for part in parts]
         parts = [part for part in parts if any(part.manifests)]
-    return Holdings(store, tuple(parts), tuple(damaged), listing.older, listing.newest)
+    return Holdings(store, tuple(parts), tuple(damaged), listing.older, listing.packs)
 
 
 def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> tuple[T, tuple[Damage, ...]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from itertools import islice, repeat
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -105,6 +106,18 @@ def _are_sources(value: object) -> bool:
     )
 
 
+def _is_state(value: object) -> bool:
+    return value in ("done", "failed")
+
+
+def _is_seconds(value: object) -> bool:
+    return isinstance(value, int | float) and value >= 0
+
+
+def _is_count_or_none(value: object) -> bool:
+    return value is None or _is_count(value)
+
+
 def _are_files(value: object) -> bool:
     return isinstance(value, dict) and all(
         isinstance(own, list) and len(own) in (2, 3) and _is_count(own[0]) and all(map(_is_text, own[1:]))
@@ -118,11 +131,11 @@ def _is_rows(value: object) -> bool:
 
 _KINDS: dict[str, Any] = {
     **dict.fromkeys(("campaign", "content", "fault", "verdict", "version"), _is_text),
-    "state": lambda value: value in ("done", "failed"),
+    "state": _is_state,
     "files": _are_sources,
     "rows": _is_rows,
     "options": lambda value: isinstance(value, dict),
-    "cpu_s": lambda value: isinstance(value, int | float) and value >= 0,
+    "cpu_s": _is_seconds,
     "peak_bytes": _is_count,
     "made_at_ns": _is_count,
     "parts": _are_files,
@@ -130,6 +143,9 @@ _KINDS: dict[str, Any] = {
 
 
 _NEEDED = {"campaign", "content", "state"}
+_ELSEWHERE = {"files", "options", "parts"}
+"""Of a manifest, what its pack has in sources.json or for all."""
+_SCALARS = {str, int, float, type(None)}
 _DEFAULTS = {key: value for key, value in vars(Manifest("", "", "done")).items() if key not in _NEEDED}
 
 
@@ -247,15 +263,87 @@ def pack_of(name: str, text: bytes) -> Part:
         It is damaged.
     """
     values = unsealed(text)
-    if not isinstance(values, dict) or values.keys() != {"groups", "parts"} or not _are_files(values["parts"]):
+    if not isinstance(values, dict) or not _are_files(values.get("parts")):
         raise ValueError("no pack")
-    if not isinstance(values["groups"], list) or not all(isinstance(group, list) for group in values["groups"]):
-        raise ValueError("groups")
-    groups = tuple(tuple(map(Manifest.of, group)) for group in values["groups"])
+    groups = _groups_of(values)
     folder = name.removesuffix(".json")
     tables = {file.removesuffix(".parquet"): tuple(facts) for file, facts in values["parts"].items()}
     files = {table: PartFile(f"{folder}/{table}.parquet", *tables[table]) for table in COLUMNS if table in tables}
     return Part(name, groups, files)
+
+
+def text_of_pack(groups: Sequence[Sequence[Manifest]], parts: Mapping[str, list[Any]]) -> bytes:
+    """Return what a pack's manifest holds: its campaigns by column, which is read faster than one by one.
+
+    Parameters
+    ----------
+    groups : sequence of sequence of Manifest
+        Campaigns of each row group.
+    parts : mapping file -> what `stated` returns
+    """
+    every = [one for group in groups for one in group]
+    tables = dict.fromkeys(table for one in every for table in one.rows)
+    columns: dict[str, Any] = {
+        key: [getattr(one, key) for one in every] for key in _KINDS if key not in _ELSEWHERE and key != "rows"
+    }
+    columns["rows"] = {table: [one.rows.get(table) for one in every] for table in tables}
+    return sealed({"campaigns": columns, "groups": [len(group) for group in groups], "parts": parts})
+
+
+def _groups_of(values: Mapping[str, Any]) -> tuple[tuple[Manifest, ...], ...]:
+    """Return the campaigns of each row group of a pack.
+
+    Raises
+    ------
+    ValueError
+        They are damaged.
+    """
+    groups = values.get("groups")
+    if not isinstance(groups, list):
+        raise ValueError("groups")
+    if values.keys() == {"groups", "parts"} and all(isinstance(group, list) for group in groups):  # as once written
+        return tuple(tuple(map(Manifest.of, group)) for group in groups)
+    if values.keys() != {"campaigns", "groups", "parts"} or not all(map(_is_count, groups)):
+        raise ValueError("groups")
+    every = iter(_manifests_of(values["campaigns"], sum(groups)))
+    return tuple(tuple(islice(every, count)) for count in groups)
+
+
+def _manifests_of(columns: Any, count: int) -> list[Manifest]:
+    if not isinstance(columns, dict) or not isinstance(columns.get("rows"), dict):
+        raise ValueError("campaigns")
+    rows = columns["rows"]
+    flat = {key: column for key, column in columns.items() if key != "rows"}
+    if not _NEEDED <= flat.keys() <= _KINDS.keys() or not rows.keys() <= COLUMNS.keys():
+        raise ValueError("a key is missing or unknown")
+    checks = [_KINDS[key] for key in flat] + [_is_count_or_none] * len(rows)
+    if not all(map(_is_column, (*flat.values(), *rows.values()), checks, repeat(count))):
+        raise ValueError("a value is of another kind")
+    counted = zip(*rows.values(), strict=True) if rows else repeat((), count)
+    whole = {key: repeat(value, count) for key, value in _DEFAULTS.items()} | flat | {"rows": _mappings(rows, counted)}
+    found = []
+    for values in zip(*whole.values(), strict=True):
+        one = object.__new__(Manifest)
+        vars(one).update(zip(whole, values, strict=True))
+        found.append(one)
+    return found
+
+
+def _mappings(keys: Mapping[str, Any], rows: Iterable[tuple[int | None, ...]]) -> Iterator[dict[str, int]]:
+    """Yield each row as a mapping, without what is None."""
+    for row in rows:
+        own = dict(zip(keys, row, strict=True))
+        yield {key: value for key, value in own.items() if value is not None} if None in row else own  # type: ignore[misc]
+
+
+def _is_column(values: object, check: Callable[[object], bool], count: int) -> bool:
+    """Return whether it is a list of so many values of a kind; each different value is looked at once."""
+    return (
+        isinstance(values, list)
+        and len(values) == count
+        and set(map(type, values)) <= _SCALARS
+        and all(map(check, set(values)))
+    )
 
 
 def sources_path(name: str) -> str:

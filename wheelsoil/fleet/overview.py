@@ -86,9 +86,8 @@ class Overview:
         wrong = [one for one in self.pooled.passports if one.decision != "nothing"]
         if wrong:
             serials = " and ".join(one.sensor for one in wrong)
-            effects = " and ".join(dict.fromkeys(plain_name(e) for one in wrong for e in one.effects[:1]))
-            sure = "" if all(one.decision == "named" for one in wrong) else "probably "
-            return f"Transducer {serials} is wrong: {sure}{effects}."
+            are = "s {} are" if len(wrong) > 1 else " {} is"
+            return f"Transducer{are.format(serials)} wrong: {'; '.join(dict.fromkeys(map(_channels, wrong)))}."
         by_campaigns = [one for one in self.pooled.named if one.is_transducers]
         if by_campaigns:
             effects = " and ".join(dict.fromkeys(plain_name(one.effect) for one in by_campaigns))
@@ -175,6 +174,7 @@ def overview_of(store: Store) -> Overview:
 def _overview(holdings: Holdings) -> Overview:
     from pyarrow import dataset
 
+    pooled = pooled_of(holdings)  # first: it takes the most memory while it works
     campaigns = holdings.table("campaigns").to_pandas()
     diagnoses = holdings.table("diagnoses", ["verdict", "R0_base", "R0_extended"]).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
@@ -190,7 +190,7 @@ def _overview(holdings: Holdings) -> Overview:
         url=holdings.store.url,
         campaigns=whole.drop(columns=["content"]),
         causes={family: (counts[family, "named"], counts[family, "one_of"]) for family in families},
-        pooled=pooled_of(holdings),
+        pooled=pooled,
         made_at=datetime.now(UTC),
     )
 
@@ -222,7 +222,8 @@ def _worst_first(campaigns: pd.DataFrame) -> pd.DataFrame:
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     """Return what the table shows of a campaign."""
     report = Path(row["path"]) / REPORT
-    verdict = str(row["verdict"]).replace("_", " ") if row["verdict"] == row["verdict"] and row["verdict"] else ""
+    verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
+    verdict = "one of several" if verdict == "one_of" else verdict.replace("_", " ")
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
@@ -242,6 +243,12 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
         "grades": ", ".join(f"{count} {level}" for level, count in grades),
         "poor": bool(known["poor"]),
     }
+
+
+def _channels(one: Passport) -> str:
+    """Return what is wrong with a transducer; those that are not separable with "or"."""
+    names = [plain_name(effect) for effect in one.effects]
+    return " and ".join(names) if one.decision == "named" else f"{' or '.join(names)} (not separable)"
 
 
 def _days(one: Passport) -> tuple[str, str]:

@@ -17,7 +17,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from itertools import groupby, islice
 from pathlib import Path
@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures
 from wheelsoil.fleet.holdings import Holdings, holdings_of, rows_of_group
-from wheelsoil.fleet.manifests import DONE, PACKS, Manifest, Part, quoted, sealed, sources_path, stated
-from wheelsoil.fleet.store import Store
+from wheelsoil.fleet.manifests import DONE, PACKS, Manifest, Part, quoted, sealed, sources_path, stated, text_of_pack
+from wheelsoil.fleet.store import Store, newest_of
 from wheelsoil.fleet.tables import COLUMNS, packed_schema_of
 
 if TYPE_CHECKING:
@@ -40,8 +40,6 @@ CAMPAIGNS_OF_A_GROUP = 50
 _LOCK = ".compact.lock"
 _STALE_S = 3600.0
 """A file that no manifest names for so long belongs to no writer."""
-_ELSEWHERE = ("files", "options", "parts")
-"""Of a manifest, what its pack has in sources.json or for all."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,8 @@ def compact(store: Store) -> Compacted:
         made_of = replace(holdings, parts=tuple(parts)).sources()
         entries = [(part, group) for part in parts for group in range(len(part.groups))]
         try:
-            written = [_write(store, chunk, made_of, holdings.newest) for chunk in _chunks(entries)]
+            newest = newest_of(holdings.packs)
+            written = [_write(store, chunk, made_of, newest) for chunk in _chunks(entries)]
         except failures() as error:
             step = "`wheelsoil fleet run ROOT --store STORE --check` makes anew what is damaged"
             raise ConfigError.of("a file of the store cannot be read", store.url, str(error), next_step=step) from None
@@ -123,7 +122,7 @@ def _write(
     store: Store,
     chunk: Sequence[tuple[Part, int, Manifest]],
     made_of: Mapping[str, Any],
-    newest: Mapping[str, int],
+    newest: Mapping[str, tuple[int, str]],
 ) -> str:
     """Write one pack; return the name of its manifest."""
     buffers: dict[str, BytesIO] = {}
@@ -142,18 +141,13 @@ def _write(
     parts = {file: stated(each) for file, each in data.items()}
     for file, each in data.items():
         store.write(f"{PACKS}/{name}/{file}", each)
-    light = [[_light(one) for one in group] for group in groups]
-    store.write(f"{PACKS}/{name}.json", sealed({"groups": light, "parts": parts}))
+    store.write(f"{PACKS}/{name}.json", text_of_pack(groups, parts))
     return f"{PACKS}/{name}.json"
 
 
-def _light(one: Manifest) -> dict[str, Any]:
-    return {key: value for key, value in asdict(one).items() if key not in _ELSEWHERE}
-
-
-def _packed(one: Manifest, newest: Mapping[str, int]) -> Manifest:
+def _packed(one: Manifest, newest: Mapping[str, tuple[int, str]]) -> Manifest:
     """Return a manifest as a pack holds it: it has to be newer than one of the same campaign in another pack."""
-    return replace(one, made_at_ns=max(one.made_at_ns, newest.get(one.campaign, -1) + 1))
+    return replace(one, made_at_ns=max(one.made_at_ns, newest.get(one.campaign, (-1, ""))[0] + 1))
 
 
 def _writer(table: str, buffers: dict[str, BytesIO], writers: dict[str, Any]) -> Any:

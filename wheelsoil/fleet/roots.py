@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError
@@ -112,19 +113,18 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
             what = "there is no campaign" if root.is_dir() else "there is no such folder"
             faults.append(Fault(what, str(root), next_step=step))
         found |= own
-    by_name: dict[str, set[str]] = {}
-    for source in found:
-        by_name.setdefault(source.name, set()).add(source.path)
-    for name, paths in by_name.items():
-        if name.encode(errors="replace").decode() != name:
+    ordered = sorted(found, key=lambda source: source.name)
+    for name, same in groupby(ordered, key=lambda source: source.name):
+        paths = sorted(source.path for source in same)
+        if not name.isascii() and name.encode(errors="replace").decode() != name:
             step = "rename the folder: a store keeps names as UTF-8"
             faults.append(Fault("this name of a campaign is no UTF-8", repr(name), next_step=step))
         if len(paths) > 1:
             step = "rename one of them, or name the folder that both are in as the root"
-            faults.append(Fault("two campaigns have the same name", name, ", ".join(sorted(paths)), next_step=step))
+            faults.append(Fault("two campaigns have the same name", name, ", ".join(paths), next_step=step))
     if faults:
         raise ConfigError(*faults)
-    return {source: found[source] for source in sorted(found, key=lambda source: source.name)}
+    return {source: found[source] for source in ordered}
 
 
 def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
@@ -142,7 +142,7 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
         files = list(filter(_is_file, entries))
         source = Source(below or Path(root).name, folder)
         if any(is_run_file(entry.name) for entry in files):
-            above |= _between(root, folder)
+            _add_above(above, root, folder)
             yield source, _seen(files)
             continue
         visible = (entry for entry in entries if not entry.name.startswith("."))
@@ -159,13 +159,13 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
     yield from (found for found in of_series if found[0].path not in above)
 
 
-def _between(root: str, folder: str) -> set[str]:
-    """Return the folders from a root down to the one that holds a folder."""
-    found = set()
+def _add_above(above: set[str], root: str, folder: str) -> None:
+    """Add the folders from a root down to the one that holds a folder."""
     while folder != root:
         folder = folder.rpartition(os.sep)[0] or os.sep
-        found.add(folder)
-    return found
+        if folder in above:
+            return
+        above.add(folder)
 
 
 def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:

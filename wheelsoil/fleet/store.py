@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,14 +69,14 @@ class Listing:
         Manifests that cannot be read.
     older : tuple of Part
         What newer parts replace.
-    newest : mapping campaign -> time in ns
-        Of the campaigns in packs.
+    packs : tuple of Part
+        All that can be read, as they were written.
     """
 
     parts: tuple[Part, ...]
     damaged: tuple[Damage, ...] = ()
     older: tuple[Part, ...] = ()
-    newest: dict[str, int] = field(default_factory=dict)
+    packs: tuple[Part, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,22 +115,27 @@ class Store:
             singles, damaged, older = self._singles()
             packs, unread = self._packs()
         damaged = [one for one in damaged if one.campaign not in singles]
-        newest: dict[str, tuple[int, str]] = {}
-        for pack in packs:
-            for one in pack.all:
-                newest[one.campaign] = max(newest.get(one.campaign, (-1, "")), (one.made_at_ns, pack.name))
+        names = [one.campaign for pack in packs for one in pack.all]
+        packed = set(names)
+        newest = newest_of(packs) if len(packed) < len(names) else {}
         parts = [singles[name] for name in sorted(singles)]
         for pack in packs:
-            won = [one for one in pack.all if newest[one.campaign][1] == pack.name and one.campaign not in singles]
-            hidden = frozenset(one.content for one in pack.all) - {one.content for one in won}
-            (parts if won else older).append(replace(pack, hidden=hidden))
+            won = own = list(pack.all)
+            if singles or newest:
+                alone = (0, pack.name)
+                won = [
+                    one
+                    for one in own
+                    if one.campaign not in singles and newest.get(one.campaign, alone)[1] == pack.name
+                ]
+            hidden = {one.content for one in own}.difference(one.content for one in won) if len(won) < len(own) else ()
+            (parts if won else older).append(replace(pack, hidden=frozenset(hidden)))
         for name, campaigns in unread.items():
-            left = [one for one in campaigns if one not in singles and one not in newest]
+            left = [one for one in campaigns if one not in singles and one not in packed]
             damaged += [Damage(one, name, "manifest", name) for one in left]
             older += [] if left else [Part(name, (), {})]
         damaged += [Damage("", _HEAD, "manifest")] if self.head_damaged else []
-        made = {campaign: made_at_ns for campaign, (made_at_ns, _) in newest.items()}
-        return Listing(tuple(parts), tuple(damaged), tuple(older), made)
+        return Listing(tuple(parts), tuple(damaged), tuple(older), tuple(packs))
 
     def _singles(self) -> tuple[dict[str, Part], list[Damage], list[Part]]:
         """Return the parts of one campaign, manifests that cannot be read, and parts that newer ones replace."""
@@ -310,6 +315,15 @@ class Store:
             self.files.pipe_file(path, data, mode="create" if once else "overwrite")
         except FileExistsError:
             return
+
+
+def newest_of(packs: Iterable[Part]) -> dict[str, tuple[int, str]]:
+    """Return when each campaign in packs was last made, ns, and the pack that has it so."""
+    found: dict[str, tuple[int, str]] = {}
+    for pack in packs:
+        for one in pack.all:
+            found[one.campaign] = max(found.get(one.campaign, (-1, "")), (one.made_at_ns, pack.name))
+    return found
 
 
 def encoded(rows: pa.Table, **options: Any) -> bytes:

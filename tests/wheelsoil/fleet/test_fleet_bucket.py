@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.request import urlopen
 
+import bucket_server
 import pytest
 from cli_support import invoke, ok
 from doctor_support import free_port
@@ -22,7 +26,7 @@ def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     import s3fs
 
     port = free_port()
-    with running(sys.executable, "-m", "moto.server", "-p", port) as server:
+    with running(sys.executable, bucket_server.__file__, port) as server:
         server.line_with("Running on")
         for name, value in (_SECRETS | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}).items():
             monkeypatch.setenv(name, value)
@@ -62,3 +66,28 @@ def test_a_bucket_that_is_not_there_or_not_ours_is_said(
     s3fs.S3FileSystem.clear_instance_cache()
     away = invoke(*call, bucket)
     assert away.code == 2 and "the store cannot be reached" in away.err and "AWS_ENDPOINT_URL" in away.err
+
+
+def _refuse(share: float, status: int = 503, method: str = "") -> None:
+    with urlopen(f"{os.environ['AWS_ENDPOINT_URL']}/-/faults?share={share}&status={status}&method={method}"):
+        pass
+
+
+def test_requests_that_are_refused_change_no_row(fleet: Path, bucket: str, tmp_path: Path) -> None:
+    for i in range(4):
+        shutil.copytree(fleet / "bench", tmp_path / "field" / f"wheel-{i}")
+    ok("fleet", "run", tmp_path / "field", "--store", tmp_path / "s", "--jobs", 1)
+    call = ("fleet", "run", tmp_path / "field", "--store", bucket, "--jobs", 1)
+    _refuse(0.05, 403, "PUT")
+    denied = invoke(*call)
+    assert denied.code == 2 and "the store cannot be" in denied.err and "Traceback" not in denied.err
+    _refuse(0.1)
+    ok(*call)
+    _refuse(0.0)
+    assert contents(bucket) == contents(tmp_path / "s")
+    for name, table in rows_of(tmp_path / "s").items():
+        assert rows_of(bucket)[name].equals(table), name
+    store = open_store(bucket)
+    named = {file.path for part in store.listing().parts for file in part.files.values()}
+    named |= {"store.json", *(part.name for part in store.listing().parts)}
+    assert {path.removeprefix(f"{store.root}/") for path in store.files.find(store.root)} == named

@@ -15,7 +15,7 @@ from cli_support import invoke, ok
 from fleet_support import contents, rows_of
 
 from wheelsoil.fleet import Store, ask, compact, holdings_of, open_store, packs
-from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet.manifests import Manifest, pack_of, sealed, text_of_pack, unsealed
 
 SQL = "select campaign, run, grade, duration_s from runs order by campaign, run"
 
@@ -221,6 +221,45 @@ def test_a_store_of_before_is_opened_and_compacted(
     _same(own, store)
     ok("fleet", "compact", own)
     _same(own, store)
+
+
+GROUPS = (
+    (Manifest("a", "1", "done", verdict="named", rows={"runs": 2}, cpu_s=0.5, peak_bytes=7, made_at_ns=3),),
+    (Manifest("b", "2", "failed", "a fault", rows={"runs": 0, "notes": 1}), Manifest("c", "3", "done")),
+)
+
+
+def test_a_pack_s_manifest_is_read_as_written_and_as_it_once_was() -> None:
+    text = text_of_pack(GROUPS, {"runs.parquet": [12, "", ""]})
+    light = [[{key: vars(one)[key] for key in ("campaign", "content", "state")} for one in own] for own in GROUPS]
+    once = sealed({"groups": light, "parts": {"runs.parquet": [12, "", ""]}})
+    assert pack_of("packs/p.json", text).groups == GROUPS
+    assert [[one.campaign for one in own] for own in pack_of("packs/p.json", once).groups] == [["a"], ["b", "c"]]
+    assert pack_of("packs/p.json", once).files == pack_of("packs/p.json", text).files
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("state", ["done", "failed"]),
+        ("state", ["done", "failed", "gone"]),
+        ("campaign", ["a", "b", 3]),
+        ("peak_bytes", [7, 0, True]),
+        ("peak_bytes", [7, 0, -1]),
+        ("cpu_s", [0.5, 0.0, [0.0]]),
+        ("files", [{}, {}, {}]),
+        ("foo", [1, 2, 3]),
+        ("rows", {"runs": [2, 0, "none"]}),
+        ("rows", {"foo": [1, 1, 1]}),
+        ("rows", [2, 0, None]),
+        ("campaign", None),
+    ],
+)
+def test_a_pack_s_manifest_with_values_of_another_kind_is_refused(key: str, values: object) -> None:
+    whole = unsealed(text_of_pack(GROUPS, {}))
+    whole["campaigns"][key] = values
+    with pytest.raises(ValueError, match=r"campaigns|value|key"):
+        pack_of("packs/p.json", sealed(whole))
 
 
 def test_two_compactions_do_not_meet(own: Path) -> None:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
+from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from cli_support import invoke, ok
 from live_browser import shown, tab
 from playwright.sync_api import Browser, Page, expect
 
-from wheelsoil.fleet import open_store, overview_of
+from model.diagnosis.pooling import Passport
+from wheelsoil.fleet import Overview, Pooled, open_store, overview_of
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +86,33 @@ def test_a_store_without_transducers_and_causes_says_so(fleet: Path, tmp_path: P
     overview = overview_of(open_store(str(tmp_path / "s")))
     assert overview.headline == "No cause is named in any of 1 campaigns." and not overview.pulls
     assert "No campaign says which transducer" in overview.html(tmp_path)
+
+
+def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser) -> None:
+    seen = browser.new_page(viewport={"width": 390, "height": 844})
+    with closing(seen), shown(seen, page.as_uri(), {}):
+        scroll = seen.locator("#campaigns .scroll")
+        assert scroll.evaluate("each => each.scrollWidth <= each.clientWidth")
+        row = seen.locator("#table tbody tr", has_text="autumn/day-2")
+        expect(row.locator(".cause")).to_be_visible()
+        expect(seen.locator("#pull svg text")).to_be_visible()
+        size = seen.locator("#pull svg text").evaluate("each => each.getBoundingClientRect().height")
+    assert size > 10.0
+
+
+@pytest.mark.parametrize(
+    ("decisions", "headline"),
+    [
+        (["nothing"], "No cause is named in any of 0 campaigns."),
+        (["named"], "Transducer 0 is wrong: load gain and load zero."),
+        (["flagged"], "Transducer 0 is wrong: load gain or load zero (not separable)."),
+        (["named", "named"], "Transducers 0 and 1 are wrong: load gain and load zero."),
+    ],
+)
+def test_a_tie_between_channels_is_called_one(decisions: Sequence[Any], headline: str) -> None:
+    effects = ("load_gain", "load_zero")
+    passports = tuple(
+        Passport(str(i), (), each, effects, 0.99, (), {}, 0.0, {}, ()) for i, each in enumerate(decisions)
+    )
+    none = pd.DataFrame({"state": []})
+    assert Overview("", none, {}, Pooled(passports, (), (), ()), datetime.now(UTC)).headline == headline
