@@ -110,7 +110,7 @@ def test_the_diagnosis_sees_only_what_is_kept(clay, write):
     assert seen.run_names == ("run-1", "run-3")
     times = seen.time_s[seen.run == 0]
     assert len(times) and all(any(a <= t <= b for a, b in KEEP) for t in times)
-    assert seen.left_out["by_hand"] > 0
+    assert seen.excluded["by_hand"] > 0
     quick = ["--effects", "lyasko", "--most-causes", 1, "--json"]
     found = ok("diagnose", *three, "--choice", path, *quick).json
     expected = diagnosis_json(

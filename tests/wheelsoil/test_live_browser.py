@@ -235,7 +235,7 @@ def test_nothing_is_shown_without_the_token_and_all_with_it(browser: Browser) ->
 
 def test_names_from_data_are_text(browser: Browser, panel: PagePanel) -> None:
     name = "<img src=x onerror=document.body.remove()>"
-    changes = {"vehicle": name, "remarks": [name], "reasons": [STUCK | {"what": name}]}
+    changes = {"vehicle": name, "remarks": [name], "reasons": [STUCK, STUCK | {"what": name}]}
     with Shower(panel, **changes), looking_at(browser, panel.address) as seen:
         for place in ("#run-title", "#remarks", "#reasons"):
             expect(seen.locator(place)).to_contain_text(name)

@@ -16,7 +16,7 @@ from model.notes import StepCode
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Steps, Table, Text, Tiles
+from wheelsoil.report.content import Steps, Table, Text, Tiles, blocks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.coefficients import coefficients, criteria
 from wheelsoil.report.sections.glance import glance
@@ -136,7 +136,8 @@ def test_a_part_of_a_sum_is_not_in_the_sentence():
 
 def test_what_a_default_came_to_is_reported(material):
     section = provenance.build(replace(material, options={"slip_threshold": None, "soil_prior": False, "effects": ()}))
-    said = dict(row for b in section.blocks if isinstance(b, Table) and b.caption == "Options" for row in b.rows)
+    tables = [part for part in blocks_of(section) if isinstance(part, Table)]
+    said = dict(row for table in tables if table.caption == "Options" for row in table.rows)
     assert said["soil prior"] == "no" and said["effects"] == "none"
     assert said["slip threshold used"] == f"{material.fit.slip_threshold:g}"
     assert said["cut-off used"] == f"{material.runs[0].cutoff_hz:.3g} Hz"
