@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
-    from processing import ProcessedRun
 
 Values = Mapping[str, Number]
 
@@ -241,14 +240,6 @@ class Effect:
         drawbar pull and torque.
         """
         return signals
-
-    @classmethod
-    def direct_estimate(cls, runs: Sequence[ProcessedRun]) -> tuple[float, float] | None:  # noqa: ARG003 - a hook
-        """Return what further sensors of a campaign's runs say of the only parameter, and its one-sigma.
-
-        A diagnosis takes it as a measurement beside those of the forces; None where there is none.
-        """
-        return None
 
     @classmethod
     def moves_sinkage(cls) -> bool:

@@ -17,7 +17,7 @@ from model.effects.contact_patch import (
     StressPeakShift,
     TyreFlattening,
 )
-from model.effects.frame_tilt import AxleWindup, BodyPitch
+from model.effects.frame_tilt import BodyPitch
 from model.effects.slip_sinkage import ClosedFormSinkage, Ding, Lyasko, SecondOrder, SkidSinkage, Vasilev
 from model.effects.soil_stiffness import MultiPass, RateStiffness, TrackDrift
 from model.effects.speed_errors import SpeedBias, SpeedLatency, WheelRadius
@@ -49,7 +49,6 @@ MEASUREMENT: tuple[type[Effect], ...] = (
     WheelRadius,
     SpeedLatency,
     SpeedBias,
-    AxleWindup,
     BodyPitch,
     DrawbarPullGain,
     TorqueGain,

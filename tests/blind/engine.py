@@ -14,7 +14,7 @@ from zlib import crc32
 from blind.field import FieldDay, driven
 from blind.folders import run_info, terrain_config, vehicle_config, write_campaign
 from blind.mix import Case
-from blind.tilts import with_motion
+from blind.tilts import with_pitch
 
 from daq.config import TerrainConfig, WheelSection
 from daq.runs.open import open_runs
@@ -35,12 +35,12 @@ _GIVEN_EVERY = 3
 """One single in so many is diagnosed with nothing but its true cause, too, for the gain."""
 
 
-def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]], *, in_motion: bool = False) -> Campaign:
-    """Process the channels without frames between; `in_motion`: with sensors of the vehicle's motion."""
+def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]], *, pitch: bool = False) -> Campaign:
+    """Process the channels without frames between; `pitch`: with a pitch sensor."""
     vehicle, recorded = vehicle_config(day), driven(day, hidden)
     runs = tuple(
         process(channels, vehicle, run_info(plan), OPTIONS)
-        for plan, channels in zip(day.plans, with_motion(day, recorded, hidden) if in_motion else recorded, strict=True)
+        for plan, channels in zip(day.plans, with_pitch(day, recorded) if pitch else recorded, strict=True)
     )
     return _campaign(runs, terrain_config(day.laboratory), vehicle.wheel)
 

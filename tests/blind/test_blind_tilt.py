@@ -1,4 +1,4 @@
-"""Tilts of the transducer's frame: hidden by another formula, rate and quadrature, with the sensors that show them."""
+"""A tilt of the transducer's frame: hidden by another formula, rate and quadrature, with the sensor that shows it."""
 
 from __future__ import annotations
 
@@ -11,17 +11,13 @@ from blind.field import FieldDay, field_day
 from blind.sensors import START_NS
 from blind.tilts import body_pitch as true_body_pitch
 
-from daq.notes import Note
+from daq import DataError
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions, considered, not_identifiable
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.samples import coverage_of, samples_of
 from model.effects.catalogue import EFFECTS
-from model.effects.hub_tilt import hub_tilt_per_torque
 from model.wheel_soil.run_conditions import body_pitch
-from processing.notes import RunCode
 from wheelsoil.wording.verdict import sentence_of
-
-TILTS = {"axle_windup", "body_pitch"}
 
 
 def day_of(soil: str) -> FieldDay:
@@ -29,41 +25,24 @@ def day_of(soil: str) -> FieldDay:
     return replace(day, stance=replace(day.stance, held=False))
 
 
-def campaign_of(soil: str, hidden: list[tuple[str, float]], *, in_motion: bool = True) -> Campaign:
-    return campaign_from_channels(day_of(soil), hidden, in_motion=in_motion)
+def campaign_of(hidden: list[tuple[str, float]], *, pitch: bool = True) -> Campaign:
+    return campaign_from_channels(day_of("clay"), hidden, pitch=pitch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("soil", "key", "parameter", "size"),
-    [
-        ("sandy", "axle_windup", "angle_rad_per_knm", 0.004),
-        ("clay", "body_pitch", "share", 1.0),
-    ],
-)
-def test_a_tilt_is_named_with_its_size(soil: str, key: str, parameter: str, size: float) -> None:
-    said = diagnose([campaign_of(soil, [(key, size)])], DiagnosisOptions())
-    assert said.verdict == "named", sentence_of(said)
-    [cause] = said.causes
-    [found] = cause.parameters
-    assert (cause.name, found.name) == (key, parameter)
+def test_a_tilt_is_named_with_its_size() -> None:
+    diagnosis = diagnose([campaign_of([("body_pitch", 1.0)])], DiagnosisOptions())
+    assert diagnosis.verdict == "named", sentence_of(diagnosis)
+    [cause] = diagnosis.causes
+    [share] = cause.parameters
+    assert (cause.name, share.name) == ("body_pitch", "share")
     assert cause.probability > 0.9
-    assert found.interval95[0] < size < found.interval95[1]
+    assert share.interval95[0] < 1.0 < share.interval95[1]
 
 
-def test_the_hub_shows_its_tilt_and_the_body_its_pitch() -> None:
-    """The slope of the ground, the zero of either sensor and the noise of the ground speed are in neither."""
-    wound = campaign_of("clay", [("axle_windup", 0.004)])
-    found = hub_tilt_per_torque(wound.runs)
-    assert found is not None
-    assert found[0] == pytest.approx(0.004, abs=2.5 * found[1])
-    assert found[1] < 0.0012
-    assert samples_of(wound).direct == {"axle_windup": found}
-    doubt = Note(RunCode.ACCELEROMETER_DOUBTED, values={"role": "wheel_acceleration_x"})
-    quality = replace(wound.runs[0].quality, notes=(doubt,))
-    assert hub_tilt_per_torque([replace(wound.runs[0], quality=quality), *wound.runs[1:]]) is None
+def test_the_pitch_of_the_body_is_without_slope_and_mounting() -> None:
     day, pitch, truth = day_of("clay"), [], []
-    for run, m in zip(wound.runs, day.moments, strict=True):
+    for run, m in zip(campaign_of([]).runs, day.moments, strict=True):
         at = (run.start_ns - START_NS) * 1e-9 + run.time_s[run.used]
         pitch += list(body_pitch(run)[run.used])
         truth += list(np.interp(at, m.time_s, true_body_pitch(m)))
@@ -72,11 +51,12 @@ def test_the_hub_shows_its_tilt_and_the_body_its_pitch() -> None:
     assert abs(offset) < np.radians(0.1)
 
 
-def test_without_their_sensors_they_are_not_there() -> None:
-    plain, moving = (campaign_of("clay", [], in_motion=way) for way in (False, True))
-    for campaign, expected in ((plain, set()), (moving, TILTS)):
-        samples = samples_of(campaign)
-        covered = coverage_of(campaign, samples)
-        assert {e.name for e in considered(covered, tuple(EFFECTS), "balanced")} & TILTS == expected
-        assert not TILTS & not_identifiable(covered).keys()
-        assert samples.direct.keys() == expected - {"body_pitch"}
+def test_without_its_sensor_it_is_not_there() -> None:
+    for pitch in (False, True):
+        campaign = campaign_of([], pitch=pitch)
+        covered = coverage_of(campaign, samples_of(campaign))
+        names = {effect.name for effect in considered(covered, tuple(EFFECTS), "balanced")}
+        assert ("body_pitch" in names) is pitch
+        assert "body_pitch" not in not_identifiable(covered)
+    with pytest.raises(DataError, match="body_pitch can only be considered where every run has pitch"):
+        diagnose([campaign_of([], pitch=False)], DiagnosisOptions(effects=("body_pitch",)))

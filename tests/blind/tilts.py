@@ -1,7 +1,6 @@
-"""Tilts of the transducer's frame, and the sensors on hub and body without which the engine does not consider them.
+"""A tilt of the transducer's frame, and the sensor on the body without which the engine does not consider it.
 
-A body and an axle are masses on springs: their angles follow acceleration and torque late, and swing. Forces are turned
-by the whole angle.
+A body is a mass on springs: its angle follows the acceleration late, and swings. Forces are turned by the whole angle.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 PITCH_GRADIENT = np.radians(5.0) / GRAVITY_MPS2
 """Of the body: 5 deg per g, a tall vehicle on soft springs."""
 _SENSOR_HZ = 100.0
-_ACCELEROMETER_MPS2, _PITCH_RAD = 0.05, np.radians(0.1)
+_PITCH_RAD = np.radians(0.1)
 _MOUNTED_RAD, _HUMP_RAD = np.radians(0.5), np.radians(0.15)
 
 
@@ -50,16 +49,6 @@ def _turned(reading: Reading, angle: FloatArray) -> Reading:
 
 TILTS = (
     Hidden(
-        "axle_windup",
-        "axle_windup",
-        "angle_rad_per_knm",
-        0.002,
-        (-0.01, 0.01),
-        "frame turned by c T, on an axle of 6 Hz",
-        reads(lambda r, m, c: _turned(r, swinging(1e-3 * c * r.torque, 6.0, 0.3))),
-        both=True,
-    ),
-    Hidden(
         "body_pitch",
         "body_pitch",
         "share",
@@ -71,30 +60,17 @@ TILTS = (
 )
 
 
-def with_motion(
-    day: FieldDay, runs: Sequence[dict[str, Channel]], hidden: Sequence[tuple[str, float]]
-) -> list[dict[str, Channel]]:
-    """Return the channels with an accelerometer at the hub and a pitch sensor on the body.
-
-    The pitch has the mounting of its sensor in it, and a track that rises and falls.
-    """
-    per_knm = dict(hidden).get("axle_windup", 0.0)
-    return [run | _sensed(day, index, run["driving_torque"], per_knm) for index, run in enumerate(runs)]
+def with_pitch(day: FieldDay, runs: Sequence[dict[str, Channel]]) -> list[dict[str, Channel]]:
+    """Return the channels with a pitch sensor on the body; its mounting is in it, and a track that rises and falls."""
+    return [run | {"pitch": _pitch_read(day, index)} for index, run in enumerate(runs)]
 
 
-def _sensed(day: FieldDay, index: int, torque: Channel, per_knm: float) -> dict[str, Channel]:
+def _pitch_read(day: FieldDay, index: int) -> Channel:
     rng = np.random.default_rng((*day.seed, index, 5))
     m, plan = day.moments[index], day.plans[index]
     at = np.arange(rng.uniform(0, 1 / _SENSOR_HZ), len(m.speed) / RATE_HZ - 0.1, 1 / _SENSOR_HZ)
-    own = np.arange(len(m.speed)) / RATE_HZ
     slope = plan.direction * _HUMP_RAD * np.sin(2.2 * m.line + 0.4)
-    pitch = np.interp(at, own, body_pitch(m) + slope) + _MOUNTED_RAD + _PITCH_RAD * rng.standard_normal(len(at))
-    read_s = (torque.time_ns - START_NS) * 1e-9 - plan.start_s - day.suite.force_latency_s
-    wound = swinging(1e-3 * per_knm * np.interp(own, read_s, torque.values), 6.0, 0.3)
-    felt = np.interp(at, own, m.acceleration + GRAVITY_MPS2 * np.sin(slope + wound))
-    felt += 0.05 + _ACCELEROMETER_MPS2 * rng.standard_normal(len(at))
+    pitch = np.interp(at, np.arange(len(m.speed)) / RATE_HZ, body_pitch(m) + slope)
+    pitch += _MOUNTED_RAD + _PITCH_RAD * rng.standard_normal(len(at))
     time_ns = START_NS + np.round((plan.start_s + at) * 1e9).astype(np.int64)
-    return {
-        "wheel_acceleration_x": Channel("wheel_acceleration_x", "m/s^2", time_ns, felt),
-        "pitch": Channel("pitch", "rad", time_ns, pitch),
-    }
+    return Channel("pitch", "rad", time_ns, pitch)

@@ -37,8 +37,6 @@ REACTION = Reaction(np.full(2, 1000.0), np.full(2, 700.0))
         # uphill out, downhill back: of 75 kg outboard of the transducer
         ("slope", {"angle_rad": 0.02}, [-75 * 9.80665 * np.sin(0.02), 75 * 9.80665 * np.sin(0.02)], [0, 0]),
         ("crosstalk", {"coefficient": 0.01}, [80.0, 80.0], [0, 0]),
-        # nose up under a driving torque of 0.7 kN m, as on a beam axle: the frame's x axis gets a share of the load
-        ("axle_windup", {"angle_rad_per_knm": 0.002}, [11.2, 11.2], [0, 0]),
         ("body_pitch", {"share": 0.5}, [16.0, -16.0], [0, 0]),
         # d is the whole span of the campaign
         ("zero_drift", {"campaign_span_n": 100.0}, [-50.0, 50.0], [0, 0]),

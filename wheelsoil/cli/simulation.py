@@ -300,10 +300,12 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
 def _warn_of_inactive_effects(options: SimulationOptions) -> None:
     from model.effects import EFFECTS
 
-    if set(options.pass_number) == {1}:
-        for name in options.effects:
-            if EFFECTS[name].needs.several_passes:
-                say(f"{name} acts from the second pass on, but every run is a first pass: add --pass-number 2")
+    for name in options.effects:
+        needs = EFFECTS[name].needs
+        if needs.several_passes and set(options.pass_number) == {1}:
+            say(f"{name} acts from the second pass on, but every run is a first pass: add --pass-number 2")
+        if needs.roles:
+            say(f"{name} cannot be diagnosed from this campaign: no signal for {', '.join(needs.roles)} is simulated")
 
 
 def _start(text: str | None, *, live: bool) -> datetime:

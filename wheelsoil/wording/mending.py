@@ -139,7 +139,6 @@ _RULES: dict[str, Callable[[float, VehicleConfig], Step]] = {
     "torque_gain": _gain("driving torque"),
     "load_gain": _gain("vertical load"),
     "crosstalk": _check("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis."),
-    "axle_windup": _check("Hold the transducer's stator so that it does not turn with the axle, and repeat the runs."),
     "body_pitch": _check("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs."),
     "speed_bias": _check("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis."),
 }

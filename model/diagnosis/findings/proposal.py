@@ -174,8 +174,7 @@ def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
         rows[row, :, column] = term_values
     empty = np.zeros((*plain.rests.shape[:2], len(found)))
     rests = np.concatenate([plain.rests[..., :at], empty, plain.rests[..., at:]], axis=-1)
-    direct = np.insert(plain.direct, [at] * len(found), 0.0, axis=-1)
-    return replace(plain, rows=rows, rests=rests, direct=direct, causes=(*plain.causes, *causes))
+    return replace(plain, rows=rows, rests=rests, causes=(*plain.causes, *causes))
 
 
 def _column(key: str, scale: float) -> CauseColumn:

@@ -10,7 +10,6 @@ and time grow with the number of runs, not with its square.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
@@ -268,8 +267,6 @@ class Columns:
     rests : array, shape (2, m, 1 + q + k + b + o + l)
         Of drawbar pull and torque at standstill.
     rests_present : bool array, shape (2, m)
-    direct : array, shape (d, 1 + q + k + b + o + l)
-        Of what further sensors say of a cause, in units of its one-sigma.
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -278,7 +275,6 @@ class Columns:
     present: BoolArray
     rests: FloatArray
     rests_present: BoolArray
-    direct: FloatArray
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     catch_all: CatchAll
@@ -389,21 +385,11 @@ def columns_of(
         present=present,
         rests=rests,
         rests_present=rests_present,
-        direct=_direct(samples, causes, 1 + linear.soil.shape[-1], rows.shape[-1]),
         soil=simulation.space.labels,
         causes=causes,
         catch_all=shapes.catch_all,
         constants=tuple(name for name, _ in by_run),
     )
-
-
-def _direct(samples: Samples, causes: Sequence[CauseColumn], start: int, width: int) -> FloatArray:
-    """Return `Columns.direct`; the causes' columns begin at `start`."""
-    known = [(i, cause, *samples.direct[cause.key]) for i, cause in enumerate(causes) if cause.key in samples.direct]
-    out = np.zeros((len(known), width))
-    for row, (i, cause, value, sigma) in zip(out, known, strict=True):
-        row[0], row[start + i] = (value - cause.neutral) / sigma, cause.scale / sigma
-    return out
 
 
 def _changes(causes: tuple[CauseColumn, ...], linear: Linear) -> dict[str, FloatArray]:

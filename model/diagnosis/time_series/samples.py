@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -20,7 +20,6 @@ import numpy as np
 from daq import CHANNELS, OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note, Use
 from model.diagnosis.core.campaign import ONE_LOAD, Campaign, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
-from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from model.wheel_soil.run_conditions import body_pitch, campaign_times, line_positions
 from processing import ProcessedRun, Reason
@@ -81,8 +80,6 @@ class Samples:
         Length of a block.
     excluded : mapping str -> int
         Blocks that were not used, by reason.
-    direct : mapping key of an effect -> (value, one-sigma)
-        What further sensors say of its only parameter.
     """
 
     run: IndexArray
@@ -102,7 +99,6 @@ class Samples:
     block_s: float
     excluded: dict[str, int]
     notes: tuple[Note, ...] = ()
-    direct: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.run)
@@ -184,7 +180,6 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
         moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
-        direct=_direct_estimates(campaign.runs),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         excluded=dict(excluded),
@@ -228,11 +223,6 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         roles=frozenset(_shared_extras(campaign.runs)),
         lifted=frozenset(OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if np.isfinite(x).any()),
     )
-
-
-def _direct_estimates(runs: Sequence[ProcessedRun]) -> dict[str, tuple[float, float]]:
-    found = {key: effect.direct_estimate(runs) for key, effect in EFFECTS.items()}
-    return {key: estimate for key, estimate in found.items() if estimate is not None}
 
 
 def _shared_extras(runs: Sequence[ProcessedRun]) -> Iterator[str]:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import REACTIONS, DataError, Fault, FloatArray, Note
-from model.diagnosis.core.campaign import Campaign, considered, not_identifiable
+from model.diagnosis.core.campaign import Campaign, Coverage, considered, not_identifiable
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of
 from model.diagnosis.time_series.whitening import RunGrams
+from model.effects.catalogue import EFFECTS
 from model.wheel_soil.wheel_soil_model import Reading
 
 
@@ -64,19 +65,32 @@ def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading:
     Raises
     ------
     DataError
-        The samples do not suffice, see `unfit`.
+        The samples do not suffice, see `unfit`; or no run shows by its sensors what was chosen.
     """
-    fault = unfit(campaign, samples)
+    coverage = coverage_of(campaign, samples)
+    fault = unfit(campaign, samples) or _unseen(campaign, coverage, effects)
     if fault:
         raise DataError(fault)
     simulation = Simulation(
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage_of(campaign, samples), effects, reading),
+        considered(coverage, effects, reading),
         reading,
     )
     return Start(campaign, samples, simulation, noise)
+
+
+def _unseen(campaign: Campaign, coverage: Coverage, effects: Sequence[str]) -> Fault | None:
+    """Return which roles all the chosen effects would need; None where one is a hypothesis without."""
+    lacking = [role for key in effects for role in EFFECTS[key].needs.roles if role not in coverage.roles]
+    if not effects or not all(set(EFFECTS[key].needs.roles) & set(lacking) for key in effects):
+        return None
+    return Fault(
+        f"{', '.join(effects)} can only be considered where every run has {', '.join(dict.fromkeys(lacking))}",
+        campaign.name,
+        next_step="name its signal under [signals] of vehicle.toml, or choose other --effects",
+    )
 
 
 def unfit(campaign: Campaign, samples: Samples) -> Fault | None:

@@ -312,7 +312,7 @@ def whitened_rows(
     """Yield whitened rows of some runs after the other, shape (runs, rows, columns), and ln det, shape (runs,).
 
     Rows are padded with zeros, standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
-    What the lifted wheel read and further sensors say comes last of all, as if it were a run.
+    Where the wheel was lifted, that comes last of all, as if it were a run.
     """
     at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
@@ -330,14 +330,9 @@ def whitened_rows(
         rows = np.concatenate([found.columns, rests.reshape(last - first, -1, rests.shape[-1])], axis=1)
         rows[..., columns.varying :] *= sigmas
         yield rows, found.log_determinants + log_determinants[first:last]
-    if _has_static(samples, columns):
-        rows = np.concatenate([resting[:, lifted].reshape(-1, resting.shape[-1]), columns.direct])
-        yield rows[None], np.array([np.log(variance[:, lifted]).sum()])
-
-
-def _has_static(samples: Samples, columns: Columns) -> bool:
-    """Return whether anything was measured that belongs to no run."""
-    return bool(samples.rests.lifted.any() or len(columns.direct))
+    if lifted.any():
+        rows = resting[:, lifted].reshape(1, -1, resting.shape[-1])
+        yield rows, np.array([np.log(variance[:, lifted]).sum()])
 
 
 def run_grams(
@@ -361,7 +356,7 @@ def run_grams(
         means.append(solved)
     static = np.zeros((shared, shared))
     lifted = samples.rests.lifted
-    if _has_static(samples, columns):
+    if lifted.any():
         static = matrices.pop()[0]
         log_determinants.pop()
         means.pop()
