@@ -146,6 +146,15 @@ def test_a_cause_far_larger_than_usual_is_not_lost_to_two_that_fit_worse() -> No
     assert found.families()["a"] > 0.99
 
 
+def test_a_size_far_larger_than_usual_is_not_drawn_towards_it() -> None:
+    drawn = world(1, (column("a"),), runs=3, n=30, strength=(4, 4))
+    found = [estimate(grams_of(drawn, seed, 7.5), ("a",)) for seed in range(20)]
+    sigma = found[0].sigmas[0]
+    assert 0.2 < sigma < 1.0
+    off = np.mean([one.coefficients[0] for one in found]) - 7.5
+    assert abs(off) < 3 * sigma / np.sqrt(20), (off, sigma)
+
+
 def test_the_beam_loses_next_to_nothing() -> None:
     drawn = world(2, library(20), n=80)
     coefficients = np.zeros(len(drawn.columns))

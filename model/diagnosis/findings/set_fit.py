@@ -31,7 +31,7 @@ from model.cores import in_parallel, one_thread
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import estimate, posterior
+from model.diagnosis.time_series.evidence import estimate, posterior, prior_information
 from model.diagnosis.time_series.linearised_campaign import STEPS, LinearisedCampaign
 from model.diagnosis.time_series.start import CampaignData
 from model.effects.catalogue import EFFECTS
@@ -150,7 +150,8 @@ def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray
     everything = np.concatenate(rows)
     run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
-    found = sandwich(jacobian[:, None], scores, Blocks(run, len(rows), float("nan"), float("nan")), np.eye(len(x)))
+    prior, blocks = np.diag(problem.prior_root**2), Blocks(run, len(rows), float("nan"), float("nan"))
+    found = sandwich(jacobian[:, None], scores, blocks, prior)
     degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
@@ -167,7 +168,8 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
 def _by_form(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     """Return what the error of form adds to the variance of soil and coefficients, shape (p,)."""
     at = np.r_[grams.soil_columns, [i for key in keys for i in grams.columns_of(key)]].astype(np.intp)
-    known, exact = (np.linalg.inv(np.eye(at.size) + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
+    prior = prior_information(grams, keys)
+    known, exact = (np.linalg.inv(np.diag(prior) + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
     return np.asarray(np.maximum(np.diag(known) - np.diag(exact), 0.0))
 
 

@@ -30,7 +30,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import expit, log_ndtr, logit
 
 from daq import FloatArray, IntArray
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, listed_sets, probabilities, with_triples
@@ -296,13 +296,30 @@ def posterior(
     return Posterior(listed, found, probabilities(found, listed.log_prior))
 
 
+def prior_width(grams: Grams, keys: tuple[str, ...]) -> float:
+    """Return the one-sigma of the sizes' prior that belongs to its expected precision: 1, up to `LARGE` by the data."""
+    own = np.array([at - grams.cause_columns.start for key in keys for at in grams.columns_of(key)], np.intp)
+    if not own.size:
+        return 1.0
+    products, (lower, upper) = without_soil(grams, grams.total)[..., None], box(grams.causes)
+    usual, large = (_of_one_size(products, own[:, None], lower, upper, width).item() for width in (1.0, LARGE))
+    share = expit(large - usual + logit(LARGE_SHARE))
+    return float((1.0 - share * (1.0 - LARGE**-2.0)) ** -0.5)
+
+
+def prior_information(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
+    """Return the prior's information on soil and sizes of a set, shape (q + c,)."""
+    count = sum(len(grams.columns_of(key)) for key in keys)
+    return np.repeat([1.0, prior_width(grams, keys) ** -2.0], [len(grams.soil), count])
+
+
 def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     """Return the most probable soil and parameters under one set of causes, within bounds."""
     start, soils = grams.cause_columns.start, len(grams.soil)
     own = tuple(position - start for key in keys for position in grams.columns_of(key))
     at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
     total = grams.net
-    precision = total[np.ix_(at, at)] + np.eye(at.size)
+    precision = total[np.ix_(at, at)] + np.diag(prior_information(grams, keys))
     lower, upper = (x[list(own)] for x in box(grams.causes))
     free = np.full(soils, np.inf)
     found = in_box(precision, total[at, 0], np.r_[-free, lower], np.r_[free, upper])
