@@ -24,7 +24,7 @@ from daq import FloatArray
 from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.core.result import RefutedSoil, SoilInstead
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import box, in_box
+from model.diagnosis.time_series.evidence import box, in_box, prior_information
 from model.diagnosis.time_series.linearise import SENSORS, SoilSpace
 from model.wheel_soil.soils import SOIL_PARAMETERS
 
@@ -115,7 +115,7 @@ def _weighed(grams: Grams, keys: Keys, precision: FloatArray) -> tuple[float, Fl
     soils, start = len(grams.soil), grams.cause_columns.start
     own = [position for key in keys for position in grams.columns_of(key)]
     at = np.r_[grams.soil_columns, own].astype(np.intp)
-    prior = np.eye(at.size)
+    prior = np.diag(prior_information(grams, keys))
     prior[:soils, :soils] = precision
     total = grams.net
     inner, side = total[np.ix_(at, at)] + prior, total[at, 0]
