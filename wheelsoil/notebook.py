@@ -100,7 +100,7 @@ def diagnosis_html(found: Diagnosis) -> str:
 
 
 def _gain_rows(gain: Gain, verdict: str) -> list[list[Cell]]:
-    errors = {one.key: one for one in errors_of(gain, verdict)}
+    errors = {figure.key: figure for figure in errors_of(gain, verdict)}
     return [
         [
             channel.name,
@@ -118,8 +118,8 @@ def _cause_rows(cause: Cause) -> list[list[Cell]]:
     if not cause.parameters:
         return [[name, "", sure, "", "", ""]]
     rows: list[list[Cell]] = []
-    for one, p in zip(sizes_of(cause), cause.parameters, strict=True):
-        rows.append([name, p.name, sure, one, figure_interval(one), one.unit])
+    for figure, p in zip(sizes_of(cause), cause.parameters, strict=True):
+        rows.append([name, p.name, sure, figure, figure_interval(figure), figure.unit])
     return rows
 
 

@@ -94,7 +94,7 @@ class _Writer:
         if kind is tuple or kind is list:
             return [kind.__name__, *map(self.of, value)]
         if kind is dict:
-            return ["dict", *([self.of(key), self.of(one)] for key, one in value.items())]
+            return ["dict", *([self.of(key), self.of(item)] for key, item in value.items())]
         if kind is np.ndarray:
             return self._array(value)
         if isinstance(value, np.generic) and value.dtype.kind in _NUMBERS and value.dtype.itemsize:
@@ -137,7 +137,7 @@ class _Reader:
         self._readers: dict[str, Callable[..., Any]] = {
             "tuple": lambda *items: tuple(map(self.of, items)),
             "list": lambda *items: list(map(self.of, items)),
-            "dict": lambda *items: {self.of(key): self.of(one) for key, one in items},
+            "dict": lambda *items: {self.of(key): self.of(item) for key, item in items},
             "array": self._array,
             "scalar": lambda kind, text: np.frombuffer(bytes.fromhex(text), _dtype(kind))[0],
             "enum": lambda name, member: _class(name, Enum)[member],

@@ -96,7 +96,11 @@ class LazyGroup(typer.core.TyperGroup):
             return list(super().shell_complete(ctx, incomplete))
         from click.shell_completion import CompletionItem
 
-        return [CompletionItem(name, help=one.summary) for name, one in COMMANDS.items() if name.startswith(incomplete)]
+        return [
+            CompletionItem(name, help=command.summary)
+            for name, command in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
 
     def invoke(self, ctx: Any) -> Any:
         """Run the subcommand inside the error boundary: every failure ends with a message and an exit code."""

@@ -147,7 +147,7 @@ def _diagnose(
     from wheelsoil.workflows.diagnosis import diagnose_given
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
-    targets = model_targets(output, [one.name for one in given], force=force) if output else []
+    targets = model_targets(output, [campaign.name for campaign in given], force=force) if output else []
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
     written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
@@ -158,8 +158,8 @@ def _diagnose(
         show(diagnosis)
     for path, model in written:
         none = "it has no effect, because no cause is named"
-        said = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
-        say(f"wrote {path}" + (f": {said}" if said else ""))
+        note = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
+        say(f"wrote {path}" + (f": {note}" if note else ""))
 
 
 def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:
@@ -167,7 +167,7 @@ def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool
     from wheelsoil.wording.wheel_pair_text import wheel_pair_json, wheel_pair_lines
 
     if len(benches) != 2:
-        found = ", ".join(bench.name for bench in benches)
+        found = ", ".join(wheel_test.name for wheel_test in benches)
         step = "give two --table, or one with a column wheel or lug_height_m that holds two; --where chooses rows"
         raise ConfigError.of("--paired compares two wheels", found=found, expected="two", next_step=step)
     first, second = benches

@@ -82,7 +82,7 @@ def fleet_run(
         say(OPEN_STORE.format(store))
     there = len(plan.found) - len(plan.todo)
     say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
-    anew = {one.campaign for one in plan.damaged} & {source.name for source in plan.todo}
+    anew = {damage.campaign for damage in plan.damaged} & {source.name for source in plan.todo}
     if anew:
         say(f"made anew, since their files in the store are damaged: {', '.join(sorted(anew))}")
     workers = Workers(engine.value, scheduler, jobs, int(memory * 1e9))
@@ -95,7 +95,7 @@ def fleet_run(
     if failed:
         before = f", {len(plan.failed)} of them before: --retry-failed" if plan.failed else ""
         say(f"{len(failed)} failed{before}; `wheelsoil fleet status {store}` lists them")
-    _set_aside(store, [one for one in plan.damaged if one.campaign and one.campaign not in anew])
+    _set_aside(store, [damage for damage in plan.damaged if damage.campaign and damage.campaign not in anew])
     if failed:
         raise SystemExit(1)
 
@@ -154,7 +154,7 @@ def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     with uncollected():
         holdings = holdings_of(open_store(store))
         facts = {"store": store, **_summary(list(holdings.manifests.values()))}
-        facts["damaged"] = [vars(one) for one in holdings.damaged]
+        facts["damaged"] = [vars(damage) for damage in holdings.damaged]
     if json:
         print_json(facts)
     else:
@@ -163,17 +163,17 @@ def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
 
 
 def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
-    tables = dict.fromkeys(table for one in manifests for table in one.rows)
+    tables = dict.fromkeys(table for manifest in manifests for table in manifest.rows)
     return {
         "campaigns": len(manifests),
-        "failed": {one.campaign: one.fault for one in manifests if one.state == "failed"},
-        "verdicts": dict(Counter(one.verdict for one in manifests if one.verdict).most_common()),
-        "rows": {table: sum(one.rows.get(table, 0) for one in manifests) for table in tables},
-        "cpu_s": sum(one.cpu_s for one in manifests),
-        "peak_bytes": max((one.peak_bytes for one in manifests), default=0),
-        "longest": max(manifests, key=lambda one: one.cpu_s).campaign if manifests else None,
-        "largest": max(manifests, key=lambda one: one.peak_bytes).campaign if manifests else None,
-        "versions": sorted({one.version for one in manifests}),
+        "failed": {manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "failed"},
+        "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
+        "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
+        "cpu_s": sum(manifest.cpu_s for manifest in manifests),
+        "peak_bytes": max((manifest.peak_bytes for manifest in manifests), default=0),
+        "longest": max(manifests, key=lambda manifest: manifest.cpu_s).campaign if manifests else None,
+        "largest": max(manifests, key=lambda manifest: manifest.peak_bytes).campaign if manifests else None,
+        "versions": sorted({manifest.version for manifest in manifests}),
     }
 
 
@@ -288,7 +288,7 @@ def fleet_check(store: StoreUrl, json: options.Json = False) -> None:
     sound = len(holdings.manifests)
     files = sum(len(part.files) for part in holdings.parts)
     if json:
-        damaged = [vars(one) for one in holdings.damaged]
+        damaged = [vars(damage) for damage in holdings.damaged]
         print_json({"store": store, "campaigns": sound, "files": files, "damaged": damaged})
     else:
         print(f"{sound} campaigns in {files} files are as they were written")
@@ -318,10 +318,10 @@ def fleet_diagnose(store: StoreUrl, json: options.Json = False) -> None:
             print(text, end="")
         _set_aside(store, found.damaged)
         return
-    for one in found.passports:
-        days = [day_of(point.years) for trend in one.trends.values() for point in trend.points]
-        print(passport_line(one, min(days, default=""), max(days, default="")))
-        if trends := list(trend_lines(one)):
+    for passport in found.passports:
+        days = [day_of(point.years) for trend in passport.trends.values() for point in trend.points]
+        print(passport_line(passport, min(days, default=""), max(days, default="")))
+        if trends := list(trend_lines(passport)):
             print("\n    ".join(("  each as if it alone were wrong:", *trends)))
     for title, lines in (
         ("errors of the measurement that a campaign names:", list(named_lines(found.named))),

@@ -121,20 +121,20 @@ def info_command(
         with counting(f"reading {run.path.name}", "frames") as watch:
             facts.append(file_facts(run, watch))
     if json:
-        print_json([_as_json(one) for one in facts])
+        print_json([_as_json(recording) for recording in facts])
     else:
-        for i, one in enumerate(facts):
+        for i, recording in enumerate(facts):
             if i:
                 print()
-            _print(one, None if all_ids else _SHOWN_IDS)
-    for run, one in zip(opened, facts, strict=True):
-        for text in [] if one.recording_now else doubts_of(run):
-            say_folded(f"{one.file}: {text}")
-    for run, one in zip(opened, facts, strict=True):
-        if one.recording_now:
-            say(f"{one.file}: still being recorded; the part written so far was read")
-        elif one.loss and run.recording is not None:
-            say(f"{one.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
+            _print(recording, None if all_ids else _SHOWN_IDS)
+    for run, recording in zip(opened, facts, strict=True):
+        for text in [] if recording.recording_now else doubts_of(run):
+            say_folded(f"{recording.file}: {text}")
+    for run, recording in zip(opened, facts, strict=True):
+        if recording.recording_now:
+            say(f"{recording.file}: still being recorded; the part written so far was read")
+        elif recording.loss and run.recording is not None:
+            say(f"{recording.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
@@ -281,19 +281,19 @@ def _print_events(facts: FileFacts) -> None:
 
 def _print_messages(facts: FileFacts, limit: int | None) -> None:
     """Print what came of the messages that have most samples, and the range of their signals."""
-    often = sorted(facts.messages, key=lambda one: -one.samples)[:limit]
-    shown = [one for one in facts.messages if one in often]
+    often = sorted(facts.messages, key=lambda message: -message.samples)[:limit]
+    shown = [message for message in facts.messages if message in often]
     rows = [
         [
-            one.bus or "-",
-            one.name,
-            f"{one.samples:,}",
-            number(one.rate_hz),
-            "-" if isnan(one.missing_share) else f"{100 * one.missing_share:.1f} %",
-            number(one.longest_gap_s, 3),
-            number(one.gap_at_s, 4) if one.longest_gap_s > 0 else "-",
+            message.bus or "-",
+            message.name,
+            f"{message.samples:,}",
+            number(message.rate_hz),
+            "-" if isnan(message.missing_share) else f"{100 * message.missing_share:.1f} %",
+            number(message.longest_gap_s, 3),
+            number(message.gap_at_s, 4) if message.longest_gap_s > 0 else "-",
         ]
-        for one in shown
+        for message in shown
     ]
     print_table(
         ["bus", "message" if facts.frames else "topic", "samples", "/s", "missing", "longest gap s", "at s"],
@@ -302,15 +302,15 @@ def _print_messages(facts: FileFacts, limit: int | None) -> None:
     )
     signals = [
         [
-            f"{message.name}.{one.name}",
-            one.unit or "-",
-            number(one.least),
-            number(one.most),
-            f"{100 * one.share:.4g} %",
-            _absence(one, message.samples),
+            f"{message.name}.{signal.name}",
+            signal.unit or "-",
+            number(signal.least),
+            number(signal.most),
+            f"{100 * signal.share:.4g} %",
+            _absence(signal, message.samples),
         ]
         for message in shown
-        for one in message.signals
+        for signal in message.signals
     ]
     if signals:
         print()
@@ -319,12 +319,14 @@ def _print_messages(facts: FileFacts, limit: int | None) -> None:
         print(f"... and {len(facts.messages) - len(shown)} more with their signals (--all-ids)")
 
 
-def _absence(one: SignalFacts, samples: int) -> str:
+def _absence(signal: SignalFacts, samples: int) -> str:
     """Return why samples have no value, and what the DBC may have left open."""
-    said = [f"{word} {100 * count / samples:.4g} %" for word, count in one.absent.items()]
-    if one.all_bits_set:
-        said.append(f"all bits set in {100 * one.all_bits_set / samples:.4g} %: no data? The DBC has it as a value")
-    return "; ".join(said)
+    shares = [f"{word} {100 * count / samples:.4g} %" for word, count in signal.absent.items()]
+    if signal.all_bits_set:
+        shares.append(
+            f"all bits set in {100 * signal.all_bits_set / samples:.4g} %: no data? The DBC has it as a value"
+        )
+    return "; ".join(shares)
 
 
 def _print_ids(facts: FileFacts, limit: int | None) -> None:

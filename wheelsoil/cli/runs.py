@@ -163,9 +163,9 @@ def fit_command(
         vehicle, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible
     )
     if table is not None:
-        bench = read_bench(table, files, rename=rename, where=where)
+        wheel_test = read_bench(table, files, rename=rename, where=where)
         with computing("fitting"):
-            fit = fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
+            fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, choices, wheel_test.terrain)
     else:
         processed = options.processed_for(choices.purpose, runs or (), files, by_hand)
         with computing("fitting"):
@@ -288,19 +288,21 @@ def print_sinkage(facts: SinkageFacts) -> None:
         unknown_sentence,
     )
 
-    measured = any(one.measured_m == one.measured_m for one in facts.bins)
+    measured = any(slip_bin.measured_m == slip_bin.measured_m for slip_bin in facts.bins)
     head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]
     rows = [
         [
-            f"{one.slip:.2f}",
-            f"{one.vertical_load_n:.0f}" if one.vertical_load_n >= 100 else number(one.vertical_load_n),
-            "-" if (found := facts.number_m(one)) is None else number(1e3 * found, 3),
-            "withdrawn" if facts.withdrawn else " .. ".join(number(1e3 * end, 3) for end in one.sinkage_m.interval95),
-            number(1e3 * one.noise_m, 2),
-            *([number(1e3 * one.measured_m, 3)] if measured else []),
-            f"{one.samples}",
+            f"{slip_bin.slip:.2f}",
+            f"{slip_bin.vertical_load_n:.0f}" if slip_bin.vertical_load_n >= 100 else number(slip_bin.vertical_load_n),
+            "-" if (found := facts.number_m(slip_bin)) is None else number(1e3 * found, 3),
+            "withdrawn"
+            if facts.withdrawn
+            else " .. ".join(number(1e3 * end, 3) for end in slip_bin.sinkage_m.interval95),
+            number(1e3 * slip_bin.noise_m, 2),
+            *([number(1e3 * slip_bin.measured_m, 3)] if measured else []),
+            f"{slip_bin.samples}",
         ]
-        for one in facts.bins
+        for slip_bin in facts.bins
     ]
     print_table(head, rows)
     if unknown := unknown_sentence(facts):

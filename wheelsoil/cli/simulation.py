@@ -71,9 +71,9 @@ def demo_command(
     width = terminal_width()
     before = f"From forces alone. {sentence_of(first)}"
     after = f"With {options.rut} readings of the rut's depth, by a ruler to 5 mm:"
-    hidden_said = f"Hidden effect. {opened.sentence} {_CAVEAT}"
+    hidden_text = f"Hidden effect. {opened.sentence} {_CAVEAT}"
     told = [*wrap(after, width), *diagnosis_lines(found, vehicle, width)]
-    for paragraph in (wrap(before, width), told, wrap(hidden_said, width)):
+    for paragraph in (wrap(before, width), told, wrap(hidden_text, width)):
         say("\n".join(["", *paragraph]))
     print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
@@ -118,7 +118,7 @@ def _simulate_to_report(
     with _step("decode and process"):
         processed = open_and_process([folder], process_options, Files(accept_implausible=True))
     with _step("diagnose from forces"), computing("diagnosing"):
-        unread = [(run, without_ruts(one)) for run, one in processed]
+        unread = [(run, without_ruts(processed_run)) for run, processed_run in processed]
         first = diagnose_campaigns(campaigns_of([folder], unread), diagnosis_options())
     with _step("diagnose with rut readings"), computing("diagnosing"):
         found = diagnose_campaigns(campaigns_of([folder], processed), diagnosis_options())

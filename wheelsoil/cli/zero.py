@@ -74,9 +74,9 @@ def zero_command(
         print_json(_as_json(target, found, rows, remarks))
     else:
         _print(found, rows)
-    for one in found:
-        for text in texts_of(one.remarks):
-            say(f"{one.run.path.name}: {text}")
+    for result in found:
+        for text in texts_of(result.remarks):
+            say(f"{result.run.path.name}: {text}")
     for text in texts_of(remarks):
         say(f"drift: {text}")
     say(f"wrote {target}")
@@ -126,9 +126,9 @@ def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remark
     return {
         "file": target,
         "zeros": [
-            plain(one.determination.model_dump(mode="json"))
-            | {"check": one.check, "outliers": one.outliers, "remarks": one.remarks}
-            for one in found
+            plain(result.determination.model_dump(mode="json"))
+            | {"check": result.check, "outliers": result.outliers, "remarks": result.remarks}
+            for result in found
         ],
         "drift": [plain(row) | {"significant": row.significant} for row in rows],
         "remarks": remarks,
@@ -136,8 +136,8 @@ def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remark
 
 
 def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
-    for one in found:
-        print_pairs(_facts(one))
+    for result in found:
+        print_pairs(_facts(result))
         print()
         print_table(
             ["channel", "unit", "offset", "sigma", "cos", "sin", "sigma", "2/rev"],
@@ -149,7 +149,7 @@ def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
                     f"{zero.offset_sigma:.2f}",
                     *(_or_dash(value) for value in (zero.cos, zero.sin, zero.rotating_sigma, zero.twice)),
                 ]
-                for name, zero in one.determination.channels.items()
+                for name, zero in result.determination.channels.items()
             ],
             left=2,
         )
@@ -165,13 +165,13 @@ def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
         )
 
 
-def _facts(one: Found) -> list[tuple[str, str]]:
-    zero, check = one.determination, one.check
+def _facts(result: Found) -> list[tuple[str, str]]:
+    zero, check = result.determination, result.check
     how = f"{zero.revolutions} revolutions at {abs(zero.speed_radps):.2f} rad/s" if zero.speed_radps else "one angle"
     if not zero.revolutions and zero.angle_deg is not None:
         how = f"at {zero.angle_deg:.1f} deg"
     lines = [
-        ("recording", str(one.run.path)),
+        ("recording", str(result.run.path)),
         ("time", f"{zero.time_utc:%Y-%m-%d %H:%M:%S}Z"),
         ("method", f"{zero.method}, {how}, {zero.frame} axes" + (", on the ground" if zero.on_ground else "")),
         ("used", f"{zero.start_s:.2f} to {zero.start_s + zero.duration_s:.2f} s"),
@@ -185,7 +185,7 @@ def _facts(one: Found) -> list[tuple[str, str]]:
         if check.angle_error_deg == check.angle_error_deg:
             error = f"{check.angle_error_deg:+.2f} +- {check.angle_error_sigma_deg:.2f} deg"
             lines.append(("error of the wheel angle", f"{error}, by the direction of the weight"))
-    spikes: Mapping[str, int] = {name: count for name, count in one.outliers.items() if count}
+    spikes: Mapping[str, int] = {name: count for name, count in result.outliers.items() if count}
     if spikes:
         lines.append(("excluded spikes", ", ".join(f"{name} {count:,}" for name, count in spikes.items())))
     return lines

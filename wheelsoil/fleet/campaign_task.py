@@ -133,8 +133,8 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         files = TableFiles((str(vehicle),) if vehicle.is_file() else (), (source.folder / TERRAIN_FILE,))
         benches = tuple(read_benches([Path(source.path)], files))
         return _Opened(content_of(source, _hashes(facts), options), facts, benches=benches)
-    said: list[str] = []
-    runs = tuple(open_runs([source.path], left_out=said.append))
+    omissions: list[str] = []
+    runs = tuple(open_runs([source.path], left_out=omissions.append))
     facts = facts | facts_of(file for run in runs for file in run.files)
     chosen = source.folder / CHOICE_FILE
     described = [{name: hashlib.sha256(data).hexdigest() for name, data in run.attachments.items()} for run in runs]
@@ -143,7 +143,7 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         facts,
         runs,
         choice=load_choice(chosen) if chosen.is_file() else Choice(),
-        remarks=tuple(("opening", text) for text in said),
+        remarks=tuple(("opening", text) for text in omissions),
     )
 
 
@@ -175,9 +175,9 @@ def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
 def _of_tables(source: Source, opened: _Opened, options: FleetOptions) -> Found:
     fit, remarks = None, []
     if len(opened.benches) == 1:
-        one = opened.benches[0]
+        wheel_test = opened.benches[0]
         try:
-            fit = fit_table(one.rows, one.wheel, one.soil, FitChoices(), one.terrain)
+            fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, FitChoices(), wheel_test.terrain)
         except WheelsoilError as error:
             remarks.append(("fit", _fault_of(error)))
     settings = diagnosis_options(effects=options.effects, most_causes=options.most_causes)

@@ -68,8 +68,8 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
     pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
     shown = {row["campaign"] for _, *pair in pairs for row in pair}
     causes = _causes(holdings, shown)
-    known = (one for part in holdings.parts for one in part.manifests)
-    verdicts = {one.campaign: one.verdict for one in known if one.campaign in shown}
+    known = (manifest for part in holdings.parts for manifest in part.manifests)
+    verdicts = {manifest.campaign: manifest.verdict for manifest in known if manifest.campaign in shown}
     found = []
     for of, before, now in pairs:
         for row in (before, now):
@@ -78,7 +78,7 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
         differs = {what: (before[what], now[what]) for what in _COMPARED if before[what] != now[what]}
         names = now["campaign"], before["campaign"], now["start"], before["start"]
         found.append(Change(of, now[of], *names, differs, _pull(before, now)))
-    return tuple(sorted(found, key=lambda one: one.start, reverse=True))
+    return tuple(sorted(found, key=lambda change: change.start, reverse=True))
 
 
 def _rows(holdings: Holdings) -> list[dict[str, Any]]:

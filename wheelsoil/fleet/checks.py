@@ -99,9 +99,9 @@ def _means(schema: Any, expected: Any) -> bool:
 def _others(footer: Any, table: str, part: Part) -> Iterator[int]:
     """Yield the groups whose number of rows or first column is not that of their campaigns."""
     if not part.is_pack:
-        [[one]] = part.groups
+        [[manifest]] = part.groups
         columns = [footer.row_group(i).column(0).statistics for i in range(footer.num_row_groups)]
-        if footer.num_rows != one.rows[table] or any(_differs(each, {one.content}) for each in columns):
+        if footer.num_rows != manifest.rows[table] or any(_differs(each, {manifest.content}) for each in columns):
             yield 0
         return
     places = part.row_groups(table)

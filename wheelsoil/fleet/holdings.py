@@ -51,16 +51,16 @@ class Holdings:
     @property
     def manifests(self) -> dict[str, Manifest]:
         """What the store has of each campaign, by name; without files and options of those in packs."""
-        return dict(sorted((one.campaign, one) for part in self.parts for one in part.manifests))
+        return dict(sorted((manifest.campaign, manifest) for part in self.parts for manifest in part.manifests))
 
     def sources(self) -> dict[str, Any]:
         """Return the files and options of each campaign by name, also of those in packs; nothing of those unknown."""
         found: dict[str, Any] = {}
         for part in self.parts:
             of_pack = self.store.sources(part.name) if part.is_pack else {}
-            for one in part.manifests:
-                own = {"files": one.files, "options": one.options}
-                found[one.campaign] = of_pack.get(one.campaign, own) if part.is_pack else own
+            for manifest in part.manifests:
+                own = {"files": manifest.files, "options": manifest.options}
+                found[manifest.campaign] = of_pack.get(manifest.campaign, own) if part.is_pack else own
         return found
 
     def datasets(self, table: str) -> list[Dataset]:
@@ -117,7 +117,9 @@ class Holdings:
         holding = [part for part in self.parts if name in part.files]
         pieces = [pa.schema([packed_schema_of(name).field(column) for column in wanted]).empty_table()]
         singles = [part for part in holding if not part.is_pack]
-        for part, data in zip(singles, self.store.contents([one.files[name].path for one in singles]), strict=True):
+        for part, data in zip(
+            singles, self.store.contents([single.files[name].path for single in singles]), strict=True
+        ):
             rows = pq.ParquetFile(BytesIO(data), page_checksum_verification=True).read(columns, use_threads=False)
             pieces.append(_of_campaign(part, rows))
         packs = replace(self, parts=tuple(part for part in holding if part.is_pack))
@@ -170,7 +172,7 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
         for part in holding:
             for group, what in sorted(wrong.get(part.name, {}).items()):
                 path = part.files[table].path
-                damaged += [Damage(one.campaign, path, what, part.name) for one in part.used(group)]
+                damaged += [Damage(manifest.campaign, path, what, part.name) for manifest in part.used(group)]
         parts = [replace(part, lost=part.lost | wrong.get(part.name, {}).keys()) for part in parts]
         parts = [part for part in parts if any(part.manifests)]
     return Holdings(store, tuple(parts), tuple(damaged), listing.older, listing.packs)

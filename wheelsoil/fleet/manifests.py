@@ -214,25 +214,29 @@ class Part:
     @property
     def all(self) -> Iterator[Manifest]:
         """All of its campaigns."""
-        return (one for group in self.groups for one in group)
+        return (manifest for group in self.groups for manifest in group)
 
     def used(self, group: int) -> Iterator[Manifest]:
         """Return the campaigns of a group that are neither replaced nor damaged."""
-        return (one for one in self.groups[group] if group not in self.lost and one.content not in self.hidden)
+        return (
+            manifest
+            for manifest in self.groups[group]
+            if group not in self.lost and manifest.content not in self.hidden
+        )
 
     @property
     def manifests(self) -> Iterator[Manifest]:
         """Campaigns that are neither replaced nor damaged."""
-        return (one for group in range(len(self.groups)) for one in self.used(group))
+        return (manifest for group in range(len(self.groups)) for manifest in self.used(group))
 
     @cached_property
     def held(self) -> dict[str, dict[int, tuple[int, str, str]]]:
         """Number of rows, first and last campaign of each group that has rows of a table, by table."""
         found: dict[str, dict[int, tuple[int, str, str]]] = {}
         for i, group in enumerate(self.groups):
-            ordered = sorted(group, key=lambda one: one.campaign)
-            for table in {table: None for one in group for table in one.rows}:
-                some = [(one.campaign, count) for one in ordered if (count := one.rows.get(table))]
+            ordered = sorted(group, key=lambda manifest: manifest.campaign)
+            for table in {table: None for manifest in group for table in manifest.rows}:
+                some = [(manifest.campaign, count) for manifest in ordered if (count := manifest.rows.get(table))]
                 if some:
                     found.setdefault(table, {})[i] = sum(count for _, count in some), some[0][0], some[-1][0]
         return found
@@ -281,12 +285,12 @@ def text_of_pack(groups: Sequence[Sequence[Manifest]], parts: Mapping[str, list[
         Campaigns of each row group.
     parts : mapping file -> what `stated` returns
     """
-    every = [one for group in groups for one in group]
-    tables = dict.fromkeys(table for one in every for table in one.rows)
+    every = [manifest for group in groups for manifest in group]
+    tables = dict.fromkeys(table for manifest in every for table in manifest.rows)
     columns: dict[str, Any] = {
-        key: [getattr(one, key) for one in every] for key in _KINDS if key not in _ELSEWHERE and key != "rows"
+        key: [getattr(manifest, key) for manifest in every] for key in _KINDS if key not in _ELSEWHERE and key != "rows"
     }
-    columns["rows"] = {table: [one.rows.get(table) for one in every] for table in tables}
+    columns["rows"] = {table: [manifest.rows.get(table) for manifest in every] for table in tables}
     return sealed({"campaigns": columns, "groups": [len(group) for group in groups], "parts": parts})
 
 
@@ -323,9 +327,9 @@ def _manifests_of(columns: Any, count: int) -> list[Manifest]:
     whole = {key: repeat(value, count) for key, value in _DEFAULTS.items()} | flat | {"rows": _mappings(rows, counted)}
     found = []
     for values in zip(*whole.values(), strict=True):
-        one = object.__new__(Manifest)
-        vars(one).update(zip(whole, values, strict=True))
-        found.append(one)
+        manifest = object.__new__(Manifest)
+        vars(manifest).update(zip(whole, values, strict=True))
+        found.append(manifest)
     return found
 
 

@@ -83,15 +83,15 @@ class Overview:
     @property
     def headline(self) -> str:
         """What matters most, in a sentence."""
-        wrong = [one for one in self.pooled.passports if one.decision != "nothing"]
+        wrong = [passport for passport in self.pooled.passports if passport.decision != "nothing"]
         if wrong:
-            serials = " and ".join(one.sensor for one in wrong)
+            serials = " and ".join(passport.sensor for passport in wrong)
             are = "s {} are" if len(wrong) > 1 else " {} is"
             return f"Transducer{are.format(serials)} wrong: {'; '.join(dict.fromkeys(map(_channels, wrong)))}."
-        by_campaigns = [one for one in self.pooled.named if one.is_transducers]
+        by_campaigns = [error for error in self.pooled.named if error.is_transducers]
         if by_campaigns:
-            effects = " and ".join(dict.fromkeys(plain_name(one.effect) for one in by_campaigns))
-            count = len({one.campaign for one in by_campaigns})
+            effects = " and ".join(dict.fromkeys(plain_name(error.effect) for error in by_campaigns))
+            count = len({error.campaign for error in by_campaigns})
             return f"{count} of {self.done} campaigns name{'s' * (count == 1)} an error of the transducer: {effects}."
         named = {family: a for family, (a, _) in self.causes.items() if a}
         if named:
@@ -123,7 +123,7 @@ class Overview:
                     "interval95_n": [low, high],
                 }
             )
-        return sorted(found, key=lambda one: -one["median_n"])
+        return sorted(found, key=lambda row: -row["median_n"])
 
     def write(self, path: Path) -> tuple[Path, Path]:
         """Write the page, and its numbers as JSON beside it; return both paths."""
@@ -148,7 +148,10 @@ class Overview:
             overview=self,
             rows=[_cells(row, folder) for row in self.campaigns.head(_MOST_ROWS).to_dict("records")],
             bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
-            passports=[(one, _line(one), passport_drawing(one), trend_drawings(one)) for one in self.pooled.passports],
+            passports=[
+                (passport, _line(passport), passport_drawing(passport), trend_drawings(passport))
+                for passport in self.pooled.passports
+            ],
             named=list(named_lines(self.pooled.named)),
             changes=list(change_lines(self.pooled.changes)),
             soils=list(soil_lines(self.pooled.soils)),
@@ -245,19 +248,19 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     }
 
 
-def _channels(one: Passport) -> str:
+def _channels(passport: Passport) -> str:
     """Return what is wrong with a transducer; those that are not separable with "or"."""
-    names = [plain_name(effect) for effect in one.effects]
-    return " and ".join(names) if one.decision == "named" else f"{' or '.join(names)} (not separable)"
+    names = [plain_name(effect) for effect in passport.effects]
+    return " and ".join(names) if passport.decision == "named" else f"{' or '.join(names)} (not separable)"
 
 
-def _days(one: Passport) -> tuple[str, str]:
-    years = [point.years for trend in one.trends.values() for point in trend.points]
+def _days(passport: Passport) -> tuple[str, str]:
+    years = [point.years for trend in passport.trends.values() for point in trend.points]
     return (day_of(min(years)), day_of(max(years))) if years else ("", "")
 
 
-def _line(one: Passport) -> str:
-    return passport_line(one, *_days(one))
+def _line(passport: Passport) -> str:
+    return passport_line(passport, *_days(passport))
 
 
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:

@@ -63,8 +63,8 @@ def compact(store: Store) -> Compacted:
     """
     with _alone(store):
         holdings = holdings_of(store)
-        sound = {one.campaign for part in holdings.parts for one in part.manifests}
-        _remove(store, [part for part in holdings.older if {one.campaign for one in part.all} <= sound])
+        sound = {manifest.campaign for part in holdings.parts for manifest in part.manifests}
+        _remove(store, [part for part in holdings.older if {manifest.campaign for manifest in part.all} <= sound])
         store.remove_drafts()
         _sweep(holdings)
         parts = _to_pack(holdings)
@@ -104,7 +104,7 @@ def _alone(store: Store) -> Iterator[None]:
 
 def _to_pack(holdings: Holdings) -> list[Part]:
     """Return the parts that are to be written anew: all single ones, and packs that are not full or not all used."""
-    broken = {one.manifest for one in holdings.damaged}
+    broken = {damage.manifest for damage in holdings.damaged}
     singles = [part for part in holdings.parts if not part.is_pack]
     packs = [part for part in holdings.parts if part.is_pack and part.name not in broken]
     dirty = [part for part in packs if part.hidden]
@@ -114,7 +114,7 @@ def _to_pack(holdings: Holdings) -> list[Part]:
 
 def _chunks(entries: Sequence[tuple[Part, int]]) -> Iterator[list[tuple[Part, int, Manifest]]]:
     """Yield the campaigns of each new pack, with the part and the row group that they are in."""
-    every = ((part, group, one) for part, group in entries for one in part.used(group))
+    every = ((part, group, manifest) for part, group in entries for manifest in part.used(group))
     yield from _batched(every, CAMPAIGNS_OF_A_PACK)
 
 
@@ -131,12 +131,14 @@ def _write(
     for some in _batched(chunk, CAMPAIGNS_OF_A_GROUP):
         for table, rows in _rows(store, some).items():
             _writer(table, buffers, writers).write_table(rows, row_group_size=len(rows))
-        groups.append([_packed(one, newest if not part.is_pack else {}) for part, _, one in some])
+        groups.append([_packed(manifest, newest if not part.is_pack else {}) for part, _, manifest in some])
     for writer in writers.values():
         writer.close()
     data = {f"{table}.parquet": buffer.getvalue() for table, buffer in buffers.items()}
-    data["sources.json"] = sealed({one.campaign: made_of[one.campaign] for _, _, one in chunk})
-    text = json.dumps([[one.campaign, one.content, one.made_at_ns] for group in groups for one in group])
+    data["sources.json"] = sealed({manifest.campaign: made_of[manifest.campaign] for _, _, manifest in chunk})
+    text = json.dumps(
+        [[manifest.campaign, manifest.content, manifest.made_at_ns] for group in groups for manifest in group]
+    )
     name = hashlib.sha256(text.encode()).hexdigest()[:16]
     parts = {file: stated(each) for file, each in data.items()}
     for file, each in data.items():
@@ -145,9 +147,9 @@ def _write(
     return f"{PACKS}/{name}.json"
 
 
-def _packed(one: Manifest, newest: Mapping[str, tuple[int, str]]) -> Manifest:
+def _packed(manifest: Manifest, newest: Mapping[str, tuple[int, str]]) -> Manifest:
     """Return a manifest as a pack holds it: it has to be newer than one of the same campaign in another pack."""
-    return replace(one, made_at_ns=max(one.made_at_ns, newest.get(one.campaign, (-1, ""))[0] + 1))
+    return replace(manifest, made_at_ns=max(manifest.made_at_ns, newest.get(manifest.campaign, (-1, ""))[0] + 1))
 
 
 def _writer(table: str, buffers: dict[str, BytesIO], writers: dict[str, Any]) -> Any:
@@ -174,7 +176,7 @@ def _rows(store: Store, some: Iterable[tuple[Part, int, Manifest]]) -> dict[str,
     found: dict[str, list[pa.Table]] = {}
     for (_, group), entries in groupby(some, key=lambda entry: (entry[0].name, entry[1])):
         own = list(entries)
-        part, contents = own[0][0], {one.content for _, _, one in own}
+        part, contents = own[0][0], {manifest.content for _, _, manifest in own}
         for table in COLUMNS:
             rows = rows_of_group(store, part, group, table, contents)
             if rows is not None and len(rows):
@@ -187,8 +189,8 @@ def _sweep(holdings: Holdings) -> None:
     parts = (*holdings.parts, *holdings.older)
     named = {file.path for part in parts for file in part.files.values()}
     named |= {sources_path(part.name) for part in parts if part.is_pack} | {part.name for part in parts}
-    damaged = {one.manifest for one in holdings.damaged}  # which may be mended by hand
-    spared = {f"campaign={quoted(one.campaign)}" for one in holdings.damaged}
+    damaged = {damage.manifest for damage in holdings.damaged}  # which may be mended by hand
+    spared = {f"campaign={quoted(damage.campaign)}" for damage in holdings.damaged}
     spared |= {name.removeprefix(f"{PACKS}/").removesuffix(".json") for name in damaged}
     holdings.store.discard(
         path

@@ -89,17 +89,17 @@ class Pooled:
     @property
     def transducers(self) -> tuple[str, ...]:
         """All of them by serial; "" for those without one that a campaign names an error of."""
-        return tuple(sorted({one.sensor for one in self.passports} | self._named_ones))
+        return tuple(sorted({passport.sensor for passport in self.passports} | self._named_ones))
 
     @property
     def wrong(self) -> tuple[str, ...]:
         """Those that are not sound by their passport, or by what one of their campaigns names."""
-        flagged = {one.sensor for one in self.passports if one.decision != "nothing"}
+        flagged = {passport.sensor for passport in self.passports if passport.decision != "nothing"}
         return tuple(sorted(flagged | self._named_ones))
 
     @property
     def _named_ones(self) -> set[str]:
-        return {one.serial for one in self.named if one.is_transducers}
+        return {error.serial for error in self.named if error.is_transducers}
 
 
 def pool(store: Store) -> Pooled:
@@ -119,12 +119,15 @@ def pooled_of(holdings: Holdings) -> Pooled:
     far: list[SoilDeparture] = []
     for serials in _in_turn(Counter(serial for _, serial, _ in rows)):
         by_serial: dict[str, list[Observation]] = {}
-        for serial, one in _observations(holdings, serials):
-            by_serial.setdefault(serial, []).append(one)
+        for serial, observation in _observations(holdings, serials):
+            by_serial.setdefault(serial, []).append(observation)
         for serial, own in by_serial.items():
             if serial:
                 passports[serial] = passport_of(serial, own)
-            soils = (soil_departure(one, _known(passports[serial], one) if serial else None) for one in own)
+            soils = (
+                soil_departure(observation, _known(passports[serial], observation) if serial else None)
+                for observation in own
+            )
             far += [soil for soil in soils if soil.p_value < surprising]
     ordered = [passports[serial] for serial in sorted(passports)]
     far.sort(key=lambda soil: (soil.p_value, soil.campaign))
@@ -134,7 +137,7 @@ def pooled_of(holdings: Holdings) -> Pooled:
 def _named(holdings: Holdings) -> tuple[NamedError, ...]:
     from pyarrow import dataset
 
-    columns = [one.name for one in fields(NamedError) if one.name not in ("serial", "start", "effect")]
+    columns = [field.name for field in fields(NamedError) if field.name not in ("serial", "start", "effect")]
     wanted = (dataset.field("role") == "named") & (dataset.field("kind") == "measurement")
     wanted = wanted & dataset.field("value").is_valid()
     rows = holdings.where("causes", (*columns, "family"), wanted).to_pylist()
@@ -146,7 +149,7 @@ def _named(holdings: Holdings) -> tuple[NamedError, ...]:
     for row in rows:
         serial, start = known.get(row["campaign"], ("", None))
         found.append(NamedError(serial=serial, start=start, effect=row.pop("family"), **row))
-    return tuple(sorted(found, key=lambda one: (-(one.start.timestamp() if one.start else 0.0), one.campaign)))
+    return tuple(sorted(found, key=lambda error: (-(error.start.timestamp() if error.start else 0.0), error.campaign)))
 
 
 def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
@@ -169,7 +172,7 @@ def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator
     from pyarrow import dataset
 
     serial = dataset.field("transducer")
-    wanted = serial.isin(pa.array([one for one in serials if one is not None], pa.string()))
+    wanted = serial.isin(pa.array([number for number in serials if number is not None], pa.string()))
     wanted = wanted | serial.is_null() if None in serials else wanted
     alike: dict[tuple[Any, ...], tuple[Any, ...]] = {}  # what most campaigns have in common is held once
     scanned = (
@@ -188,15 +191,15 @@ def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator
             yield (row["transducer"] or "") if dated else "", Observation(row["campaign"], years, information)
 
 
-def _known(passport: Passport, one: Observation) -> np.ndarray[Any, Any] | None:
+def _known(passport: Passport, observation: Observation) -> np.ndarray[Any, Any] | None:
     """Return what is named of a transducer, in units of the parameters' scales."""
     if passport.decision != "named":
         return None
-    scale = dict(zip(one.information.effects, one.information.scales, strict=True))
+    scale = dict(zip(observation.information.effects, observation.information.scales, strict=True))
     found = np.zeros(len(OF_THE_TRANSDUCER))
     for effect in passport.effects:
         if effect in scale:
-            found[OF_THE_TRANSDUCER.index(effect)] = passport.trends[effect].value(one.years)[0] / scale[effect]
+            found[OF_THE_TRANSDUCER.index(effect)] = passport.trends[effect].value(observation.years)[0] / scale[effect]
     return found
 
 
@@ -219,43 +222,43 @@ def pooled_values(found: Pooled) -> dict[str, Any]:
     """Return all but the transducers as plain mappings."""
     return {
         "schema": "wheelsoil/fleet-diagnosis/1",
-        "soils_off_laboratory": [vars(one) for one in found.soils],
-        "named_by_campaigns": [_named_json(one) for one in found.named],
-        "changes": [_change_json(one) for one in found.changes],
+        "soils_off_laboratory": [vars(soil) for soil in found.soils],
+        "named_by_campaigns": [_named_json(error) for error in found.named],
+        "changes": [_change_json(change) for change in found.changes],
         "without_serial": list(found.nameless),
         "without_date": list(found.dateless),
-        "damaged": [vars(one) for one in found.damaged],
+        "damaged": [vars(damage) for damage in found.damaged],
     }
 
 
-def _named_json(one: NamedError) -> dict[str, Any]:
-    return {**vars(one), "start": one.start.isoformat() if one.start else None}
+def _named_json(error: NamedError) -> dict[str, Any]:
+    return {**vars(error), "start": error.start.isoformat() if error.start else None}
 
 
-def _change_json(one: Change) -> dict[str, Any]:
-    pull = one.pull and {**vars(one.pull), "beyond": one.pull.is_beyond}
-    dates = {"start": one.start.isoformat(), "start_before": one.start_before.isoformat()}
-    own = {key: value for key, value in vars(one).items() if key != "pull"}
+def _change_json(change: Change) -> dict[str, Any]:
+    pull = change.pull and {**vars(change.pull), "beyond": change.pull.is_beyond}
+    dates = {"start": change.start.isoformat(), "start_before": change.start_before.isoformat()}
+    own = {key: value for key, value in vars(change).items() if key != "pull"}
     return {**own, **dates, "pull_at_slip_0_2": pull}
 
 
-def _passport_json(one: Passport) -> dict[str, Any]:
+def _passport_json(passport: Passport) -> dict[str, Any]:
     return {
-        "serial": one.sensor,
-        "campaigns": list(one.campaigns),
-        "decision": one.decision,
-        "effects": list(one.effects),
-        "probability": one.wrong,
-        "candidates": [vars(candidate) for candidate in one.candidates],
-        "shared": [{"effect": each.effect, "probability": each.probability} for each in one.shared],
-        "scatter": one.scatter,
-        "disagree": one.disagree,
-        "trends": {effect: dict(_trend_json(one, effect)) for effect in one.trends},
+        "serial": passport.sensor,
+        "campaigns": list(passport.campaigns),
+        "decision": passport.decision,
+        "effects": list(passport.effects),
+        "probability": passport.wrong,
+        "candidates": [vars(candidate) for candidate in passport.candidates],
+        "shared": [{"effect": each.effect, "probability": each.probability} for each in passport.shared],
+        "scatter": passport.scatter,
+        "disagree": passport.disagree,
+        "trends": {effect: dict(_trend_json(passport, effect)) for effect in passport.trends},
     }
 
 
-def _trend_json(one: Passport, effect: str) -> Iterator[tuple[str, Any]]:
-    trend = one.trends[effect]
+def _trend_json(passport: Passport, effect: str) -> Iterator[tuple[str, Any]]:
+    trend = passport.trends[effect]
     yield "parameter", trend.parameter
     yield "unit", trend.unit
     yield "date", day_of(trend.middle)

@@ -120,15 +120,15 @@ def _kind(statement: Any) -> str:
 def _tasks(holdings: Holdings) -> pa.Table:
     import pyarrow as pa
 
-    known = [one for part in holdings.parts for one in part.manifests]
+    known = [manifest for part in holdings.parts for manifest in part.manifests]
     columns = {
-        "campaign": pa.array([one.campaign for one in known], pa.string()),
-        "content": pa.array([one.content for one in known], pa.string()),
-        "state": pa.array([one.state for one in known], pa.string()),
-        "cpu_s": pa.array([one.cpu_s for one in known], pa.float64()),
-        "peak_memory_bytes": pa.array([one.peak_bytes for one in known], pa.int64()),
-        "made_at": pa.array([one.made_at_ns // 1000 or None for one in known], pa.timestamp("us", tz="UTC")),
-        "version": pa.array([one.version for one in known], pa.string()),
+        "campaign": pa.array([manifest.campaign for manifest in known], pa.string()),
+        "content": pa.array([manifest.content for manifest in known], pa.string()),
+        "state": pa.array([manifest.state for manifest in known], pa.string()),
+        "cpu_s": pa.array([manifest.cpu_s for manifest in known], pa.float64()),
+        "peak_memory_bytes": pa.array([manifest.peak_bytes for manifest in known], pa.int64()),
+        "made_at": pa.array([manifest.made_at_ns // 1000 or None for manifest in known], pa.timestamp("us", tz="UTC")),
+        "version": pa.array([manifest.version for manifest in known], pa.string()),
     }
     return pa.table(columns)
 

@@ -95,10 +95,10 @@ def _campaign(found: Found) -> dict[str, Any]:
         "runs": len(runs),
     }
     if found.benches:
-        bench = found.benches[0]
-        wheel = bench.wheel_section
-        rows = sum(len(one.rows) for one in found.benches)
-        row |= {"terrain": bench.soil.name, "samples": rows, "used_share": 1.0}
+        wheel_test = found.benches[0]
+        wheel = wheel_test.wheel_section
+        rows = sum(len(table.rows) for table in found.benches)
+        row |= {"terrain": wheel_test.soil.name, "samples": rows, "used_share": 1.0}
     elif runs:
         first = found.processed[0][0]
         section = first.vehicle.wheel
@@ -207,25 +207,25 @@ def _note(note: Note, of: str, run: str = "") -> dict[str, Any]:
 
 def _fits(fit: CampaignFit | None) -> Iterator[dict[str, Any]]:
     for model in fit.models if fit else ():
-        for channel, one in model.criteria.items():
+        for channel, criteria in model.criteria.items():
             yield {
                 "model": model.name,
                 "channel": OUTPUTS[channel].role,
-                "R0": one.R0_N,
-                "R0_per_load": one.R0_per_load,
-                "M0_percent": one.M0_percent,
-                "R2": one.R2,
-                "samples": one.samples,
-                "slip_threshold": one.threshold,
+                "R0": criteria.R0_N,
+                "R0_per_load": criteria.R0_per_load,
+                "M0_percent": criteria.M0_percent,
+                "R2": criteria.R2,
+                "samples": criteria.samples,
+                "slip_threshold": criteria.threshold,
                 "stop_reason": model.stop_reason,
             }
 
 
 def _coefficients(fit: CampaignFit | None) -> Iterator[dict[str, Any]]:
     for model in fit.models if fit else ():
-        for one in model.estimates:
-            lower, upper = one.interval
-            yield _estimate(one.name, one.unit, one.value, lower, upper) | {"model": model.name}
+        for estimate in model.estimates:
+            lower, upper = estimate.interval
+            yield _estimate(estimate.name, estimate.unit, estimate.value, lower, upper) | {"model": model.name}
 
 
 def _estimate(name: str, unit: str, value: float, lower: float, upper: float) -> dict[str, Any]:
@@ -263,11 +263,11 @@ def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
             "form_probability": cause.form_probability,
         }
         estimates = [_estimate(p.name, p.unit, p.value, *p.interval95) for p in cause.parameters]
-        yield from (own | one for one in estimates or [{}])
+        yield from (own | estimate for estimate in estimates or [{}])
     shown = {cause.name for cause, _ in found.stated}
-    for one in found.candidates:
-        if one.name not in shown:
-            yield {"family": one.name, "role": "candidate", "probability": one.probability}
+    for candidate in found.candidates:
+        if candidate.name not in shown:
+            yield {"family": candidate.name, "role": "candidate", "probability": candidate.probability}
 
 
 def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:
@@ -275,13 +275,13 @@ def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:
     if gain is None:
         return
     for model, scores in (("base", gain.base), ("extended", gain.extended)):
-        for channel, one in scores.items():
+        for channel, score in scores.items():
             row: dict[str, Any] = {
                 "channel": OUTPUTS[channel].role,
                 "model": model,
-                "R0": one.R0,
-                "M0_percent": one.M0_percent,
-                "R2": one.R2,
+                "R0": score.R0,
+                "M0_percent": score.M0_percent,
+                "R2": score.R2,
             }
             fall = gain.reductions.get(channel) if model == "extended" else None
             if fall:

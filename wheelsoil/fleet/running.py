@@ -184,13 +184,13 @@ def _planned(
 
     todo = tuple(source for source, files in found.items() if not is_there(source, files))
     left = {source.name for source in found} - {source.name for source in todo}
-    failed = {name: one.fault for name, one in known.items() if one.state == "failed" and name in left}
+    failed = {name: manifest.fault for name, manifest in known.items() if manifest.state == "failed" and name in left}
     older: dict[str, tuple[str, ...]] = {}
     for part in (*holdings.parts, *holdings.older):
-        for one in () if part.is_pack else part.all:
-            older[one.campaign] = (*older.get(one.campaign, ()), part.name)
-    contents = {one.name: known[one.name].content for one in todo if one.name in known}
-    items = tuple(Task(one, older.get(one.name, ()), contents.get(one.name, "")) for one in todo)
+        for manifest in () if part.is_pack else part.all:
+            older[manifest.campaign] = (*older.get(manifest.campaign, ()), part.name)
+    contents = {source.name: known[source.name].content for source in todo if source.name in known}
+    items = tuple(Task(source, older.get(source.name, ()), contents.get(source.name, "")) for source in todo)
     return Plan(store, tuple(found), items, failed, options, holdings.damaged)
 
 
@@ -219,7 +219,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
     plan.store.remove_drafts()
     begin_s, failed = time.monotonic(), 0
     todo = {source.name for source in plan.todo}
-    withdrawn = {one.manifest for one in plan.damaged if one.campaign in todo}
+    withdrawn = {damage.manifest for damage in plan.damaged if damage.campaign in todo}
     plan.store.withdraw(name for name in withdrawn if name.startswith(DONE))
     task = partial(work_on, url=plan.store.url, options=plan.options, cached=folder() is not None)
     for finished, (item, result) in enumerate(_results(task, plan, workers), 1):

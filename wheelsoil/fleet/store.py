@@ -114,8 +114,8 @@ class Store:
             self.files.invalidate_cache()
             singles, damaged, older = self._singles()
             packs, unread = self._packs()
-        damaged = [one for one in damaged if one.campaign not in singles]
-        names = [one.campaign for pack in packs for one in pack.all]
+        damaged = [damage for damage in damaged if damage.campaign not in singles]
+        names = [manifest.campaign for pack in packs for manifest in pack.all]
         packed = set(names)
         newest = newest_of(packs) if len(packed) < len(names) else {}
         parts = [singles[name] for name in sorted(singles)]
@@ -124,15 +124,19 @@ class Store:
             if singles or newest:
                 alone = (0, pack.name)
                 won = [
-                    one
-                    for one in own
-                    if one.campaign not in singles and newest.get(one.campaign, alone)[1] == pack.name
+                    manifest
+                    for manifest in own
+                    if manifest.campaign not in singles and newest.get(manifest.campaign, alone)[1] == pack.name
                 ]
-            hidden = {one.content for one in own}.difference(one.content for one in won) if len(won) < len(own) else ()
+            hidden = (
+                {manifest.content for manifest in own}.difference(manifest.content for manifest in won)
+                if len(won) < len(own)
+                else ()
+            )
             (parts if won else older).append(replace(pack, hidden=frozenset(hidden)))
         for name, campaigns in unread.items():
-            left = [one for one in campaigns if one not in singles and one not in packed]
-            damaged += [Damage(one, name, "manifest", name) for one in left]
+            left = [campaign for campaign in campaigns if campaign not in singles and campaign not in packed]
+            damaged += [Damage(campaign, name, "manifest", name) for campaign in left]
             older += [] if left else [Part(name, (), {})]
         damaged += [Damage("", _HEAD, "manifest")] if self.head_damaged else []
         return Listing(tuple(parts), tuple(damaged), tuple(older), tuple(packs))
@@ -182,13 +186,13 @@ class Store:
     def _manifest_names(self, folder: str) -> list[str]:
         """Return the manifests in a folder, the newest last."""
         listed = self.files.ls(f"{self.root}/{folder}", detail=True) if self._holds(folder) else []
-        files = [one for one in listed if one["type"] == "file"]  # a bucket says no time of its folders
-        names = [one["name"].rpartition("/")[2] for one in sorted(files, key=_changed)]
+        files = [entry for entry in listed if entry["type"] == "file"]  # a bucket says no time of its folders
+        names = [entry["name"].rpartition("/")[2] for entry in sorted(files, key=_changed)]
         return [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
 
     def manifests(self) -> dict[str, Manifest]:
         """Return the manifest of each campaign, by name."""
-        return {one.campaign: one for part in self.listing().parts for one in part.manifests}
+        return {manifest.campaign: manifest for part in self.listing().parts for manifest in part.manifests}
 
     def sizes(self, paths: Sequence[str]) -> list[int | None]:
         """Return the bytes of files of one table; None of one that is not there."""
@@ -196,7 +200,7 @@ class Store:
             if self.is_local:
                 return [_size(f"{self.root}/{path}") for path in paths]
             folders = {path.partition("/")[0] for path in paths}
-            found = {name: one["size"] for each in folders for name, one in self._found(each).items()}
+            found = {name: entry["size"] for each in folders for name, entry in self._found(each).items()}
             return [found.get(f"{self.root}/{path}") for path in paths]
 
     def _found(self, folder: str) -> dict[str, Any]:
@@ -279,7 +283,9 @@ class Store:
         with _reached(self.url):
             found = self._found(folder) if self._holds(folder) else {}
         limit = time.time() - seconds
-        return [name.removeprefix(f"{self.root}/") for name, one in found.items() if _seconds(_changed(one)) <= limit]
+        return [
+            name.removeprefix(f"{self.root}/") for name, entry in found.items() if _seconds(_changed(entry)) <= limit
+        ]
 
     def remove_drafts(self) -> None:
         """Remove files over which their writers were killed."""
@@ -321,8 +327,8 @@ def newest_of(packs: Iterable[Part]) -> dict[str, tuple[int, str]]:
     """Return when each campaign in packs was last made, ns, and the pack that has it so."""
     found: dict[str, tuple[int, str]] = {}
     for pack in packs:
-        for one in pack.all:
-            found[one.campaign] = max(found.get(one.campaign, (-1, "")), (one.made_at_ns, pack.name))
+        for manifest in pack.all:
+            found[manifest.campaign] = max(found.get(manifest.campaign, (-1, "")), (manifest.made_at_ns, pack.name))
     return found
 
 
@@ -386,7 +392,7 @@ def open_store(url: str, *, create: bool = False) -> Store:
 
 
 def _names_in(store: Store) -> list[str]:
-    return [one["name"] for one in store.files.ls(store.root, detail=True)]
+    return [entry["name"] for entry in store.files.ls(store.root, detail=True)]
 
 
 def _head() -> bytes:

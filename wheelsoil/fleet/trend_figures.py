@@ -20,18 +20,20 @@ _IN_DAYS = 90
 _LARGE, _SMALL = (720, 360, 20), (300, 210, 10)
 
 
-def passport_drawing(one: Passport) -> Drawing | None:
+def passport_drawing(passport: Passport) -> Drawing | None:
     """Draw the course of the named parameter, or of a sound transducer the first."""
-    effect = next((each for each in (*one.effects, *one.trends) if each in one.trends), None)
-    return None if effect is None else _drawing(one, one.trends[effect], _LARGE)
+    effect = next((each for each in (*passport.effects, *passport.trends) if each in passport.trends), None)
+    return None if effect is None else _drawing(passport, passport.trends[effect], _LARGE)
 
 
-def trend_drawings(one: Passport) -> list[Drawing]:
+def trend_drawings(passport: Passport) -> list[Drawing]:
     """Draw every zero and gain that a campaign shows."""
-    return [_drawing(one, one.trends[effect], _SMALL) for effect in ZEROS_AND_GAINS if effect in one.trends]
+    return [
+        _drawing(passport, passport.trends[effect], _SMALL) for effect in ZEROS_AND_GAINS if effect in passport.trends
+    ]
 
 
-def _drawing(one: Passport, trend: Trend, wide: tuple[int, int, int]) -> Drawing:
+def _drawing(passport: Passport, trend: Trend, wide: tuple[int, int, int]) -> Drawing:
     factor, unit = (100.0, "%") if trend.unit == "1" else (1.0, trend.unit)
     known = averaged([point for point in trend.points if np.isfinite(point.value)], MOST_POINTS)
     first = min(point.years for point in trend.points)
@@ -53,8 +55,8 @@ def _drawing(one: Passport, trend: Trend, wide: tuple[int, int, int]) -> Drawing
         f"{name_of} since {day_of(first)}",
         f"{name}, {unit}" + ", with 95 % intervals" * (wide is _LARGE),
     )
-    title = f"{one.sensor}: {name}"
-    return drawn(f"passport-{one.sensor}-{trend.effect}", title, "", plane, curves, wide=wide)
+    title = f"{passport.sensor}: {name}"
+    return drawn(f"passport-{passport.sensor}-{trend.effect}", title, "", plane, curves, wide=wide)
 
 
 def averaged(points: Sequence[Point], most: int) -> list[Point]:
@@ -67,4 +69,4 @@ def averaged(points: Sequence[Point], most: int) -> list[Point]:
     weight = numbers[:, 2] ** -2.0
     total = np.add.reduceat(weight, begin)
     years, value = (np.add.reduceat(weight * numbers[:, i], begin) / total for i in (0, 1))
-    return [Point("", *one) for one in zip(years.tolist(), value.tolist(), (total**-0.5).tolist(), strict=True)]
+    return [Point("", *row) for row in zip(years.tolist(), value.tolist(), (total**-0.5).tolist(), strict=True)]

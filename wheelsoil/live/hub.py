@@ -142,7 +142,7 @@ class Hub:
         """Store the newest snapshot of the logger and notify the streams."""
         self._live.take(snapshot)
         self._snapshot = {key: value for key, value in snapshot.items() if key != "traces"}
-        self._snapshot["values"] = [_with_factor(one) for one in snapshot.get("values") or ()]
+        self._snapshot["values"] = [_with_factor(value) for value in snapshot.get("values") or ()]
         self._taken_s = time.monotonic()
         self._number += 1
         await self._notify()

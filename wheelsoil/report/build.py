@@ -76,11 +76,11 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     summary, *others = sections
     evidence = {builder.key for builder in EVIDENCE}
     keys = {name: {builder.key for builder in group} for name, group in GROUPS.items()}
-    groups = {name: [one for one in others if one.key in of_group] for name, of_group in keys.items()}
+    groups = {name: [section for section in others if section.key in of_group] for name, of_group in keys.items()}
     page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
-        evidence=[one for one in others if one.key in evidence],
+        evidence=[section for section in others if section.key in evidence],
         appendix={name: sections for name, sections in groups.items() if sections},
         made_at=made_at,
         json_name=json_name,
@@ -91,8 +91,8 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         text_columns=_text_columns,
         figure_value=figure_value,
         json=_json,
-        figure_json=lambda one: _json({"data": one.data, "layout": one.layout, "groups": one.groups}),
-        drawing_json=lambda one: _json({"title": one.title, "curves": plain(one.curves)}),
+        figure_json=lambda figure: _json({"data": figure.data, "layout": figure.layout, "groups": figure.groups}),
+        drawing_json=lambda drawing: _json({"title": drawing.title, "curves": plain(drawing.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
     return isolated(page)
@@ -198,9 +198,9 @@ class Report:
             "texts": {section.key: texts_of(section) for section in self.sections},
             "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
             "drawings": {
-                one.key: {"title": one.title, "curves": plain(one.curves)}
+                drawing.key: {"title": drawing.title, "curves": plain(drawing.curves)}
                 for section in self.sections
-                for one in drawings_of(section)
+                for drawing in drawings_of(section)
             },
         }
 
@@ -238,60 +238,60 @@ class Report:
         return render(self.head, self.sections, made_at=made_at, json_name=json_name)
 
 
-def build_report(material: ReportInputs) -> Report:
+def build_report(inputs: ReportInputs) -> Report:
     """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
-    left_out: dict[str, str] = {}
-    failed = ["diagnosis"] if material.diagnosis_failed else []
+    omitted: dict[str, str] = {}
+    failed = ["diagnosis"] if inputs.diagnosis_failed else []
     sections = []
-    for builder in _asked_for(material):
+    for builder in _asked_for(inputs):
         key = builder.key
         try:
-            section = builder.build(material)
+            section = builder.build(inputs)
         except WheelsoilError as error:
-            left_out[key] = "; ".join(fault.what for fault in error.faults)
+            omitted[key] = "; ".join(fault.what for fault in error.faults)
             failed += [] if isinstance(error, DataError) else [key]
         except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)
-            left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
+            omitted[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
             failed.append(key)
-        if key in left_out:
-            section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
+        if key in omitted:
+            section = Section(key, builder.title, [Text(f"Omitted: {omitted[key]}.", "missing")])
         sections.append(section)
     return Report(
-        head=_head(material),
+        head=_head(inputs),
         sections=tuple(sections),
-        left_out=left_out,
+        left_out=omitted,
         made_at=datetime.now(UTC),
-        not_fitted=material.not_fitted,
+        not_fitted=inputs.not_fitted,
         failed=tuple(failed),
     )
 
 
-def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
+def _asked_for(inputs: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
-    diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
-    sections = SECTIONS_OF_TABLES if material.tables else SECTIONS
-    found = material.diagnosed
+    diagnosed = inputs.diagnosed is not None or bool(inputs.no_diagnosis)
+    sections = SECTIONS_OF_TABLES if inputs.tables else SECTIONS
+    found = inputs.diagnosed
     without = [] if diagnosed else [builder.key for builder in OF_THE_DIAGNOSIS]
     without += [] if found is not None and found.verdict == "named" else ["cost"]
-    without += [] if material.last is not None else ["against"]
+    without += [] if inputs.last is not None else ["against"]
     return [builder for builder in sections if builder.key not in without]
 
 
-def _head(material: ReportInputs) -> Head:
-    terrain = material.terrain or "unknown terrain"
-    values = json.dumps([material.vehicle.model_dump(mode="json"), plain(material.options)], sort_keys=True)
+def _head(inputs: ReportInputs) -> Head:
+    terrain = inputs.terrain or "unknown terrain"
+    values = json.dumps([inputs.vehicle.model_dump(mode="json"), plain(inputs.options)], sort_keys=True)
     return Head(
         title=f"{terrain[0].upper()}{terrain[1:]}",
-        subtitle=_subtitle(material),
-        facts=header_facts(material),
-        badge=_badge(material),
+        subtitle=_subtitle(inputs),
+        facts=header_facts(inputs),
+        badge=_badge(inputs),
         configuration=sha256(values.encode()).hexdigest()[:8],
     )
 
 
-def _badge(material: ReportInputs) -> tuple[str, str] | None:
-    levels = [grade.level for grade in material.grades]
+def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
+    levels = [grade.level for grade in inputs.grades]
     if not levels:
         return None
     usable = sum(level != "poor" for level in levels)
@@ -300,13 +300,13 @@ def _badge(material: ReportInputs) -> tuple[str, str] | None:
     return level, f"{sign} {usable} of {len(levels)} runs usable"
 
 
-def _subtitle(material: ReportInputs) -> str:
-    if material.tables:
+def _subtitle(inputs: ReportInputs) -> str:
+    if inputs.tables:
         wheels = [
-            f"{one.name} (r = {one.wheel.radius_m:g} m, b = {one.wheel.width_m:g} m, {len(one.rows)} rows)"
-            for one in material.tables
+            f"{table.name} (r = {table.wheel.radius_m:g} m, b = {table.wheel.width_m:g} m, {len(table.rows)} rows)"
+            for table in inputs.tables
         ]
         return f"single-wheel tests: {', '.join(wheels)}"
-    wheel = material.vehicle.wheel
+    wheel = inputs.vehicle.wheel
     place = f", {wheel.position} wheel" if wheel and wheel.position else ""
-    return f"{material.vehicle.vehicle.name}{place}"
+    return f"{inputs.vehicle.vehicle.name}{place}"

@@ -91,13 +91,13 @@ _VIEWS: Mapping[str, _View] = {
         "Predicted drawbar pull (N)",
         lambda s: s.slip,  # replaced by what is predicted
         lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-        lambda x, _, said: x / (1.0 + x) * said,
+        lambda x, _, predicted: x / (1.0 + x) * predicted,
     ),
     "torque_gain": _View(
         "Predicted driving torque (N m)",
         lambda s: s.slip,
         lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-        lambda x, _, said: x / (1.0 + x) * said,
+        lambda x, _, predicted: x / (1.0 + x) * predicted,
     ),
     "crosstalk": _View(
         "Vertical load (kN)",
@@ -136,35 +136,38 @@ _VIEWS: Mapping[str, _View] = {
 _GAINS = ("drawbar_pull_gain", "torque_gain")
 
 
-def cause_figure(material: ReportInputs, one: Recommendation, channel: str) -> Drawing | None:
+def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
     """Return the figure of the cause that corrects a channel most; None where slip shows it best, or there is none."""
-    found = material.diagnosed
+    found = inputs.diagnosed
     if found is None or not found.plot_data or not recommended_causes(found):
         return None
     cause = max(recommended_causes(found), key=lambda each: _share(found, each, channel))
     if cause.name not in _VIEWS or not cause.parameters:
         return None
-    view, samples = _VIEWS[cause.name], _samples_of(material, one, found)
+    view, samples = _VIEWS[cause.name], _samples_of(inputs, recommendation, found)
     if view.own is None:
-        left, line = one.residual(channel, base=True), one.recommended[channel] - one.base[channel]
+        left, line = (
+            recommendation.residual(channel, base=True),
+            recommendation.recommended[channel] - recommendation.base[channel],
+        )
         against = f"{CALIBRATED}, without the cause"
     else:
-        line = view.own(cause.parameters[0].value, samples, one.recommended[channel])
-        left, against = one.residual(channel) + line, "the recommended model without its correction"
-    across = one.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
+        line = view.own(cause.parameters[0].value, samples, recommendation.recommended[channel])
+        left, against = recommendation.residual(channel) + line, "the recommended model without its correction"
+    across = recommendation.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
     factor, unit = page_unit(channel)
     title = _title(view, cause, channel)
     caption = f"Measured − predicted by {against}. Points: median and middle half. Line: the correction."
     over_slip = view.across is _slip_of
     if over_slip or cause.name == "speed_latency":  # braking is so steep that the driven part would look flat
-        left, line = (np.where(one.slip > 0, values, np.nan) for values in (left, line))
+        left, line = (np.where(recommendation.slip > 0, values, np.nan) for values in (left, line))
     edges = EDGES if over_slip else _edges(across)
     points, correction = binned(across, factor * left, edges), binned(across, factor * line, edges)
     curves = [
         Curve("Correction", correction.centre, correction.median, "model", note=plain_name(cause.name)),
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
-    span = _driven_slips(one.slip) if over_slip else _span(across)
+    span = _driven_slips(recommendation.slip) if over_slip else _span(across)
     plane = Plane(span, _height(points, correction), view.axis, f"Measured − predicted ({unit})")
     return drawn("hero", title, caption, plane, curves, samples=_known(across, factor * left))
 
@@ -190,31 +193,31 @@ def _share(found: Diagnosis, cause: Cause, channel: str) -> float:
     return float(np.sqrt(total / count)) if count else 0.0
 
 
-def _samples_of(material: ReportInputs, one: Recommendation, found: Diagnosis) -> _Samples:
-    starts = {run.run.id: run.start_ns * 1e-9 for run in material.runs}
+def _samples_of(inputs: ReportInputs, recommendation: Recommendation, found: Diagnosis) -> _Samples:
+    starts = {run.run.id: run.start_ns * 1e-9 for run in inputs.runs}
     first = min(starts.values(), default=0.0)
-    began = np.array([starts.get(name.rsplit(": ", 1)[-1], first) - first for name in one.runs])
-    seconds = began[one.run] + one.time_s
+    began = np.array([starts.get(name.rsplit(": ", 1)[-1], first) - first for name in recommendation.runs])
+    seconds = began[recommendation.run] + recommendation.time_s
     span = max(
-        (starts[run.run.id] - first + float(run.time_s[-1]) for run in material.runs if len(run.time_s)), default=0
+        (starts[run.run.id] - first + float(run.time_s[-1]) for run in inputs.runs if len(run.time_s)), default=0
     )
     speed = np.concatenate([seen.ground_speed_mps for seen in found.plot_data])
-    rim = speed / np.maximum(np.asarray(speed_ratio(one.slip), np.float64), 1e-3)
+    rim = speed / np.maximum(np.asarray(speed_ratio(recommendation.slip), np.float64), 1e-3)
     return _Samples(
-        slip=one.slip,
-        load_n=one.vertical_load_n,
+        slip=recommendation.slip,
+        load_n=recommendation.vertical_load_n,
         speed_mps=speed,
         day_min=seconds / 60.0,
         clock=seconds / span - 0.5 if span > 0 else 0.0 * seconds,
-        acceleration_mps2=_rate(speed, one),
-        rim_acceleration_mps2=_rate(rim, one),
+        acceleration_mps2=_rate(speed, recommendation),
+        rim_acceleration_mps2=_rate(rim, recommendation),
     )
 
 
-def _rate(values: FloatArray, one: Recommendation) -> FloatArray:
+def _rate(values: FloatArray, recommendation: Recommendation) -> FloatArray:
     """Return the change in time within each stretch of a run; NaN at its ends."""
-    step = one.time_s[2:] - one.time_s[:-2]
-    within = (one.run[2:] == one.run[:-2]) & (step > 0) & (step <= 2 * _LONGEST_STEP_S)
+    step = recommendation.time_s[2:] - recommendation.time_s[:-2]
+    within = (recommendation.run[2:] == recommendation.run[:-2]) & (step > 0) & (step <= 2 * _LONGEST_STEP_S)
     inner = np.where(within, (values[2:] - values[:-2]) / np.where(step > 0, step, 1.0), np.nan)
     return np.concatenate([[np.nan], inner, [np.nan]]) if len(values) > 1 else np.full(len(values), np.nan)
 
@@ -236,7 +239,7 @@ def _span(across: FloatArray) -> tuple[float, float]:
 
 
 def _height(*all_bins: Bins) -> tuple[float, float]:
-    return reach(*(edge for one in all_bins for edge in (one.lower, one.upper, one.median)))
+    return reach(*(edge for bins in all_bins for edge in (bins.lower, bins.upper, bins.median)))
 
 
 def _known(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

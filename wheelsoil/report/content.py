@@ -213,9 +213,9 @@ class SectionBuilder:
     title: str
     contents: Callable[[ReportInputs], Contents]
 
-    def build(self, material: ReportInputs) -> Section:
+    def build(self, inputs: ReportInputs) -> Section:
         """Build the section; see `contents` for what it raises."""
-        return Section(self.key, self.title, *self.contents(material))
+        return Section(self.key, self.title, *self.contents(inputs))
 
 
 def section(key: str, title: str) -> Callable[[Callable[[ReportInputs], Contents]], SectionBuilder]:
@@ -251,9 +251,9 @@ def texts_of(section: Section) -> list[str]:
         elif isinstance(block, Drawing):
             texts += [block.title, block.caption]
         elif isinstance(block, Tiles):
-            texts += [f"{one.title}: {one.before} {one.value} {one.unit} {one.note}" for one in block.tiles]
+            texts += [f"{tile.title}: {tile.before} {tile.value} {tile.unit} {tile.note}" for tile in block.tiles]
         elif isinstance(block, Steps):
-            texts += [*(f"{one.what} {one.why}" for one in block.steps), block.again, *block.cautions]
+            texts += [*(f"{step.what} {step.why}" for step in block.steps), block.again, *block.cautions]
         elif isinstance(block, Bars):
             texts += [block.title, *(f"{bar.name}: {bar.text}" for bar in block.bars)]
         elif isinstance(block, Checks):

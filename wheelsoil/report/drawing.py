@@ -94,9 +94,9 @@ def drawn(
 
 def _values(curves: Sequence[Curve]) -> list[Mapping[str, object]]:
     values: list[Mapping[str, object]] = []
-    for one in curves:
-        edges = {name: edge for name in ("lower", "upper") if (edge := getattr(one, name)) is not None}
-        values.append({"name": one.name, "look": one.look, "x": one.x, "y": one.y, **edges})
+    for curve in curves:
+        edges = {name: edge for name in ("lower", "upper") if (edge := getattr(curve, name)) is not None}
+        values.append({"name": curve.name, "look": curve.look, "x": curve.x, "y": curve.y, **edges})
     return values
 
 
@@ -112,10 +112,10 @@ def _svg(
     _axes(canvas, shades)
     if samples is not None:
         _density(canvas, *samples)
-    for one in curves:
-        _band(canvas, one)
-    for one in curves:
-        _line(canvas, one)
+    for curve in curves:
+        _band(canvas, curve)
+    for curve in curves:
+        _line(canvas, curve)
     if size[2] > _LABEL_GAP:
         _labels(canvas, curves)
     body = "".join(canvas.parts)
@@ -216,49 +216,49 @@ def _path(points: Sequence[tuple[float, float]]) -> str:
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
-def _band(canvas: _Canvas, one: Curve) -> None:
-    if one.lower is None or one.upper is None or one.points:
+def _band(canvas: _Canvas, curve: Curve) -> None:
+    if curve.lower is None or curve.upper is None or curve.points:
         return
-    known = np.isfinite(one.lower) & np.isfinite(one.upper)
+    known = np.isfinite(curve.lower) & np.isfinite(curve.upper)
     for above, below in zip(
-        _clipped(canvas, one.x, np.where(known, one.upper, np.nan)),
-        _clipped(canvas, one.x, np.where(known, one.lower, np.nan)),
+        _clipped(canvas, curve.x, np.where(known, curve.upper, np.nan)),
+        _clipped(canvas, curve.x, np.where(known, curve.lower, np.nan)),
         strict=True,
     ):
-        canvas.add(f'<path class="band {one.look}" d="{_path([*above, *below[::-1]])}z"/>')
+        canvas.add(f'<path class="band {curve.look}" d="{_path([*above, *below[::-1]])}z"/>')
 
 
-def _line(canvas: _Canvas, one: Curve) -> None:
-    if not one.points:
-        for piece in _inside(canvas, one.x, one.y):
-            canvas.add(f'<path class="line {one.look}" d="{_path(piece)}"/>')
+def _line(canvas: _Canvas, curve: Curve) -> None:
+    if not curve.points:
+        for piece in _inside(canvas, curve.x, curve.y):
+            canvas.add(f'<path class="line {curve.look}" d="{_path(piece)}"/>')
         return
     low, high = canvas.plane.y
-    edges = (one.y, one.y) if one.lower is None or one.upper is None else (one.lower, one.upper)
-    for x, y, below, above in zip(one.x, one.y, *edges, strict=True):
+    edges = (curve.y, curve.y) if curve.lower is None or curve.upper is None else (curve.lower, curve.upper)
+    for x, y, below, above in zip(curve.x, curve.y, *edges, strict=True):
         if not (isfinite(y) and low <= y <= high):
             continue
         across, place = canvas.at(float(x), float(y))
         ends = [canvas.at(float(x), float(np.clip(end, low, high)))[1] for end in (above, below)]
-        canvas.add(f'<path class="whisker {one.look}" d="M{across:.1f} {ends[0]:.1f}V{ends[1]:.1f}"/>')
-        canvas.add(f'<circle class="point {one.look}" cx="{across:.1f}" cy="{place:.1f}" r="4"/>')
+        canvas.add(f'<path class="whisker {curve.look}" d="M{across:.1f} {ends[0]:.1f}V{ends[1]:.1f}"/>')
+        canvas.add(f'<circle class="point {curve.look}" cx="{across:.1f}" cy="{place:.1f}" r="4"/>')
 
 
 def _labels(canvas: _Canvas, curves: Sequence[Curve]) -> None:
     """Write the name of each line at its right end, moved apart where they would touch."""
     named = []
-    for one in curves:
-        pieces = [] if one.points else _inside(canvas, one.x, one.y)
-        if pieces and one.name:
-            named.append((pieces[-1][-1][1], one))
+    for curve in curves:
+        pieces = [] if curve.points else _inside(canvas, curve.x, curve.y)
+        if pieces and curve.name:
+            named.append((pieces[-1][-1][1], curve))
     below = float(_TOP)
-    for place, one in sorted(named, key=lambda item: item[0]):
+    for place, curve in sorted(named, key=lambda item: item[0]):
         y = max(place, below)
         x = canvas.width - canvas.right + 10
-        canvas.text(f"label {one.look}", x, y + 4, one.name)
-        for i, part in enumerate(one.note.split("\n") if one.note else (), 1):
+        canvas.text(f"label {curve.look}", x, y + 4, curve.name)
+        for i, part in enumerate(curve.note.split("\n") if curve.note else (), 1):
             canvas.text("note", x, y + 4 + 15 * i, part)
-        below = y + _LABEL_GAP + (15 if "\n" in one.note else 0)
+        below = y + _LABEL_GAP + (15 if "\n" in curve.note else 0)
 
 
 def ticks(low: float, high: float, most: int = 7) -> list[float]:
@@ -275,7 +275,7 @@ def tick_text(value: float) -> str:
 
 def reach(*values: FloatArray, zero: bool = True) -> tuple[float, float]:
     """Return the range that holds all values, 4 % wider, with zero in it if asked for."""
-    known = np.concatenate([one[np.isfinite(one)] for one in values] + ([np.zeros(1)] if zero else []))
+    known = np.concatenate([array[np.isfinite(array)] for array in values] + ([np.zeros(1)] if zero else []))
     if not len(known):
         return 0.0, 1.0
     low, high = float(known.min()), float(known.max())

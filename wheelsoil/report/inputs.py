@@ -70,10 +70,10 @@ def _of_model(fit: CampaignFit, model: ModelFit, conditions: Conditions) -> dict
     names, covariance = _covariance(model)
     if not names:
         return dict.fromkeys(REACTIONS, np.full(len(conditions.slip), np.nan))
-    said = forward.predict(conditions, model.values, wrt=names)
+    prediction = forward.predict(conditions, model.values, wrt=names)
     found = {}
     for channel, quantity in REACTIONS.items():
-        slopes = np.stack([getattr(said.sensitivities[name], quantity.field) for name in names])
+        slopes = np.stack([getattr(prediction.sensitivities[name], quantity.field) for name in names])
         found[channel] = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, covariance, slopes), 0.0))
     return found
 
@@ -276,7 +276,7 @@ class ReportInputs:
 
     def predictions_of(self, run: ProcessedRun) -> dict[str, Prediction]:
         """Return what each model says of a run's samples, by its name; nothing of a run that was not fitted."""
-        place = next((i for i, one in enumerate(self.fitted) if one is run), None)
+        place = next((i for i, fitted in enumerate(self.fitted) if fitted is run), None)
         return {} if place is None else {model.name: model.predictions[place] for model in self.fit.models}
 
     def source_of(self, run: ProcessedRun) -> Source | None:
@@ -339,10 +339,10 @@ def source_of(run: Run) -> Source:
     )
 
 
-def source_of_table(one: BenchFiles) -> Source:
+def source_of_table(wheel_test: BenchFiles) -> Source:
     """Return what a report says of a table's file."""
-    path = Path(one.rows.name)
-    return Source(one.name, path.name, path.stat().st_size, sha256_of(path), frames=None, dropped_frames=None)
+    path = Path(wheel_test.rows.name)
+    return Source(wheel_test.name, path.name, path.stat().st_size, sha256_of(path), frames=None, dropped_frames=None)
 
 
 def versions() -> dict[str, str]:

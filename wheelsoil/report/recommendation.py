@@ -114,14 +114,14 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
     several = len(found.plot_data) > 1
     runs: list[str] = []
     number, pieces = [], found.plot_data
-    for one in pieces:
-        number.append(one.run + len(runs))
-        runs += [f"{one.campaign}: {name}" if several else name for name in one.runs]
-    channels = [c for c in OUTPUTS if any(c in one.base for one in pieces)]
+    for piece in pieces:
+        number.append(piece.run + len(runs))
+        runs += [f"{piece.campaign}: {name}" if several else name for name in piece.runs]
+    channels = [c for c in OUTPUTS if any(c in piece.base for piece in pieces)]
 
     def joined(name: str) -> dict[str, FloatArray]:
-        empty = {one.campaign: np.full(len(one.slip), np.nan) for one in pieces}
-        values = {c: [getattr(one, name).get(c, empty[one.campaign]) for one in pieces] for c in channels}
+        empty = {piece.campaign: np.full(len(piece.slip), np.nan) for piece in pieces}
+        values = {c: [getattr(piece, name).get(c, empty[piece.campaign]) for piece in pieces] for c in channels}
         return {c: np.concatenate(of_campaigns) for c, of_campaigns in values.items()}
 
     is_base = found.verdict not in ("named", "one_of") or not found.causes
@@ -134,9 +134,9 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
         main_channel=found.main_channel if found.main_channel in channels else next(iter(channels), "dp"),
         runs=tuple(runs),
         run=np.concatenate(number).astype(np.int64),
-        time_s=np.concatenate([one.time_s for one in pieces]),
-        slip=np.concatenate([one.slip for one in pieces]),
-        vertical_load_n=np.concatenate([one.vertical_load_n for one in pieces]),
+        time_s=np.concatenate([piece.time_s for piece in pieces]),
+        slip=np.concatenate([piece.slip for piece in pieces]),
+        vertical_load_n=np.concatenate([piece.vertical_load_n for piece in pieces]),
         measured=joined("measured"),
         base=joined("base"),
         recommended=joined("base" if is_base else "extended"),
@@ -164,16 +164,20 @@ class LoadShift:
         return np.asarray(np.polyval(self.slope, slip) * (self.load_n - load_n))
 
 
-def load_shift(one: Recommendation, channel: str) -> LoadShift:
+def load_shift(recommendation: Recommendation, channel: str) -> LoadShift:
     """Return the shift of a channel to the median load; none where the load hardly varies."""
-    rows = (one.slip > 0) & np.isfinite(one.recommended[channel]) & np.isfinite(one.vertical_load_n)
-    slip, load = one.slip[rows], one.vertical_load_n[rows]
+    rows = (
+        (recommendation.slip > 0)
+        & np.isfinite(recommendation.recommended[channel])
+        & np.isfinite(recommendation.vertical_load_n)
+    )
+    slip, load = recommendation.slip[rows], recommendation.vertical_load_n[rows]
     middle = float(np.median(load)) if len(load) else float("nan")
     if len(load) < _LEAST_FOR_SLOPE or float(np.std(load)) < _LITTLE * middle:
         return LoadShift(middle, np.zeros(1))
     beside, powers = np.vander(slip, 6), np.vander(slip, 3)
     design = np.hstack([beside, powers * (load - middle)[:, None] / middle])
-    solution = np.linalg.lstsq(design, one.recommended[channel][rows], rcond=None)[0]
+    solution = np.linalg.lstsq(design, recommendation.recommended[channel][rows], rcond=None)[0]
     return LoadShift(middle, np.asarray(solution[-3:] / middle, np.float64))
 
 
@@ -187,29 +191,29 @@ class Bias:
     size: tuple[float, float]
 
 
-def biases(one: Recommendation) -> list[Bias]:
+def biases(recommendation: Recommendation) -> list[Bias]:
     """Return where the recommended model's residual stays on one side of zero.
 
     Either nearly everywhere and by more than half the noise of a sample, or in bins of slip where the median is off by
     more than the noise of a single sample.
     """
     found = []
-    for channel in one.measured:
+    for channel in recommendation.measured:
         for driving in (True, False):
-            bias = _bias(one, channel, driving=driving)
+            bias = _bias(recommendation, channel, driving=driving)
             found += [bias] if bias else []
     return found
 
 
-def unconfirmed(one: Recommendation, channel: str) -> str:
+def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     """Return in words that the model swings about the braked samples by more than the noise of a driven one, or "".
 
     Their own noise is larger by what the slip's noise does on the steep curve, so that this is no bias; but who looks
     at the residual sees it leave zero.
     """
-    braked, driven = one.slip < 0, one.slip > 0
-    median = binned(one.slip[braked], one.residual(channel)[braked], EDGES).median
-    noise = one.noise[channel][driven & np.isfinite(one.noise[channel])]
+    braked, driven = recommendation.slip < 0, recommendation.slip > 0
+    median = binned(recommendation.slip[braked], recommendation.residual(channel)[braked], EDGES).median
+    noise = recommendation.noise[channel][driven & np.isfinite(recommendation.noise[channel])]
     if not len(median) or not len(noise):
         return ""
     ruler = float(np.median(noise))
@@ -236,10 +240,10 @@ def checks_of(found: Diagnosis) -> list[str]:
     return [caution_text(bias) for bias in biases(of_diagnosis(found))] if found.plot_data else []
 
 
-def _bias(one: Recommendation, channel: str, *, driving: bool) -> Bias | None:
-    side = (one.slip > 0) == driving
-    median = binned(one.slip[side], one.residual(channel)[side], EDGES)
-    noise = binned(one.slip[side], one.noise[channel][side], EDGES)
+def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bias | None:
+    side = (recommendation.slip > 0) == driving
+    median = binned(recommendation.slip[side], recommendation.residual(channel)[side], EDGES)
+    noise = binned(recommendation.slip[side], recommendation.noise[channel][side], EDGES)
     known = dict(zip(noise.centre.tolist(), noise.median.tolist(), strict=True))
     sigma = np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
     if len(median.centre) == 0 or not np.isfinite(sigma).any():

@@ -12,7 +12,7 @@ from wheelsoil.wording.names import named_with_unit as named_with_unit
 from wheelsoil.wording.numbers import measured as measured
 from wheelsoil.wording.numbers import number as number
 
-_FORMS = {key: one.label for key, one in STYLES.items()} | {"second_order": "second order"}
+_FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
 _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
 
 

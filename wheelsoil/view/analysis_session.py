@@ -134,7 +134,7 @@ class Processing:
                 with suppress(OSError):  # Windows deletes no file that a helper reads; `close` does
                     run.file.unlink()
             run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
-            campaign = next(one for one in self._campaigns if run in one.runs)
+            campaign = next(viewed for viewed in self._campaigns if run in viewed.runs)
             run.update_state(campaign.options)
             self._whole(campaign)
 
@@ -443,9 +443,9 @@ class AnalysisSession:
 
 
 def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
-    found = next((one for one in where if one.key == key), None)
+    found = next((viewed for viewed in where if viewed.key == key), None)
     if found is None:
-        raise UnknownKeyError.of(f"there is no such {what}", what, repr(key), ", ".join(one.key for one in where))
+        raise UnknownKeyError.of(f"there is no such {what}", what, repr(key), ", ".join(viewed.key for viewed in where))
     return found
 
 

@@ -188,8 +188,8 @@ class ViewedCampaign:
 
     def section_of(self, run: Run) -> ChosenRun:
         """Return the section of the choice for a run as it was given; an empty one if there is none."""
-        said = (section for section in self.choice.runs if is_called(self._named(section), run))
-        return next(said, ChosenRun())
+        matching = (section for section in self.choice.runs if is_called(self._named(section), run))
+        return next(matching, ChosenRun())
 
     def _named(self, section: ChosenRun) -> ChosenRun:
         """Return a section identified by the id alone if both id and file match a run; ids on the page are unique."""

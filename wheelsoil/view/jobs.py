@@ -94,8 +94,8 @@ class Member:
 
 def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Path) -> PlotData:
     """Process a run, write it to `target` and return the data that the page draws; see `process_runs` for errors."""
-    said = io.StringIO()
-    with redirect_stderr(said):
+    stderr = io.StringIO()
+    with redirect_stderr(stderr):
         [(_, processed)] = process_runs([run], options, zero=zero, accept_implausible=True)
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
@@ -105,7 +105,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         run=_slim(processed),
         trace=trace,
         lost=tuple(source.lost),
-        notes=(*texts_of(processed.quality.notes), *filter(None, said.getvalue().splitlines())),
+        notes=(*texts_of(processed.quality.notes), *filter(None, stderr.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
         conditions=conditions.rows(trace.rows),
@@ -180,8 +180,8 @@ def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
     _, *others = statements_of(diagnosis)
     return {
         "finding": finding_of(diagnosis),
-        "details": " ".join(one.text for one in others if one.about != "next"),
-        "next": next((one.text for one in others if one.about == "next"), ""),
+        "details": " ".join(statement.text for statement in others if statement.about != "next"),
+        "next": next((statement.text for statement in others if statement.about == "next"), ""),
         "refused": refusal_words(diagnosis),
         "main_channel": diagnosis.main_channel,
         "change_percent": None
@@ -189,8 +189,8 @@ def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
         else reduction_in(diagnosis.gain, diagnosis.main_channel).percent,
         "sizes": [size_text(cause) for cause in diagnosis.causes],
         "figures": {
-            key: {"value": one.value, "text": figure_value(one), "unit": one.unit, "model": one.model}
-            for key, one in figures.items()
+            key: {"value": figure.value, "text": figure_value(figure), "unit": figure.unit, "model": figure.model}
+            for key, figure in figures.items()
         },
     }
 

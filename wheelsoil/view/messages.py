@@ -167,8 +167,8 @@ def faults_as_json(faults: Iterable[Fault]) -> dict[str, Any]:
 
 def fault_of_ours(error: BaseException, where: str = "") -> Fault:
     """Return an unexpected error as a fault, with the last line of its message."""
-    said = str(error).strip().splitlines()[-1:] or [type(error).__name__]
-    return Fault("a fault in the page", where, said[0], next_step="please report it")
+    lines = str(error).strip().splitlines()[-1:] or [type(error).__name__]
+    return Fault("a fault in the page", where, lines[0], next_step="please report it")
 
 
 def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] | None) -> dict[str, Any]:

@@ -199,9 +199,13 @@ class Connection(H11Protocol):
         self.app_state = {**self.app_state, "connection": self}
         self._made_at_s = self.loop.time()
         super().connection_made(transport)
-        strangers = [one for one in self.connections if isinstance(one, Connection) and not one.is_known]
+        strangers = [
+            connection
+            for connection in self.connections
+            if isinstance(connection, Connection) and not connection.is_known
+        ]
         if len(strangers) > _MOST_STRANGERS:
-            oldest = min(strangers, key=lambda one: one._made_at_s)
+            oldest = min(strangers, key=lambda connection: connection._made_at_s)
             oldest.transport.abort()
             self.connections.discard(oldest)  # its end comes later: it must not be counted, nor chosen again
         self._schedule_check()

@@ -25,8 +25,8 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "causes": [_cause_json(cause, why) for cause, why in found.stated],
         "further_causes": [_further(family, found) for family in found.grounds.beside],
         "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
-        "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
-        "what_is_wrong": [_finding(one, found.median_there(one)) for one in found.what_is_wrong],
+        "sets": [{"causes": list(cause_set.causes), "probability": cause_set.probability} for cause_set in found.sets],
+        "what_is_wrong": [_finding(finding, found.median_there(finding)) for finding in found.what_is_wrong],
         "gain": None if found.gain is None else _gain_json(found.gain),
         "inconsistent": [{**vars(item), "why": note_text(item.why)} for item in found.inconsistent],
         "adequacy": None if found.adequacy is None else vars(found.adequacy),
@@ -39,13 +39,15 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "notes": texts_of(found.notes),
         "noise": found.noise,
         "soils": [{**vars(soil), "off_laboratory_sigmas": soil.off_laboratory} for soil in found.soils],
-        "lack_of_fit": [_finding(one, found.median_there(one)) for one in found.grounds.lack_of_fit.worst],
+        "lack_of_fit": [_finding(finding, found.median_there(finding)) for finding in found.grounds.lack_of_fit.worst],
         "lack_of_fit_rms": found.grounds.lack_of_fit.rms,
         "free_form": None if free is None else {"family": free[0], "over": free[1]},
-        "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
+        "prior_sensitivity": [
+            {**vars(shift), "families": list(shift.families)} for shift in found.grounds.prior_shifts
+        ],
         "stages_s": found.stages_s,
-        **({"static": [one.model_dump(exclude_none=True) for one in found.static]} if found.static else {}),
-        **({"corrected": [vars(one) for one in found.corrected]} if found.corrected else {}),
+        **({"static": [check.model_dump(exclude_none=True) for check in found.static]} if found.static else {}),
+        **({"corrected": [vars(correction) for correction in found.corrected]} if found.corrected else {}),
         **({"laboratory": _laboratory(found)} if found.grounds.refuted_soil or found.grounds.soil_instead else {}),
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
     }
@@ -73,8 +75,8 @@ def _reason(why: Note) -> dict[str, Any]:
 def _laboratory(found: Diagnosis) -> dict[str, Any]:
     """Return what the laboratory has wrong, and what it may have wrong in place of a named cause."""
     return {
-        "refuted": [vars(one) for one in found.grounds.refuted_soil],
-        "in_place_of": [{"family": one.family, **vars(one.soil)} for one in found.grounds.soil_instead],
+        "refuted": [vars(refuted) for refuted in found.grounds.refuted_soil],
+        "in_place_of": [{"family": rival.family, **vars(rival.soil)} for rival in found.grounds.soil_instead],
     }
 
 
@@ -88,16 +90,17 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
     code, values = (turned.code, turned.values) if turned else (None, {})
     return {
         "channels": {
-            one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
+            form_error.channel: {k: v for k, v in vars(form_error).items() if k != "channel"}
+            for form_error in found.grounds.form_errors
         },
-        "turned": {how: list(one) for how, one in values.items()} if code == LackCode.FORM_DECIDES else {},
+        "turned": {how: list(families) for how, families in values.items()} if code == LackCode.FORM_DECIDES else {},
         "adequate_at": dict(values) if code == LackCode.FORM_ADEQUATE else None,
     }
 
 
 def _further(family: str, found: Diagnosis) -> dict[str, Any]:
     """Return a family that probably acts beside the named ones, and what bars its name; None: its probability."""
-    chances = {one.name: one.probability for one in found.candidates}
+    chances = {candidate.name: candidate.probability for candidate in found.candidates}
     why = found.not_identifiable.get(family)
     return {"name": family, "probability": chances.get(family), "barred": None if why is None else _reason(why)}
 
@@ -131,7 +134,9 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
     def scores(found: dict[str, Scores]) -> dict[str, Any]:
         pull = found.get("dp")
         top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
-        likelihood = next((one.log_likelihood for one in found.values()), float("nan"))  # of a run, all its channels
+        likelihood = next(
+            (score.log_likelihood for score in found.values()), float("nan")
+        )  # of a run, all its channels
         return {
             **top,
             "log_likelihood_of_a_run": likelihood,
@@ -143,8 +148,8 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
         "reduction_percent": gain.reduction_percent,
         "interval95": list(gain.interval95),
         "reductions": {
-            channel: {"percent": one.percent, "interval95": list(one.interval95)}
-            for channel, one in gain.reductions.items()
+            channel: {"percent": reduction.percent, "interval95": list(reduction.interval95)}
+            for channel, reduction in gain.reductions.items()
         },
         "expected_R0": gain.expected,
         "log_likelihood_gain": gain.log_likelihood_gain,

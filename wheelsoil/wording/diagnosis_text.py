@@ -55,7 +55,7 @@ _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 def finding_note(note: str, found: Iterable[Finding]) -> str:
     """Return a note on findings, with what an error of an input means where one is among them."""
-    return f"{note} {MISREAD_NOTE}" if any(ROLES[one.channel].use is Use.INPUT for one in found) else note
+    return f"{note} {MISREAD_NOTE}" if any(ROLES[finding.channel].use is Use.INPUT for finding in found) else note
 
 
 def nothing_chosen(gain: Gain) -> bool:
@@ -85,9 +85,9 @@ def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectab
     return {title: texts for title, texts in by_title.items() if texts}
 
 
-def set_name(one: CauseSet) -> str:
+def set_name(cause_set: CauseSet) -> str:
     """Return a set of causes as text."""
-    return " + ".join(map(plain_name, one.causes)) or "no cause"
+    return " + ".join(map(plain_name, cause_set.causes)) or "no cause"
 
 
 class SetShare(NamedTuple):
@@ -103,10 +103,10 @@ def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShar
     if not sets:
         return []
     names = [*map(set_name, sets[:most]), "all other sets"]
-    chances = [one.probability for one in sets[:most]]
+    chances = [cause_set.probability for cause_set in sets[:most]]
     chances.append(max(1.0 - sum(chances), 0.0))
     shares = map(SetShare, names, chances, shares_percent(chances))
-    return [one for one in shares if one.percent > 0]
+    return [share for share in shares if share.percent > 0]
 
 
 def diagnosis_lines(
@@ -200,9 +200,9 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
     name, probability = plain_name(cause.name), chance(cause.probability)
-    for one, parameter in zip(sizes_of(cause), cause.parameters, strict=True):
-        interval, words = figure_interval(one, " .. "), parameter_name(cause.key, parameter.name)
-        yield [name, words, probability, figure_value(one), interval, one.unit]
+    for figure, parameter in zip(sizes_of(cause), cause.parameters, strict=True):
+        interval, words = figure_interval(figure, " .. "), parameter_name(cause.key, parameter.name)
+        yield [name, words, probability, figure_value(figure), interval, figure.unit]
         name = probability = ""
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
@@ -283,14 +283,14 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
     return [
         [
             f"{OUTPUTS[channel].name}, {which.replace('_', ' ')}",
-            figure_value(one),
-            one.unit,
+            figure_value(figure),
+            figure.unit,
             number(scores[channel].M0_percent, 3),
             number(scores[channel].R2, 4),
             number(scores[channel].log_likelihood, 5) if channel == next(iter(gain.base)) else "",  # of the whole run
         ]
-        for one in errors_of(gain, verdict)
-        for _, channel, which in [one.key.split(".")]
+        for figure in errors_of(gain, verdict)
+        for _, channel, which in [figure.key.split(".")]
         for scores in [gain.base if which == CALIBRATED_SOIL else gain.extended]
     ]
 
@@ -401,22 +401,25 @@ def _in_columns(cells: list[str], width: int) -> list[str]:
 
 def _corrected(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = []
-    for one in diagnosis.corrected:
-        low, high = (number(x, 3) for x in one.interval95)
-        text = f"{plain_name(one.name)} {number(one.value, 3)} {one.unit} ({low} to {high}), {', '.join(one.source)}"
+    for correction in diagnosis.corrected:
+        low, high = (number(x, 3) for x in correction.interval95)
+        text = (
+            f"{plain_name(correction.name)} {number(correction.value, 3)} {correction.unit} ({low} to {high}), "
+            f"{', '.join(correction.source)}"
+        )
         lines += wrapped(text, width, "  ", "    ")
     return ["Taken off before, by the lifted wheel (95 %)", *lines] if lines else []
 
 
 def _static(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = []
-    for one in diagnosis.static:
+    for check in diagnosis.static:
         read = []
-        for channel, (reading, sigma) in one.readings.items():
-            known = f" of {number(force, 4)}" if (force := one.applied[channel]) else ""
+        for channel, (reading, sigma) in check.readings.items():
+            known = f" of {number(force, 4)}" if (force := check.applied[channel]) else ""
             unit = OUTPUTS[channel].unit_text
             read.append(f"{OUTPUTS[channel].name} {number(reading, 4)}{known} {unit}, one-sigma {number(sigma, 2)}")
-        lines += wrapped(f"{plain_name(one.test)}: {'; '.join(read)}", width, "  ", "    ")
+        lines += wrapped(f"{plain_name(check.test)}: {'; '.join(read)}", width, "  ", "    ")
     return ["Static tests, taken as data", *lines] if lines else []
 
 

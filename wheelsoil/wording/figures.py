@@ -29,33 +29,33 @@ def recording_figures() -> Iterator[dict[str, float]]:
         _written.reset(token)
 
 
-def figure_value(one: KeyFigure) -> str:
+def figure_value(figure: KeyFigure) -> str:
     """Return the value of a figure as text, without its unit; a percentage has its sign."""
     if (keys := _written.get()) is not None:
-        keys[one.key] = one.value
-    if one.digits == "probability":
-        return chance(one.value)
-    if one.digits == "percent":
-        return f"{100 * one.value:.0f} %".replace("-", "−") if isfinite(one.value) else "–"
-    if one.digits == "three decimals":
-        return f"{one.value:.3f}".replace("-", "−") if isfinite(one.value) else "–"
-    return measured(one.value, one.sigma) if one.digits == "by sigma" else number(one.value)
+        keys[figure.key] = figure.value
+    if figure.digits == "probability":
+        return chance(figure.value)
+    if figure.digits == "percent":
+        return f"{100 * figure.value:.0f} %".replace("-", "−") if isfinite(figure.value) else "–"
+    if figure.digits == "three decimals":
+        return f"{figure.value:.3f}".replace("-", "−") if isfinite(figure.value) else "–"
+    return measured(figure.value, figure.sigma) if figure.digits == "by sigma" else number(figure.value)
 
 
-def figure_text(one: KeyFigure) -> str:
+def figure_text(figure: KeyFigure) -> str:
     """Return the value of a figure with its unit."""
-    return f"{figure_value(one)} {one.unit}".rstrip()
+    return f"{figure_value(figure)} {figure.unit}".rstrip()
 
 
-def figure_interval(one: KeyFigure, joint: str = " to ") -> str:
+def figure_interval(figure: KeyFigure, joint: str = " to ") -> str:
     """Return the 95 % interval of a figure with the digits of its value; "–" where there is none."""
-    low, high = one.interval95
+    low, high = figure.interval95
     if not (isfinite(low) and isfinite(high)):
         return "–"
-    written = [measured(end, one.sigma) if one.digits == "by sigma" else number(end) for end in (low, high)]
+    written = [measured(end, figure.sigma) if figure.digits == "by sigma" else number(end) for end in (low, high)]
     return joint.join(written)
 
 
-def figure_html(one: KeyFigure) -> str:
+def figure_html(figure: KeyFigure) -> str:
     """Return the value of a figure as HTML with its key and its unrounded value."""
-    return f'<span data-key="{escape(one.key)}" data-value="{one.value!r}">{escape(figure_value(one))}</span>'
+    return f'<span data-key="{escape(figure.key)}" data-value="{figure.value!r}">{escape(figure_value(figure))}</span>'

@@ -42,7 +42,9 @@ def reason_text(criteria: Criteria) -> str:
 
 def criteria_json(model: ModelFit) -> dict[str, dict[str, Any]]:
     """Return the criteria of every channel as plain values."""
-    return {channel: {**vars(one), "reason": reason_text(one)} for channel, one in model.criteria.items()}
+    return {
+        channel: {**vars(criteria), "reason": reason_text(criteria)} for channel, criteria in model.criteria.items()
+    }
 
 
 def _estimates(model: ModelFit) -> list[list[str]]:

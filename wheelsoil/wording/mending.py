@@ -35,7 +35,7 @@ class Step:
 def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
     """Return what removes the named causes of the measurement, then the runs that decide most; may be empty."""
     named = found.causes if found.verdict == "named" else ()
-    steps = [mending_of(one, vehicle) for one in named if one.name in MENDED or one.kind == "measurement"]
+    steps = [mending_of(cause, vehicle) for cause in named if cause.name in MENDED or cause.kind == "measurement"]
     missing = missing_step(found) if steps or not found.next_run else None
     steps += [missing] if missing is not None else []
     return [*steps, *map(_step_of_run, found.next_run)]
@@ -53,8 +53,8 @@ def step_of(found: Diagnosis) -> Step:
             "Check zeros, signs and configuration first, and whether all runs are on one soil."
         )
     if found.verdict == "named":
-        said = "Save the recommended model for fit, simulate and report."
-        return Step(said, paste="wheelsoil diagnose FOLDER -o model.toml")
+        advice = "Save the recommended model for fit, simulate and report."
+        return Step(advice, paste="wheelsoil diagnose FOLDER -o model.toml")
     return Step("No further run is asked for; see the minimum detectable effect.")
 
 

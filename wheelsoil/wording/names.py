@@ -128,12 +128,12 @@ def chance(p: float) -> str:
 def shares_percent(shares: Sequence[float]) -> list[float]:
     """Return shares that add up to 1 as percentages with one decimal that add up to 100, by the largest remainder."""
     tenths = [1000.0 * max(share, 0.0) for share in shares]
-    whole = [floor(one + _ROUNDING) for one in tenths]
+    whole = [floor(tenth + _ROUNDING) for tenth in tenths]
     lacking = round(sum(tenths)) - sum(whole)
     order = sorted(range(len(tenths)), key=lambda i: whole[i] - tenths[i])
     for i in order[: max(lacking, 0)]:
         whole[i] += 1
-    return [one / 10 for one in whole]
+    return [tenth / 10 for tenth in whole]
 
 
 def place_text(place: Shape | Rows) -> str:

@@ -22,8 +22,8 @@ _DECIDING_ODDS = 1000.0
 def note_text(note: Note) -> str:
     """Return the sentence of a note, without a capital letter and a full stop."""
     sentence = run_notes.SENTENCES.get(note.code) or _of_a_model(note.code)
-    said = sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
-    return without_powers(said)
+    text = sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
+    return without_powers(text)
 
 
 def _of_a_model(code: str) -> run_notes.Sentence:

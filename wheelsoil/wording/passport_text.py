@@ -18,36 +18,36 @@ ZEROS_AND_GAINS = tuple(f"{of}_{kind}" for of in ("drawbar_pull", "torque", "loa
 _WHAT = {"wheel_radius_m": "wheel radius, m,"}
 
 
-def passport_line(one: Passport, first: str, last: str) -> str:
+def passport_line(passport: Passport, first: str, last: str) -> str:
     """Return what is known of a transducer; `first` and `last` are its campaigns' dates."""
-    count = len(one.campaigns)
+    count = len(passport.campaigns)
     span = first if first == last else f"{first} to {last}"
-    return f"{one.sensor}: {count} campaign{'s' * (count != 1)}, {span}: {'; '.join(_said(one))}"
+    return f"{passport.sensor}: {count} campaign{'s' * (count != 1)}, {span}: {'; '.join(_findings(passport))}"
 
 
-def _said(one: Passport) -> Iterator[str]:
-    chance = "> 99.9" if one.wrong > 0.999 else f"{100 * one.wrong:.1f}"
-    if one.decision == "named":
-        yield from (_course(one, effect) for effect in one.effects)
+def _findings(passport: Passport) -> Iterator[str]:
+    chance = "> 99.9" if passport.wrong > 0.999 else f"{100 * passport.wrong:.1f}"
+    if passport.decision == "named":
+        yield from (_course(passport, effect) for effect in passport.effects)
         yield "calibrate before the next campaign"
-    elif one.decision == "flagged":
-        names = " or ".join(map(plain_name, one.effects))
+    elif passport.decision == "flagged":
+        names = " or ".join(map(plain_name, passport.effects))
         yield f"something is wrong ({chance} %), open which: {names}"
         yield "calibrate these channels against weights"
     else:
         yield "nothing detectable"
-        for effect, trend in list(one.trends.items())[:1]:
+        for effect, trend in list(passport.trends.items())[:1]:
             yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
-    if one.shared and one.shared[0].probability > _LIKELY:
-        name, percent = plain_name(one.shared[0].effect), 100 * one.shared[0].probability
+    if passport.shared and passport.shared[0].probability > _LIKELY:
+        name, percent = plain_name(passport.shared[0].effect), 100 * passport.shared[0].probability
         yield f"all campaigns share what is not the transducer's: {name} ({percent:.0f} %)"
-    if one.disagree:
-        yield f"not as the others: {_names(list(one.disagree))}"
+    if passport.disagree:
+        yield f"not as the others: {_names(list(passport.disagree))}"
 
 
-def _course(one: Passport, effect: str) -> str:
-    trend = one.trends[effect]
-    drifts = next(each.drifts / max(each.probability, 1e-9) for each in one.candidates if each.effect == effect)
+def _course(passport: Passport, effect: str) -> str:
+    trend = passport.trends[effect]
+    drifts = next(each.drifts / max(each.probability, 1e-9) for each in passport.candidates if each.effect == effect)
     if drifts < 0.5:
         value, sigma = trend.at
         low, high = value - _Z95 * sigma, value + _Z95 * sigma
@@ -57,10 +57,10 @@ def _course(one: Passport, effect: str) -> str:
     return f"{plain_name(effect)} drifts by {_size(slope, trend)} a month ({_size(low, trend)} to {_size(high, trend)})"
 
 
-def trend_lines(one: Passport) -> Iterator[str]:
+def trend_lines(passport: Passport) -> Iterator[str]:
     """Yield each zero and gain of a transducer with its 95 % intervals."""
     for effect in ZEROS_AND_GAINS:
-        trend = one.trends.get(effect)
+        trend = passport.trends.get(effect)
         if trend is None:
             continue
         slope = ""
@@ -81,33 +81,33 @@ def _size(value: float, trend: Trend | NamedError) -> str:
 
 def named_lines(named: Sequence[NamedError]) -> Iterator[str]:
     """Yield the errors of the measurement that single campaigns name."""
-    for one in named:
-        places = (one.serial or "transducer without serial") if one.is_transducers else "not the transducer's"
-        day = f", {one.start:%Y-%m-%d}" if one.start else ""
-        low, high = _size(one.lower95, one), _size(one.upper95, one)
-        size = f"{_size(one.value, one)} ({low} to {high})"
-        yield f"{one.campaign} ({places}{day}): {plain_name(one.effect)} {size}, {chance(one.probability)}"
+    for error in named:
+        places = (error.serial or "transducer without serial") if error.is_transducers else "not the transducer's"
+        day = f", {error.start:%Y-%m-%d}" if error.start else ""
+        low, high = _size(error.lower95, error), _size(error.upper95, error)
+        size = f"{_size(error.value, error)} ({low} to {high})"
+        yield f"{error.campaign} ({places}{day}): {plain_name(error.effect)} {size}, {chance(error.probability)}"
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:
     """Yield what changed since the last campaign of each vehicle and terrain."""
-    for one in changes:
-        said = "; ".join(_changed(one)) or "the same within the intervals"
+    for change in changes:
+        differences = "; ".join(_changed(change)) or "the same within the intervals"
         yield (
-            f"{one.of} {one.name}: {one.campaign} ({one.start:%Y-%m-%d}) after {one.before} "
-            f"({one.start_before:%Y-%m-%d}): {said}"
+            f"{change.of} {change.name}: {change.campaign} ({change.start:%Y-%m-%d}) after {change.before} "
+            f"({change.start_before:%Y-%m-%d}): {differences}"
         )
 
 
-def _changed(one: Change) -> Iterator[str]:
-    if one.pull is not None:
-        before, now = number(one.pull.before_n, 3), number(one.pull.now_n, 3)
-        if one.pull.is_beyond:
-            half = number(one.pull.half95_n or 0.0, 2)
+def _changed(change: Change) -> Iterator[str]:
+    if change.pull is not None:
+        before, now = number(change.pull.before_n, 3), number(change.pull.now_n, 3)
+        if change.pull.is_beyond:
+            half = number(change.pull.half95_n or 0.0, 2)
             yield f"drawbar pull at slip 0.2 from {before} to {now} N, beyond their intervals (± {half} N)"
-        elif one.pull.half95_n is None and before != now:
+        elif change.pull.half95_n is None and before != now:
             yield f"drawbar pull at slip 0.2 from {before} to {now} N, without an interval"
-    for what, (before, now) in one.differs.items():
+    for what, (before, now) in change.differs.items():
         yield f"{_WHAT.get(what, what)} {_as_text(before)} → {_as_text(now)}"
 
 
@@ -121,10 +121,10 @@ def _as_text(value: object) -> str:
 
 def soil_lines(soils: Sequence[SoilDeparture]) -> Iterator[str]:
     """Yield the campaigns whose soil differs from its laboratory, and in what most."""
-    for one in soils:
-        worst = sorted(one.sigmas.items(), key=lambda item: -abs(item[1]))[:2]
+    for soil in soils:
+        worst = sorted(soil.sigmas.items(), key=lambda item: -abs(item[1]))[:2]
         sizes = ", ".join(f"{SOIL_LETTERS.get(name, name)} {size:+.1f}" for name, size in worst)
-        yield f"{one.campaign}: {sizes} of the laboratory's one-sigma (p = {number(one.p_value, 2)})"
+        yield f"{soil.campaign}: {sizes} of the laboratory's one-sigma (p = {number(soil.p_value, 2)})"
 
 
 def left_out_line(campaigns: Sequence[str], what: str) -> str:

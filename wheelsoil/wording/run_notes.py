@@ -118,10 +118,10 @@ def _not_comparable(v: Values) -> str:
     return f"{_determination(v['before'])} and {_determination(v['after'])} cannot be compared"
 
 
-def _determination(one: Values) -> str:
-    where = ", on the ground" if one["on_ground"] else ""
-    axes = f"{one['method']}, {one['frame']} axes{where}, angle offset {one['angle_offset_deg']:g} deg"
-    return f"{one['recording']} ({axes})"
+def _determination(values: Values) -> str:
+    where = ", on the ground" if values["on_ground"] else ""
+    axes = f"{values['method']}, {values['frame']} axes{where}, angle offset {values['angle_offset_deg']:g} deg"
+    return f"{values['recording']} ({axes})"
 
 
 def _steered(v: Values) -> str:

@@ -95,8 +95,8 @@ def _clock(clock: dict[str, float]) -> list[tuple[str, str]]:
     if not clock:
         return []
     jitter_ms = 1e3 * clock["residual_s"]
-    said = f"{clock['offset_s']:+.4f} s, drift {clock['drift_ppm']:+.2f} ppm, jitter {jitter_ms:.2f} ms"
-    return [("host clock against GNSS", said)]
+    text = f"{clock['offset_s']:+.4f} s, drift {clock['drift_ppm']:+.2f} ppm, jitter {jitter_ms:.2f} ms"
+    return [("host clock against GNSS", text)]
 
 
 def _outboard(run: ProcessedRun, role: str) -> str:
@@ -114,7 +114,7 @@ def _sensor(facts: SensorFacts, unit: str, outboard: str) -> str:
         return f"{facts.samples} samples"
     gaps = f"{facts.gaps} gaps, longest {facts.longest_gap_s:.2f} s" if facts.gaps else "no gaps"
     zero = f", zero +- {facts.systematic_sigma:.3g} {unit}" if isfinite(facts.systematic_sigma) else ""
-    left_out = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
+    excluded = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
     sources = [_SIGMA_SOURCES[facts.sigma_source], *([f"the correction for {outboard}"] if outboard else [])]
     sigma = f"sigma {facts.sigma:.3g} {unit} after the filter ({' and '.join(sources)})"
-    return f"{facts.rate_hz:.4g} Hz, {gaps}, {sigma}{zero}{left_out}"
+    return f"{facts.rate_hz:.4g} Hz, {gaps}, {sigma}{zero}{excluded}"

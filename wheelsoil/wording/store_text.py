@@ -29,14 +29,14 @@ def damage_lines(store: str, damaged: Sequence[Damage]) -> Iterator[str]:
     """Yield what was set aside and why, and how it is made anew."""
     if not damaged:
         return
-    names = {one.campaign for one in damaged if one.campaign}
+    names = {damage.campaign for damage in damaged if damage.campaign}
     count = len(names)
     yield f"{count} campaign{'s' * (count != 1)} of the store {'is' if count == 1 else 'are'} damaged and set aside:"
-    for one in damaged[:_LISTED]:
-        if one.campaign:
-            yield f"  {one.campaign}: {_WHAT[one.what]} ({one.file})"
+    for damage in damaged[:_LISTED]:
+        if damage.campaign:
+            yield f"  {damage.campaign}: {_WHAT[damage.what]} ({damage.file})"
         else:
-            yield f"  {one.file} cannot be read; the campaigns were"
+            yield f"  {damage.file} cannot be read; the campaigns were"
     if len(damaged) > _LISTED:
         yield f"  and {len(damaged) - _LISTED} more files"
     yield f"next: `wheelsoil fleet run ROOT --store {store} --check` makes them anew"

@@ -76,7 +76,7 @@ def sentence_of(found: Diagnosis) -> str:
 
 def sentences_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict, the most important one first."""
-    return [one.text for one in statements_of(found)]
+    return [statement.text for statement in statements_of(found)]
 
 
 def statements_of(found: Diagnosis) -> list[Statement]:
@@ -84,10 +84,10 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     grounds = found.grounds
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
-    said = _of_table(found) if grounds.table_channels else _of_runs(found)
-    before_next = next((i for i, one in enumerate(said) if one.about == "next"), len(said))
-    first = said[:1]
-    rest = [*said[1:before_next], *instead_words(found), *prior_words(found), *said[before_next:]]
+    statements = _of_table(found) if grounds.table_channels else _of_runs(found)
+    before_next = next((i for i, statement in enumerate(statements) if statement.about == "next"), len(statements))
+    first = statements[:1]
+    rest = [*statements[1:before_next], *instead_words(found), *prior_words(found), *statements[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
     soil = laboratory_words(found)
     return [*first, *cautions, *soil, *rest] if found.verdict == "unexplained" else [*first, *soil, *rest, *cautions]
@@ -101,11 +101,11 @@ def headline_of(found: Diagnosis) -> str:
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
     if found.verdict == "named":
-        said = f"{listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
+        sentence = f"{listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
     elif found.verdict == "one_of" and len(names) > 1:
-        said = f"{listed(names, 'or').capitalize()}: these data cannot separate them"
+        sentence = f"{listed(names, 'or').capitalize()}: these data cannot separate them"
     elif found.verdict == "one_of":
-        said = f"Most probably {names[0]}, but not sure enough for a name"
+        sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
         return "No known cause explains these data: do not rely on the model."
     else:
@@ -113,18 +113,18 @@ def headline_of(found: Diagnosis) -> str:
     gain, channel = found.gain, found.main_channel
     change = reduction_in(gain, channel) if gain is not None else None
     if change is None or not isfinite(change.percent) or abs(change.percent) < NO_CHANGE:
-        return f"{said}."
+        return f"{sentence}."
     how = "falls" if change.percent > 0 else "grows"
     error = f"the {OUTPUTS[channel].name} error on held-out data {how} by {abs(change.percent):.0f} %"
-    whole = f"{said}: {error}." if found.verdict == "named" else f"{said}. With the first, {error}."
-    return whole if len(whole.split()) <= MOST_WORDS else f"{said}."
+    whole = f"{sentence}: {error}." if found.verdict == "named" else f"{sentence}. With the first, {error}."
+    return whole if len(whole.split()) <= MOST_WORDS else f"{sentence}."
 
 
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
-    said = [one for one in statements_of(found) if one.about not in ("gain", "next")]
-    return [f"{sizes}." if one.about == "cause" else one.text for one in said]
+    statements = [statement for statement in statements_of(found) if statement.about not in ("gain", "next")]
+    return [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
 
 
 def finding_of(found: Diagnosis) -> str:
@@ -156,7 +156,10 @@ def laboratory_words(found: Diagnosis) -> list[Statement]:
     if found.verdict == "unexplained":
         return []
     several = len(found.soils) > 1
-    of_runs = [(one.campaign, one.parameter, one.sigmas, one.probability) for one in found.grounds.refuted_soil]
+    of_runs = [
+        (refuted.campaign, refuted.parameter, refuted.sigmas, refuted.probability)
+        for refuted in found.grounds.refuted_soil
+    ]
     of_tables = [
         (soil.campaign, name, sigmas, None)
         for soil in found.soils
@@ -179,13 +182,13 @@ def prior_words(found: Diagnosis) -> list[Statement]:
         return []
     first = shifts[0]
     times = "three times as large" if first.factor > 1 else "a third as large"
-    families = [plain_name(one) for one in first.families]
+    families = [plain_name(family) for family in first.families]
     other = {"named": f"{listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
         first.verdict, ""
     )
     other = other or VERDICT_WORDS[first.verdict]
-    turned = dict.fromkeys(one.family for one in shifts[1:] if one.family != first.family)
-    more = f"; it also depends on that of {listed([plain_name(one) for one in turned])}" if turned else ""
+    turned = dict.fromkeys(shift.family for shift in shifts[1:] if shift.family != first.family)
+    more = f"; it also depends on that of {listed([plain_name(family) for family in turned])}" if turned else ""
     return _sentences(
         [
             f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is "
@@ -198,10 +201,10 @@ def instead_words(found: Diagnosis) -> list[Statement]:
     """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
     return _sentences(
         [
-            f"A laboratory whose {SOIL_LETTERS[one.soil.parameter]} is {abs(one.soil.sigmas):.1f} sigma "
-            f"{'too low' if one.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
-            f"{plain_name(one.family)} ({chance(one.soil.probability)})"
-            for one in found.grounds.soil_instead
+            f"A laboratory whose {SOIL_LETTERS[rival.soil.parameter]} is {abs(rival.soil.sigmas):.1f} sigma "
+            f"{'too low' if rival.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
+            f"{plain_name(rival.family)} ({chance(rival.soil.probability)})"
+            for rival in found.grounds.soil_instead
         ]
     )
 
@@ -215,18 +218,18 @@ def _undecided(why: Note) -> list[Statement]:
 def _of_runs(found: Diagnosis) -> list[Statement]:
     grounds = found.grounds
     chances = {cause.name: cause.probability for cause in found.causes}
-    chances |= {one.name: one.probability for one in found.candidates}
+    chances |= {candidate.name: candidate.probability for candidate in found.candidates}
     none = chances.pop("none", 0.0)
     if found.verdict == "named":
-        said = named_words(found, chances)
+        statements = named_words(found, chances)
     elif found.verdict == "one_of":
-        said = one_of_words(found, chances, none)
+        statements = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
         left, best = grounds.lack_of_fit, grounds.most_probable
-        said = unexplained_words(found.adequacy, left, best, grounds.terrains, grounds.barred)
+        statements = unexplained_words(found.adequacy, left, best, grounds.terrains, grounds.barred)
     else:
-        said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
-    return [*said, *want_words(found.not_identifiable)]
+        statements = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
+    return [*statements, *want_words(found.not_identifiable)]
 
 
 def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
@@ -243,25 +246,30 @@ def _of_table(found: Diagnosis) -> list[Statement]:
 
 def _error_of_form(grounds: Grounds) -> list[Statement]:
     """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
-    said = [Statement(one) for one in form_error_words(grounds.form_errors)]
+    statements = [Statement(sentence) for sentence in form_error_words(grounds.form_errors)]
     if grounds.form_matters is None:
-        return said
-    return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
+        return statements
+    return [*statements, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
 
 
 def form_error_words(used: Sequence[FormUsed]) -> list[str]:
     """Return what is given or assumed for the error of form; empty where the table itself says it."""
-    taken = [one for one in used if one.share is not None]
+    taken = [form_error for form_error in used if form_error.share is not None]
     if not taken:
         return []
-    sizes = listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
+    sizes = listed(
+        [
+            f"{_in_unit(form_error.size, form_error.channel)} in {OUTPUTS[form_error.channel].name}"
+            for form_error in taken
+        ]
+    )
     share = f"{100 * (taken[0].share or 0.0):.3g} % of load, load x radius and radius ({sizes})"
     if taken[0].basis == "given":
-        said = f"The error of form of a right model is given as {share}"
+        sentence = f"The error of form of a right model is given as {share}"
     else:
         why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
-        said = f"The error of form of a right model is assumed to be {share}: {why}"
-    return [f"{said}."]
+        sentence = f"The error of form of a right model is assumed to be {share}: {why}"
+    return [f"{sentence}."]
 
 
 def _in_unit(size: float, channel: str) -> str:
@@ -271,7 +279,7 @@ def _in_unit(size: float, channel: str) -> str:
 
 def _verdict_of_table(found: Diagnosis) -> list[Statement]:
     channels = listed([OUTPUTS[c].name for c in found.grounds.table_channels])
-    chances = {one.name: one.probability for one in found.candidates}
+    chances = {candidate.name: candidate.probability for candidate in found.candidates}
     onward = [_next(found.next_run[0])] if found.next_run else []
     if found.verdict == "named":
         names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
@@ -293,19 +301,19 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         named = f"{plain_name(found.causes[0].name).capitalize()} is not named{why}" if why else ""
         in_all = [c for c in found.causes if c.probability > _IN_ALL]
         open_causes = [c for c in found.causes if c not in in_all]
-        said = f"One of {names}: {channels} of these rows cannot separate them"
+        sentence = f"One of {names}: {channels} of these rows cannot separate them"
         if in_all and open_causes:
             sure, open_ones = (
                 ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in part)
                 for part in (in_all, open_causes)
             )
-            said = (
+            sentence = (
                 f"In every adequate explanation: {sure}. Beside or instead of it {open_ones}: {channels} of these rows "
                 "cannot separate them"
             )
         elif in_all:
-            said = f"In every adequate explanation: {names}; that is not sure enough for names"
-        return _sentences([said, named, *onward])
+            sentence = f"In every adequate explanation: {names}; that is not sure enough for names"
+        return _sentences([sentence, named, *onward])
     if found.verdict == "unexplained":
         left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
         tried = listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
@@ -326,46 +334,53 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     """Return the sentences of "named"."""
     alike = found.grounds.confounded
     causes = " and ".join(f"{_cause_named(cause)}: {size_text(cause)}" for cause in found.causes)
-    said: list[str | Statement] = [Statement(causes, "cause")]
+    statements: list[str | Statement] = [Statement(causes, "cause")]
     if found.grounds.free_form:
         family, over = found.grounds.free_form
-        said.append(f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}")
+        statements.append(
+            f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}"
+        )
     if worth := gain_words(found.gain, found.main_channel):
-        said.append(Statement(f"On held-out runs {worth}", "gain"))
+        statements.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
-        said.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
-    said += rival_words(alike, chances)
+        statements.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
+    statements += rival_words(alike, chances)
     if alike and found.next_run:
-        said.append(_next(found.next_run[0]))
-    return _sentences(said)
+        statements.append(_next(found.next_run[0]))
+    return _sentences(statements)
 
 
 def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[Statement]:
     """Return the sentences of "one_of"."""
     families, barred = [cause.name for cause in found.causes], found.grounds.barred
     likely = f"with probability {chance(1.0 - none)}"
-    said: list[str | Statement]
+    statements: list[str | Statement]
     if len(families) == 1:
-        one = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
-        said = [f"A cause acts ({likely}), most probably {one}"]
+        best = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
+        statements = [f"A cause acts ({likely}), most probably {best}"]
         if barred is None:
-            said.append(f"That is not sure enough for a name{_unlisted_words(found.adequacy)}")
+            statements.append(f"That is not sure enough for a name{_unlisted_words(found.adequacy)}")
     else:
-        said = [f"A cause acts ({likely}): {_one_of(families, chances)}"]
+        statements = [f"A cause acts ({likely}): {_one_of(families, chances)}"]
         if barred is None and (why := _unlisted_words(found.adequacy)):
-            said.append(f"None is sure enough for a name{why}")
-    together = [one for one in found.sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
+            statements.append(f"None is sure enough for a name{why}")
+    together = [
+        cause_set for cause_set in found.sets if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
+    ]
     if together:
-        pairs = [f"{listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
-        said.append(f"Several may act together: {'; '.join(pairs)}")
+        pairs = [
+            f"{listed([plain_name(f) for f in cause_set.causes])} ({chance(cause_set.probability)})"
+            for cause_set in together
+        ]
+        statements.append(f"Several may act together: {'; '.join(pairs)}")
     if barred is not None:
-        said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
+        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.confounded if family not in families]
-    said += rival_words(others, chances)
+    statements += rival_words(others, chances)
     if found.next_run:
         alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)
-        said += [*([] if alone else ["No single run decides"]), _next(found.next_run[0])]
-    return _sentences(said)
+        statements += [*([] if alone else ["No single run decides"]), _next(found.next_run[0])]
+    return _sentences(statements)
 
 
 def _next(run: NextRun) -> Statement:
@@ -379,15 +394,15 @@ def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[s
     """
     open_ = [f for f in families if chances.get(f, 0.0) >= _OPEN_AT]
     closed = [f for f in families if f not in open_]
-    said = []
+    sentences = []
     if open_:
         each = [f"{plain_name(f)} ({chance(chances[f])})" for f in open_]
-        said.append(f"{upper(listed(each))} would fit almost as well")
+        sentences.append(f"{upper(listed(each))} would fit almost as well")
     if closed:
         each = [f"{plain_name(f)} ({chance(chances.get(f, 0.0))})" for f in closed]
         verb = "has a similar signature, but is" if len(each) == 1 else "have similar signatures, but are"
-        said.append(f"{upper(listed(each))} {verb} separable in these data")
-    return said
+        sentences.append(f"{upper(listed(each))} {verb} separable in these data")
+    return sentences
 
 
 def _unlisted_words(judged: Adequacy | None) -> str:
@@ -401,13 +416,13 @@ def refusal_words(found: Diagnosis) -> str:
     """Return which set is the best of the library, and why it is refused; empty where the verdict is another."""
     if found.verdict != "unexplained" or found.grounds.undecided is not None:
         return ""
-    best = found.grounds.most_probable or next((one.causes for one in found.sets), ())
+    best = found.grounds.most_probable or next((cause_set.causes for cause_set in found.sets), ())
     why = "it does not explain these data"
     if found.grounds.barred is not None:
         why = note_text(found.grounds.barred)
     elif found.adequacy is not None:
         why = adequacy_words(found.adequacy)
-    name = listed([plain_name(one) for one in best]) or "no cause"
+    name = listed([plain_name(family) for family in best]) or "no cause"
     return f"Best of the library, refused: {name}. Reason: {why}."
 
 
@@ -432,36 +447,37 @@ def unexplained_words(
         What leaves them unexplained where lack of fit does not.
     """
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
-    said: list[str | Statement] = [
+    statements: list[str | Statement] = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: {adequacy_words(judged)}"
     ]
     if why:
-        said = [f"These runs are not explained: {note_text(why)}"]
+        statements = [f"These runs are not explained: {note_text(why)}"]
     if left.worst:
-        said.append(f"It is off most in {_findings(left.worst, sigmas=False)}")
+        statements.append(f"It is off most in {_findings(left.worst, sigmas=False)}")
     if left.rms:
         each = [f"{x:.3g} {ROLES[role].unit_text} of {ROLES[role].name}" for role, x in left.rms.items()]
-        said.append(f"What is left like this is, rms over all samples, {listed(each)}")
+        statements.append(f"What is left like this is, rms over all samples, {listed(each)}")
     if soils:
-        one, other = (listed(runs) for runs in soils)
-        said.append(
-            f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
+        first_runs, other_runs = (listed(runs) for runs in soils)
+        statements.append(
+            f"Runs {first_runs} ask for another soil than {other_runs}: if these are two terrains, "
+            "diagnose them as two campaigns"
         )
     if why:
-        said.append(Statement("Next: check zeros, signs and configuration, and the soil in terrain.toml", "next"))
-    return _sentences(said)
+        statements.append(Statement("Next: check zeros, signs and configuration, and the soil in terrain.toml", "next"))
+    return _sentences(statements)
 
 
 def nothing_words(
     chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
 ) -> list[Statement]:
     """Return the sentences of "nothing_detectable"; `sizes` by family."""
-    said: list[str | Statement] = [
+    statements: list[str | Statement] = [
         f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"
     ]
     best = max(chances, key=lambda family: chances[family], default="")
     if best and chances[best] > _WORTH_SAYING:
-        said = [
+        statements = [
             f"No cause is distinguishable from chance (no cause: {chance(none)})",
             f"The most probable one is {plain_name(best)} ({chance(chances[best])})",
             Statement("Next: drive another run", "next"),
@@ -472,10 +488,10 @@ def nothing_words(
     ]
     if shown:
         examples = listed(shown[:_MOST_EXAMPLES])
-        said.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
+        statements.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
     if wrong:
-        said.append(f"The largest residual is in {_findings(wrong[:1])}")
-    return _sentences(said)
+        statements.append(f"The largest residual is in {_findings(wrong[:1])}")
+    return _sentences(statements)
 
 
 def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
@@ -531,15 +547,15 @@ def gain_words(gain: Gain | None, first: str = "") -> str:
         words = f"stays as it is ({between} %)" if between else "stays as it is"
     else:
         words = f"{falls} by {size * change.percent:.0f}{f' ({between})' if between else ''} %"
-    said = [f"the error of {OUTPUTS[first].name} {words}"]
+    changes = [f"the error of {OUTPUTS[first].name} {words}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
             fell = 100 * (1 - after / before)
             verb = "falls " if fell >= 0 else "grows "
             verb = "" if not stays and (fell >= 0) == (size > 0) else verb
-            said.append(f"{'that ' if verb else ''}of {OUTPUTS[channel].name} {verb}by {abs(fell):.0f} %")
-    return listed(said)
+            changes.append(f"{'that ' if verb else ''}of {OUTPUTS[channel].name} {verb}by {abs(fell):.0f} %")
+    return listed(changes)
 
 
 def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
@@ -549,9 +565,10 @@ def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
 
 def _findings(found: Sequence[Finding], *, sigmas: bool = True) -> str:
     return "; ".join(
-        f"{ROLES[one.channel].name}, {place_text(one.place)}: {one.size:+.3g} {ROLES[one.channel].unit_text}"
-        + (f" ({abs(one.statistic):.1f} sigma)" if sigmas else "")
-        for one in found[:_MOST_EXAMPLES]
+        f"{ROLES[finding.channel].name}, {place_text(finding.place)}: "
+        f"{finding.size:+.3g} {ROLES[finding.channel].unit_text}"
+        + (f" ({abs(finding.statistic):.1f} sigma)" if sigmas else "")
+        for finding in found[:_MOST_EXAMPLES]
     )
 
 
@@ -572,6 +589,8 @@ def _unit(unit: str) -> str:
     return "" if unit in ("", "1") else f" {unit}"
 
 
-def _sentences(said: Sequence[str | Statement]) -> list[Statement]:
-    all_of = [one if isinstance(one, Statement) else Statement(one) for one in said if one]
-    return [one._replace(text=f"{upper(without_powers(one.text))}.") for one in all_of]
+def _sentences(statements: Sequence[str | Statement]) -> list[Statement]:
+    all_of = [
+        statement if isinstance(statement, Statement) else Statement(statement) for statement in statements if statement
+    ]
+    return [statement._replace(text=f"{upper(without_powers(statement.text))}.") for statement in all_of]

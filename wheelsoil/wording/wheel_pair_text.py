@@ -44,12 +44,14 @@ def wheel_pair_lines(found: WheelPair, first: str, second: str, width: int) -> l
 def wheel_pair_sentence(found: WheelPair, first: str, second: str) -> str:
     """Return what the second wheel does differently, how sure that is, and why it does."""
     if found.p_value >= _DIFFERENT:
-        said = (
+        sentence = (
             f"What {first} taught holds for {second}: differences as large as the measured ones come by chance with "
             f"p = {found.p_value:.2g}"
         )
-        return " ".join([f"{said}.", *form_error_words(found.form_errors)])
-    said = f"What {first} taught does not hold for {second} (p = {found.p_value:.2g}): at like slip, {_largest(found)}"
+        return " ".join([f"{sentence}.", *form_error_words(found.form_errors)])
+    sentence = (
+        f"What {first} taught does not hold for {second} (p = {found.p_value:.2g}): at like slip, {_largest(found)}"
+    )
     own, families = found.own_cause, found.families()
     likely = [f"{plain_name(name)} ({chance(p)})" for name, p in families.items() if p >= 0.05]
     if not found.both.any_adequate:
@@ -61,19 +63,19 @@ def wheel_pair_sentence(found: WheelPair, first: str, second: str) -> str:
         why = f"It has a cause of its own with {chance(own)}, {one_of}: these rows cannot separate them further"
     else:
         why = f"A cause of its own is not detectable ({chance(own)}): a cause that both share may explain it"
-    return " ".join([f"{said}.", f"{why}.", *form_error_words(found.form_errors)])
+    return " ".join([f"{sentence}.", f"{why}.", *form_error_words(found.form_errors)])
 
 
 def _largest(found: WheelPair) -> str:
     """Return the most significant difference of each channel."""
-    said = []
+    sizes = []
     for channel, difference in found.difference.items():
         known = [i for i, size in enumerate(difference) if isfinite(size)]
         if known:
             i = max(known, key=lambda i: abs(difference[i]) / found.difference_sigma[channel][i])
             size = f"{_factor(channel) * difference[i]:+.2g} {_unit(channel)}"
-            said.append(f"{size} of {OUTPUTS[channel].name} at slip {found.slip[i]:.2g}")
-    return ", ".join(said) or "no slip was measured with both"
+            sizes.append(f"{size} of {OUTPUTS[channel].name} at slip {found.slip[i]:.2g}")
+    return ", ".join(sizes) or "no slip was measured with both"
 
 
 def _with_sigma(found: WheelPair, channel: str, i: int) -> str:
@@ -128,5 +130,5 @@ def wheel_pair_json(found: WheelPair, first: str, second: str) -> dict[str, Any]
         "measured": found.measured,
         "predicted": found.predicted,
         "predicted_sigma": found.predicted_sigma,
-        "error_of_form": [vars(one) for one in found.form_errors],
+        "error_of_form": [vars(form_error) for form_error in found.form_errors],
     }

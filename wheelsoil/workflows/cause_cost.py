@@ -75,7 +75,7 @@ def costs_of(
         return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
 
     without, complete = curves(()), curves(causes)
-    ends = [curves([_at_end(one, end) for one in causes]) for end in (0, 1)] if _known(causes) else []
+    ends = [curves([_at_end(cause, end) for cause in causes]) for end in (0, 1)] if _known(causes) else []
     if not np.isfinite(without["tractive_efficiency"]).any():
         raise DataError("the model has no answer for this load")
     best = int(np.nanargmax(without["tractive_efficiency"]))
@@ -90,7 +90,9 @@ def costs_of(
 
 
 def _known(causes: Sequence[Cause]) -> bool:
-    return all(isfinite(one.value) for cause in causes for end in (0, 1) for one in _at_end(cause, end).parameters)
+    return all(
+        isfinite(parameter.value) for cause in causes for end in (0, 1) for parameter in _at_end(cause, end).parameters
+    )
 
 
 def _at_end(cause: Cause, end: int) -> Cause:
@@ -98,8 +100,11 @@ def _at_end(cause: Cause, end: int) -> Cause:
     first, *others = cause.parameters
     scale = first.interval95[end] / first.value if first.value else nan
     ends = [first.interval95[end]]
-    ends += [one.interval95[end] if isfinite(one.interval95[end]) else scale * one.value for one in others]
-    moved = (replace(one, value=value) for one, value in zip(cause.parameters, ends, strict=True))
+    ends += [
+        parameter.interval95[end] if isfinite(parameter.interval95[end]) else scale * parameter.value
+        for parameter in others
+    ]
+    moved = (replace(parameter, value=value) for parameter, value in zip(cause.parameters, ends, strict=True))
     return replace(cause, parameters=tuple(moved))
 
 

@@ -279,7 +279,7 @@ def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[F
         return kind.model_validate(raw)
     except ValidationError as error:
         for item in error.errors():
-            said = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
+            message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
             key = str(item["loc"][0])
             place = ".".join(map(str, item["loc"]))
             if item["type"] == "extra_forbidden":
@@ -288,7 +288,7 @@ def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[F
             elif item["type"] == "missing":
                 fault = Fault(f"key {key!r} is missing", where, expected=_EXPECTED[key], next_step="add it")
             else:
-                fault = Fault(f"{place}: {said}", where, f"{item['input']!r}", _EXPECTED[key], _MEND)
+                fault = Fault(f"{place}: {message}", where, f"{item['input']!r}", _EXPECTED[key], _MEND)
             faults.append(fault)
     return None
 

@@ -45,8 +45,8 @@ class Hidden:
         if self.key == NONE:
             return "nothing at all"
         units = {p.name: p.unit for p in EFFECTS[self.key].parameters}
-        said = [f"{name} = {value:.3g} {units[name]}".removesuffix(" 1") for name, value in self.values.items()]
-        return f"{effect_name(self.key)} with {' and '.join(said)}"
+        sizes = [f"{name} = {value:.3g} {units[name]}".removesuffix(" 1") for name, value in self.values.items()]
+        return f"{effect_name(self.key)} with {' and '.join(sizes)}"
 
 
 def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
@@ -116,7 +116,7 @@ def _outcome(hidden: Hidden, diagnosis: Diagnosis) -> Outcome:
 
 def _words(outcome: Outcome, hidden: Hidden, diagnosis: Diagnosis) -> str:
     names = ", ".join(dict.fromkeys(plain_name(cause.name) for cause in diagnosis.causes))
-    said: dict[Outcome, str] = {
+    sentences: dict[Outcome, str] = {
         "found": f"Found: {hidden.text} was hidden.",
         "in the set": f"Not decided, but not missed: {hidden.text} was hidden, and it is in the set.",
         "not named": f"Seen, but not named: {hidden.text} was hidden.",
@@ -127,7 +127,7 @@ def _words(outcome: Outcome, hidden: Hidden, diagnosis: Diagnosis) -> str:
     }
     others = [name for name in dict.fromkeys(c.name for c in diagnosis.causes) if name != hidden.family]
     extra = f" Named beside it, and not hidden: {', '.join(map(plain_name, others))}."
-    return said[outcome] + (extra if outcome == "found" and others else "")
+    return sentences[outcome] + (extra if outcome == "found" and others else "")
 
 
 def _least(hidden: Hidden, diagnosis: Diagnosis) -> str:
@@ -163,10 +163,10 @@ def _parameters(hidden: Hidden, found: Cause) -> tuple[dict[str, Any], ...]:
 
 
 def _sizes(parameters: tuple[dict[str, Any], ...]) -> str:
-    said = [
+    sentences = [
         f"{p['name']} is estimated as {p['value']:.3g} ({p['interval95'][0]:.3g} to {p['interval95'][1]:.3g}), which "
         f"{'contains' if p['inside'] else 'does not contain'} the true value"
         for p in parameters
         if np.isfinite(p["interval95"]).all()
     ]
-    return f" {'; '.join(said)}." if said else ""
+    return f" {'; '.join(sentences)}." if sentences else ""

@@ -161,9 +161,10 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     found: list[Campaign] = []
     for group, members in groups.items():
         with collected.catch():
-            one = _campaign(group.folder, members, soil)
-            told = any(one.static and one.static == other.static for other in found)  # of one folder: they count once
-            found.append(replace(one, static=()) if told else one)
+            campaign = _campaign(group.folder, members, soil)
+            # Those of one folder count once.
+            told = any(campaign.static and campaign.static == other.static for other in found)
+            found.append(replace(campaign, static=()) if told else campaign)
     collected.stop_if_any()
     return _told_apart(found)
 
@@ -216,7 +217,7 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
     for number, test in enumerate(run.static):
         for channel, (reading, sigma) in test.readings.items():
             role = REACTIONS[channel].role
-            known = [zero for one in members if (zero := one.quality.zeros.get(role)) and zero.is_known]
+            known = [zero for member in members if (zero := member.quality.zeros.get(role)) and zero.is_known]
             if test.test != "lifted" or not known:
                 continue
             offset, of_zero = known[0].offset, known[0].systematic_sigma
@@ -234,13 +235,15 @@ def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
     """Give campaigns of one name a number each."""
     names = [campaign.name for campaign in campaigns]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
-    return tuple(replace(one, name=one.name + number) for one, number in zip(campaigns, numbers, strict=True))
+    return tuple(
+        replace(campaign, name=campaign.name + number) for campaign, number in zip(campaigns, numbers, strict=True)
+    )
 
 
 def diagnose_given(given: Given, options: DiagnosisOptions) -> Diagnosis:
     """Diagnose campaigns, or bench tables."""
-    campaigns = tuple(one for one in given if isinstance(one, Campaign))
-    benches = tuple(one for one in given if isinstance(one, Bench))
+    campaigns = tuple(campaign for campaign in given if isinstance(campaign, Campaign))
+    benches = tuple(wheel_test for wheel_test in given if isinstance(wheel_test, Bench))
     return diagnose_benches(benches, options) if benches else diagnose_campaigns(campaigns, options)
 
 
@@ -314,21 +317,21 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
     """Add what only the files tell, and that runs are hardly of one terrain."""
-    guessed = [one.name for one in given if one.soil_prior.source == prior_of(one.soil).source]
+    guessed = [campaign.name for campaign in given if campaign.soil_prior.source == prior_of(campaign.soil).source]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
-    mixed = [note for one in given for note in _mixed(one, diagnosis, alone=len(given) == 1)]
+    mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
     grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))
     return replace(diagnosis, grounds=grounds, notes=(*diagnosis.notes, *([assumed] if guessed else [])))
 
 
-def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:
+def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:
     """Say so where the soil differs more between runs than one terrain's does."""
-    label = "" if alone else f"{one.name}: "
+    label = "" if alone else f"{campaign.name}: "
     scatter = diagnosis.noise.get(f"{label}friction_run_to_run", 0.0)
-    known = one.soil_prior.sigma_of("tan_phi") / one.soil.tan_phi if one.soil.tan_phi else 0.0
+    known = campaign.soil_prior.sigma_of("tan_phi") / campaign.soil.tan_phi if campaign.soil.tan_phi else 0.0
     if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
         return []
-    return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, {"campaign": one.name, "share": scatter})]
+    return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, {"campaign": campaign.name, "share": scatter})]
 
 
 def plan_campaigns(

@@ -206,11 +206,11 @@ def fit_table(
         return fit_observations(*given)
 
     fit = kept("fit", given, compute)
-    left_out = int(np.count_nonzero(table.slip <= 0))
-    if not left_out:
+    excluded = int(np.count_nonzero(table.slip <= 0))
+    if not excluded:
         return fit
     used = fit.models[0].samples
-    note = Note(FitCode.ROWS_NOT_DRIVEN, values={"used": used, "rows": len(table), "excluded": left_out})
+    note = Note(FitCode.ROWS_NOT_DRIVEN, values={"used": used, "rows": len(table), "excluded": excluded})
     return replace(fit, notes=(note, *fit.notes))
 
 

@@ -107,12 +107,12 @@ def _zeros(run: ProcessedRun) -> list[str]:
     load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
     if not len(load):
         return []
-    said = []
+    reasons = []
     for role, unit, arm_m in (("drawbar_pull", "N", 1.0), ("driving_torque", "N m", run.wheel_radius_m)):
         seen = [(s.levels[role], s.sigmas[role]) for s in run.quality.standstills if s.released and role in s.levels]
         levels = np.array([level for level, _ in seen])
         sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
         one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))
         if sure and one_sided and abs(np.median(levels)) > _ZERO_SHARE * abs(np.median(load)) * arm_m:
-            said.append(f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill: take a zero")
-    return said
+            reasons.append(f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill: take a zero")
+    return reasons

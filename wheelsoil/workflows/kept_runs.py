@@ -40,11 +40,11 @@ class KeptRun:
         found: ProcessedRun | None = get(self.shared)
         return found if found is not None and self.purpose in purposes_served(found) else get(self.own)
 
-    def put(self, one: ProcessedRun) -> None:
+    def put(self, processed: ProcessedRun) -> None:
         """Keep a processed run, unless something of the recording cannot be read, or it has just been written to."""
         damaged = self.run.recording is not None and self.run.recording.loss
         if not damaged and _facts(self.run.files) == self.facts:
-            put(self.shared if self.purpose in purposes_served(one) else self.own, one)
+            put(self.shared if self.purpose in purposes_served(processed) else self.own, processed)
 
 
 def place_of(run: Run, options: ProcessOptions, zero: Path | None) -> KeptRun | None:

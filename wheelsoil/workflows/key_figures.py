@@ -50,14 +50,14 @@ class KeyFigure:
 def figures_of_diagnosis(found: Diagnosis) -> dict[str, KeyFigure]:
     """Return what a diagnosis shows: confidence, sizes of the causes, errors on held-out data, candidates."""
     figures = [*_confidence(found), *_candidates(found)]
-    figures += [one for cause in found.causes for one in sizes_of(cause)]
+    figures += [figure for cause in found.causes for figure in sizes_of(cause)]
     figures += errors_of(found.gain, found.verdict) if found.gain is not None else []
-    return {one.key: one for one in figures}
+    return {figure.key: figure for figure in figures}
 
 
 def _confidence(found: Diagnosis) -> Iterator[KeyFigure]:
     """Return how sure the verdict is: of the least probable named cause, that a cause acts, or that none does."""
-    none = next((one.probability for one in found.candidates if one.name == "none"), nan)
+    none = next((candidate.probability for candidate in found.candidates if candidate.name == "none"), nan)
     sure = {
         "named": min((cause.probability for cause in found.causes), default=nan),
         "one_of": 1.0 - none,
@@ -69,23 +69,23 @@ def _confidence(found: Diagnosis) -> Iterator[KeyFigure]:
 
 def _candidates(found: Diagnosis) -> Iterator[KeyFigure]:
     if found.verdict != "unexplained":
-        for one in found.candidates:
-            yield KeyFigure(f"candidate.{one.name}", one.probability, "", "probability")
+        for candidate in found.candidates:
+            yield KeyFigure(f"candidate.{candidate.name}", candidate.probability, "", "probability")
 
 
 def sizes_of(cause: Cause) -> list[KeyFigure]:
     """Return the parameters of a cause."""
     return [
         KeyFigure(
-            f"cause.{cause.name}.{one.name}",
-            one.value,
-            "" if one.unit == "1" else one.unit,
+            f"cause.{cause.name}.{parameter.name}",
+            parameter.value,
+            "" if parameter.unit == "1" else parameter.unit,
             "by sigma",
             "recommended",
-            one.sigma,
-            one.interval95,
+            parameter.sigma,
+            parameter.interval95,
         )
-        for one in cause.parameters
+        for parameter in cause.parameters
     ]
 
 
@@ -111,4 +111,4 @@ def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
         figures.append(KeyFigure("drawbar_coefficient_at_slip_0.2", coefficient, "", "three decimals"))
     figures.append(KeyFigure("drawbar_coefficient", found.drawbar_coefficient, "", "three decimals"))
     figures.append(KeyFigure("tractive_efficiency", found.efficiency, "", "percent"))
-    return {one.key: one for one in figures if one.value == one.value}
+    return {figure.key: figure for figure in figures if figure.value == figure.value}

@@ -117,12 +117,12 @@ def _file_of(path: Path) -> Path:
         )
     if path.is_dir():
         found = [path / name for name in _USUAL_NAMES if (path / name).is_file()]
-        found = found or [one for one in sorted(path.glob("*.json")) if one.with_suffix(".html").is_file()]
+        found = found or [file for file in sorted(path.glob("*.json")) if file.with_suffix(".html").is_file()]
         if len(found) != 1:
             raise ConfigError.of(
                 "this folder holds no report, or several",
                 path,
-                found=", ".join(one.name for one in found) or "none",
+                found=", ".join(file.name for file in found) or "none",
                 next_step="name the JSON file of the report",
             )
         return found[0]
@@ -139,35 +139,37 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
             sigma = _float(soil["sigmas"].get(name))
             yield Stated("soil", f"{where}.{name}", _float(value), _SIGMAS * sigma, "")
     for cause in causes.get("causes") or ():
-        for one in cause["parameters"]:
-            low, high = map(_float, one["interval95"])
-            unit = "" if one["unit"] == "1" else one["unit"]
-            yield Stated("cause", f"{cause['name']}.{one['name']}", _float(one["value"]), (high - low) / 2, unit)
+        for parameter in cause["parameters"]:
+            low, high = map(_float, parameter["interval95"])
+            unit = "" if parameter["unit"] == "1" else parameter["unit"]
+            yield Stated(
+                "cause", f"{cause['name']}.{parameter['name']}", _float(parameter["value"]), (high - low) / 2, unit
+            )
     pull = (fit.get("traction") or {}).get("pull")
     if pull:
         low, high = map(_float, pull["interval95"])
         yield Stated("pull", "pull_at_slip_0.2", _float(pull["pull_n"]), (high - low) / 2, "N")
     figures = (sections.get("glance") or {}).get("key_figures") or {}
-    for key, one in figures.items():
+    for key, figure in figures.items():
         if key.startswith("error.") and key.endswith(".calibrated_soil"):
-            yield Stated("error", key, _float(one["value"]), nan, one["unit"])
-    shares = [share for one in runs.values() if (share := _float(one.get("usable_share"))) == share]
+            yield Stated("error", key, _float(figure["value"]), nan, figure["unit"])
+    shares = [share for run in runs.values() if (share := _float(run.get("usable_share"))) == share]
     if shares:
         yield Stated("data", "usable_share", sum(shares) / len(shares), nan, "")
 
 
 def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]:
     """Return what differs between an earlier report and the sections of this one, beyond their intervals first."""
-    before = {one.name: one for one in last.stated}
-    now = {one.name: one for one in stated_in(sections)}
+    before = {figure.name: figure for figure in last.stated}
+    now = {figure.name: figure for figure in stated_in(sections)}
     found = []
     for name in dict.fromkeys([*now, *before]):
         old, new = before.get(name), now.get(name)
-        one = new or old
-        assert one is not None
+        stated = new or old
+        assert stated is not None
         values = [(each.value, each.half95) if each else (nan, nan) for each in (old, new)]
-        found.append(Change(one.kind, name, one.unit, *values[0], *values[1]))
-    return sorted(found, key=lambda one: not one.beyond)
+        found.append(Change(stated.kind, name, stated.unit, *values[0], *values[1]))
+    return sorted(found, key=lambda change: not change.beyond)
 
 
 def _float(value: Any) -> float:

@@ -47,31 +47,31 @@ def models_of(
     re-calibrated beside what nobody can explain is not worth keeping.
     """
     average = diagnosis.average
-    averaged = {soil.campaign for one in average.sets[:1] for soil in one.soils} if average else set()
+    averaged = {soil.campaign for cause_set in average.sets[:1] for soil in cause_set.soils} if average else set()
     decided = diagnosis.verdict in ("named", "nothing_detectable")
     estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
     causes = diagnosis.causes if diagnosis.verdict == "named" else ()
     return [
         averaged_model(
-            one.wheel,
-            one.soil,
+            campaign.wheel,
+            campaign.soil,
             average,
-            one.name,
+            campaign.name,
             reading,
-            tyre=one.tyre,
-            provenance=_provenance(diagnosis, one, command),
+            tyre=campaign.tyre,
+            provenance=_provenance(diagnosis, campaign, command),
         )
-        if average and one.name in averaged
+        if average and campaign.name in averaged
         else extended_model(
-            one.wheel,
-            one.soil,
-            estimates.get(one.name, SoilEstimate(one.name, {}, {})),
+            campaign.wheel,
+            campaign.soil,
+            estimates.get(campaign.name, SoilEstimate(campaign.name, {}, {})),
             causes,
             reading,
-            tyre=one.tyre,
-            provenance=_provenance(diagnosis, one, command),
+            tyre=campaign.tyre,
+            provenance=_provenance(diagnosis, campaign, command),
         )
-        for one in campaigns
+        for campaign in campaigns
     ]
 
 
@@ -108,9 +108,9 @@ def model_toml(model: ExtendedModel) -> str:
     sentence = " ".join(str(model.provenance.get("sentence", "")).split())
     head = ["The model that `wheelsoil diagnose` left, for `fit`, `simulate` and `report` with --model.", sentence]
     head += [_effect_line(effect) for effect in model.effects]
-    for one in model.sets:
-        said = "; ".join(map(_effect_line, one.effects)) or "no cause, the soil re-calibrated"
-        head.append(f"{chance(one.probability)}: {said}")
+    for cause_set in model.sets:
+        effects = "; ".join(map(_effect_line, cause_set.effects)) or "no cause, the soil re-calibrated"
+        head.append(f"{chance(cause_set.probability)}: {effects}")
     if model.sets:
         head.append(str(model.provenance.get("held_out", "")))
         head.append(
@@ -125,11 +125,11 @@ def model_toml(model: ExtendedModel) -> str:
 
 
 def _effect_line(effect: ExtendedEffect) -> str:
-    said = "; ".join(_said(effect.key, p) for p in (*effect.combinations, *effect.parameters))
-    return f"{effect_name(effect.key)}: {said}"
+    sizes = "; ".join(_size(effect.key, p) for p in (*effect.combinations, *effect.parameters))
+    return f"{effect_name(effect.key)}: {sizes}"
 
 
-def _said(key: str, p: ParameterEstimate) -> str:
+def _size(key: str, p: ParameterEstimate) -> str:
     """Return a parameter with its value and, where it is known, its interval."""
     low, high = p.interval95
     band = f" ({low:.4g} to {high:.4g})" if isfinite(low) and isfinite(high) else ""

@@ -313,7 +313,7 @@ def _no_data(run: Run) -> dict[tuple[str, str], dict[str, NoData]]:
         for bus, messages in messages_by_bus(run.databases).items()
         for name, message in messages.items()
     }
-    return {key: {name: one for name, one in of.items() if one != _ALL_VALUES} for key, of in found.items()}
+    return {key: {name: no_data for name, no_data in of.items() if no_data != _ALL_VALUES} for key, of in found.items()}
 
 
 def _share(run: Run, tally: _Tally) -> float:

@@ -103,7 +103,7 @@ def report_of_processed(
                 campaign = fit_runs(processed, choices, soil, keep_predictions=True)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
-    material = ReportInputs(
+    inputs = ReportInputs(
         runs=tuple(run for _, run in processed),
         campaign=campaign,
         no_fit=problem,
@@ -123,7 +123,7 @@ def report_of_processed(
         diagnosis_failed=diagnosed.failed,
         last=last,
     )
-    return build_report(material)
+    return build_report(inputs)
 
 
 def report_of_tables(
@@ -155,8 +155,8 @@ def report_of_tables(
                 campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
-    soils = dict.fromkeys(one.soil.name for one in benches)
-    material = ReportInputs(
+    soils = dict.fromkeys(wheel_test.soil.name for wheel_test in benches)
+    inputs = ReportInputs(
         runs=(),
         campaign=campaign,
         no_fit=problem,
@@ -171,7 +171,7 @@ def report_of_tables(
         diagnosis_failed=found.failed,
         tables=tuple(benches),
     )
-    return build_report(material)
+    return build_report(inputs)
 
 
 def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) -> Diagnosed:

@@ -102,8 +102,8 @@ def process_runs(
         places = [place_of(used.run, options, zero) for used in in_use]
         kept = [place.get() if place else None for place in places]
         rows = zip(in_use, places, kept, strict=True)
-        anew = in_parallel(attempt, [(used.run, place) for used, place, one in rows if one is None])
-        return (next(anew) if one is None else one for one in kept)
+        anew = in_parallel(attempt, [(used.run, place) for used, place, kept_run in rows if kept_run is None])
+        return (next(anew) if kept_run is None else kept_run for kept_run in kept)
 
     collected = Collected()
     processed = []
@@ -111,15 +111,15 @@ def process_runs(
     in_use, unfit = runs_in_use(chosen, opened)
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
     found = progress(attempts(), "processing", len(in_use))
-    for used, one in zip(in_use, found, strict=True):
+    for used, result in zip(in_use, found, strict=True):
         run = used.run
         for text in texts_of(used.warnings):
             say(f"run {run.id}: {text}")
-        if isinstance(one, WheelsoilError):
-            collected.errors.append(one)
+        if isinstance(result, WheelsoilError):
+            collected.errors.append(result)
         else:
             with collected.catch():
-                processed.append((run, _as_chosen(used, one, chosen.source)))
+                processed.append((run, _as_chosen(used, result, chosen.source)))
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             if is_being_recorded(run.files[-1]):
@@ -140,9 +140,9 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pro
     """
     refused = [
         refusal(note.values, f"{_name(run)}, {run.vehicle_source}")
-        for run, one in processed
-        if is_refused(one)
-        for note in one.quality.notes
+        for run, processed_run in processed
+        if is_refused(processed_run)
+        for note in processed_run.quality.notes
         if note.code == RunCode.IMPLAUSIBLE
     ]
     if len(refused) == len(processed) and refused:
@@ -167,10 +167,10 @@ def doubts_of(run: Run) -> list[str]:
         options = ProcessOptions(purpose=LOOK)
         place = place_of(run, options, None)
         kept = place.get() if place else None
-        one = _process(run, place, options, None) if kept is None else kept
+        processed = _process(run, place, options, None) if kept is None else kept
     except (WheelsoilError, OSError):
         return []  # `process` says what is wrong
-    return texts_of(plausibility_of(one))
+    return texts_of(plausibility_of(processed))
 
 
 def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Path | None) -> ProcessedRun:
@@ -182,22 +182,22 @@ def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Pat
     try:
         unsure = UncertainTimestamps()
         channels = run.channel_batches(watch=unsure.take)
-        one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
+        processed = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
     gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
     of_run = (*unsure.notes(), *gaps, *run.validity_notes())
-    one = replace(one, quality=replace(one.quality, notes=(*of_run, *one.quality.notes)))
+    processed = replace(processed, quality=replace(processed.quality, notes=(*of_run, *processed.quality.notes)))
     if place:
-        place.put(one)
-    return one
+        place.put(processed)
+    return processed
 
 
-def _as_chosen(used: RunInUse, one: ProcessedRun, source: str) -> ProcessedRun:
+def _as_chosen(used: RunInUse, processed: ProcessedRun, source: str) -> ProcessedRun:
     """Return a processed run with the warnings about its file, and the parts that are kept of it."""
-    one = replace(one, quality=replace(one.quality, notes=(*used.warnings, *one.quality.notes)))
+    processed = replace(processed, quality=replace(processed.quality, notes=(*used.warnings, *processed.quality.notes)))
     try:
-        return one if used.keep is None else keep_only(one, used.keep, source)
+        return processed if used.keep is None else keep_only(processed, used.keep, source)
     except (ConfigError, DataError) as error:
         raise _explained(used.run, error) from None
 

@@ -71,9 +71,9 @@ class SinkageFacts:
         """Whether the measured sinkage contradicts, so that forces give no number here."""
         return self.agreement is not None and self.agreement.refuted
 
-    def number_m(self, one: SlipBin) -> float | None:
+    def number_m(self, slip_bin: SlipBin) -> float | None:
         """Return the sinkage of a range of slip; None where forces say no more than is known without them."""
-        return one.sinkage_m.value if one.tells and not self.withdrawn else None
+        return slip_bin.sinkage_m.value if slip_bin.tells and not self.withdrawn else None
 
 
 def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFacts:
@@ -142,9 +142,9 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
     notes = _lugs(wheel)
     if not table.sigma:
         notes = (*notes, "the table states no sigma: noise is not in the band")
-    left_out = len(table) - len(cells)
-    if left_out:
-        notes = (*notes, f"{len(cells)} of {len(table)} rows used: {left_out} are not driven or have no torque")
+    excluded = len(table) - len(cells)
+    if excluded:
+        notes = (*notes, f"{len(cells)} of {len(table)} rows used: {excluded} are not driven or have no torque")
     rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel), lug_height_m=wheel.lug_height_m or None)
     return _facts(table.name, cells, rows, notes, _sinkage_sigma(table, cells))
 
@@ -254,7 +254,7 @@ def unknown_sentence(facts: SinkageFacts) -> str:
     """Say in which rows forces give no number, why, and what would; empty where they do in all."""
     if facts.withdrawn:
         return "no number is given: the measured sinkage contradicts those from forces"
-    without = [one.slip for one in facts.bins if not one.tells]
+    without = [slip_bin.slip for slip_bin in facts.bins if not slip_bin.tells]
     if not without:
         return ""
     low, high = (share * facts.radius_m for share in WITHOUT_FORCES)
@@ -294,17 +294,17 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
         "wheel": {"radius_m": facts.radius_m},
         "bins": [
             {
-                "slip": one.slip,
-                "vertical_load_n": one.vertical_load_n,
-                "samples": one.samples,
-                "sinkage_m": facts.number_m(one),
-                "interval95_m": None if facts.withdrawn else one.sinkage_m.interval95,
-                "if_peak_stays_m": None if facts.withdrawn else one.if_peak_stays_m,
-                "if_peak_moves_m": None if facts.withdrawn else one.if_peak_moves_m,
-                "noise_sigma_m": one.noise_m,
-                "measured_m": one.measured_m,
+                "slip": slip_bin.slip,
+                "vertical_load_n": slip_bin.vertical_load_n,
+                "samples": slip_bin.samples,
+                "sinkage_m": facts.number_m(slip_bin),
+                "interval95_m": None if facts.withdrawn else slip_bin.sinkage_m.interval95,
+                "if_peak_stays_m": None if facts.withdrawn else slip_bin.if_peak_stays_m,
+                "if_peak_moves_m": None if facts.withdrawn else slip_bin.if_peak_moves_m,
+                "noise_sigma_m": slip_bin.noise_m,
+                "measured_m": slip_bin.measured_m,
             }
-            for one in facts.bins
+            for slip_bin in facts.bins
         ],
         "growth": {
             "unit": "m from no slip to full slip",

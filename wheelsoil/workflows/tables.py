@@ -95,9 +95,13 @@ def read_benches(
     collected.stop_if_any()
     return [
         BenchFiles(
-            one.rows, Wheel(one.section.radius_m, one.section.width_m), one.section, *grounds[one.table], one.name
+            wheel_rows.rows,
+            Wheel(wheel_rows.section.radius_m, wheel_rows.section.width_m),
+            wheel_rows.section,
+            *grounds[wheel_rows.table],
+            wheel_rows.name,
         )
-        for one in wheels
+        for wheel_rows in wheels
     ]
 
 
@@ -150,9 +154,11 @@ def read_wheels(
                 WheelRows(part, section, _name(part, parts), i) for part, section in zip(parts, sections, strict=True)
             ]
     collected.stop_if_any()
-    names = [one.name for one in found]
+    names = [wheel_rows.name for wheel_rows in found]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
-    return [replace(one, name=one.name + number) for one, number in zip(found, numbers, strict=True)]
+    return [
+        replace(wheel_rows, name=wheel_rows.name + number) for wheel_rows, number in zip(found, numbers, strict=True)
+    ]
 
 
 def one_wheel(found: Sequence[WheelRows]) -> WheelRows:
@@ -164,7 +170,7 @@ def one_wheel(found: Sequence[WheelRows]) -> WheelRows:
         There are several.
     """
     if len(found) > 1:
-        raise ConfigError(several_wheels([one.rows for one in found]))
+        raise ConfigError(several_wheels([wheel_rows.rows for wheel_rows in found]))
     return found[0]
 
 
@@ -185,7 +191,7 @@ def read_bench(
     """
     found = read_benches([path], table_files(files), rename=rename, where=where)
     if len(found) > 1:
-        raise ConfigError(several_wheels([one.rows for one in found]))
+        raise ConfigError(several_wheels([wheel_test.rows for wheel_test in found]))
     return found[0]
 
 
@@ -297,21 +303,21 @@ def _merged(part: WheelTable, source: str, section: WheelSection | None) -> Whee
     ConfigError
         They contradict each other, or leave radius or width open.
     """
-    said = section.model_dump(exclude_none=True) if section else {}
+    stated = section.model_dump(exclude_none=True) if section else {}
     against = [
         Fault(
             f"column {name!r} contradicts the wheel file",
             part.name,
             f"{value:g}{f' for {part.wheel}' if part.wheel else ''}",
-            f"{said[name]:g}, as {source} says",
+            f"{stated[name]:g}, as {source} says",
             "correct one of them, choose the rows with --where, or give a wheel file for each wheel",
         )
         for name, value in part.sizes.items()
-        if name in said and not isclose(said[name], value, rel_tol=1e-6)
+        if name in stated and not isclose(stated[name], value, rel_tol=1e-6)
     ]
     if against:
         raise ConfigError(*against)
-    wheel = {**said, **part.sizes}
+    wheel = {**stated, **part.sizes}
     if "radius_m" not in wheel or "width_m" not in wheel:
         raise ConfigError(Fault("the wheel is not known", part.wheel or part.name, next_step=_NO_WHEEL))
     if "lug_count" in wheel:

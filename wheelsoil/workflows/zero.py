@@ -223,8 +223,8 @@ def _trusted(channel: Channel, status: Channel | None) -> tuple[Channel, int]:
     """Return a channel without the samples whose status is not 0, and how many those are."""
     if status is None or not len(status):
         return channel, 0
-    said = status_at(channel.time_ns, status.time_ns, status.values, np.diff(status.time_ns))
-    good = (said == 0) | np.isneginf(said)
+    statuses = status_at(channel.time_ns, status.time_ns, status.values, np.diff(status.time_ns))
+    good = (statuses == 0) | np.isneginf(statuses)
     return Channel(channel.name, channel.unit, channel.time_ns[good], channel.values[good]), int(np.sum(~good))
 
 
@@ -283,24 +283,24 @@ def find_zeros(
         with collected.catch(str(run.path)):
             found.append(_find(run, from_s, to_s, on_ground=on_ground))
     collected.stop_if_any()
-    return sorted(found, key=lambda one: one.determination.time_utc)
+    return sorted(found, key=lambda result: result.determination.time_utc)
 
 
 def _find(run: Run, from_s: float | None, to_s: float | None, *, on_ground: bool) -> Found:
     data = transducer_data(run, from_s=from_s, to_s=to_s)
     lifted = determine(data.signals, data.angle, data.speed, run.vehicle, on_ground=on_ground)
-    one = _determination(run, data, lifted, on_ground=on_ground)
+    determination = _determination(run, data, lifted, on_ground=on_ground)
     forces = {
-        signal.role: (one.channels[signal.name], signal.si_factor)
+        signal.role: (determination.channels[signal.name], signal.si_factor)
         for signal in data.signals
-        if signal.role in ("drawbar_pull", "vertical_load") and signal.name in one.channels
+        if signal.role in ("drawbar_pull", "vertical_load") and signal.name in determination.channels
     }
     check = check_weight(forces, run.vehicle)
     remarks = [*lifted.remarks, *(check.remarks if check else ())]
     if data.distrusted:
         remarks.append(Note(ZeroCode.DISTRUSTED, values={"count": data.distrusted}))
     remarks += _warming(data, lifted)
-    return Found(run, one, check, lifted.outliers, tuple(remarks))
+    return Found(run, determination, check, lifted.outliers, tuple(remarks))
 
 
 def _determination(run: Run, data: TransducerData, lifted: Lifted, *, on_ground: bool) -> Determination:
@@ -360,7 +360,7 @@ def drifts(found: Sequence[Found]) -> tuple[list[Drift], list[Note]]:
 def all_compared(found: Sequence[Found]) -> bool:
     """Return whether there is a drift to tell from each determination to the next; False of a single one."""
     pairs = list(pairwise(found))
-    return bool(pairs) and all(drift_between(one.determination, next_.determination)[0] for one, next_ in pairs)
+    return bool(pairs) and all(drift_between(earlier.determination, later.determination)[0] for earlier, later in pairs)
 
 
 def too_far(rows: Sequence[Drift], most: Mapping[Quantity, float]) -> list[Drift]:
@@ -401,7 +401,7 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     ConfigError
         See `check_place`.
     """
-    zeros = check_place(path).plus(*(one.determination for one in found))
+    zeros = check_place(path).plus(*(result.determination for result in found))
     try:
         with draft_of(path) as draft:
             draft.write_bytes(zeros_toml(zeros))

@@ -84,27 +84,27 @@ _READING_FORCES = (
 
 
 @section("slip", "Single-law fits: drawbar pull against slip")
-def drawbar_pull(material: ReportInputs) -> Contents:
+def drawbar_pull(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` if the drawbar pull was not measured."""
-    return _curves(material, "dp", "slip", "drawbar pull (N)", _READING_PULL, _ERRORS_PULL)
+    return _curves(inputs, "dp", "slip", "drawbar pull (N)", _READING_PULL, _ERRORS_PULL)
 
 
 @section("torque", "Single-law fits: driving torque against slip")
-def torque(material: ReportInputs) -> Contents:
+def torque(inputs: ReportInputs) -> Contents:
     """Build the section: where the torque was not fitted, an independent check; `DataError` if it was not measured."""
-    return _curves(material, "t", "torque", "driving torque (N m)", _READING_TORQUE, _ERRORS_TORQUE)
+    return _curves(inputs, "t", "torque", "driving torque (N m)", _READING_TORQUE, _ERRORS_TORQUE)
 
 
-def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: str, of_errors: str) -> Contents:
+def _curves(inputs: ReportInputs, channel: str, key: str, axis: str, reading: str, of_errors: str) -> Contents:
     """Return driving and braking, with a choice among all runs and each, and the errors of every model."""
-    pool = material.pool
+    pool = inputs.pool
     measured = pool.measured(channel)
-    predicted = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) for model in material.fit.models}
+    predicted = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) for model in inputs.fit.models}
     predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
-    sigmas = material.sigmas[channel]
+    sigmas = inputs.sigmas[channel]
     choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}
-    if len(material.fitted) > 1:
-        choices |= {run.run.id: pool.run == i for i, run in enumerate(material.fitted) if run.used.any()}
+    if len(inputs.fitted) > 1:
+        choices |= {run.run.id: pool.run == i for i, run in enumerate(inputs.fitted) if run.used.any()}
     figures = []
     for half, ends in _HALVES:
         inside = (pool.slip > 0) if half == "driving" else (pool.slip <= 0)
@@ -121,7 +121,7 @@ def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: 
             traces = _of_measured(pool.slip[rows], measured[rows], bins, ends)
             for name, curve in curves.items():
                 traces += _of_model(name, curve, bins.of(sigmas[name][rows], least=1))
-            traces += _recommended(material, channel, choice, driving=half == "driving")
+            traces += _recommended(inputs, channel, choice, driving=half == "driving")
             data += traces
             groups += [choice] * len(traces)
         layout = axes("slip", axis, height=430)
@@ -129,9 +129,9 @@ def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: 
         set_axis_range(layout, "x", np.array(visible), margin=0.02)
         set_axis_range(layout, "y", measured[inside], also=np.concatenate(medians))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
-    errors, numbers = _errors(material, key, axis, measured, predicted)
-    errors = _with_recommended(errors, material, channel)
-    lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
+    errors, numbers = _errors(inputs, key, axis, measured, predicted)
+    errors = _with_recommended(errors, inputs, channel)
+    lacking = f" Not included because a signal is missing: {inputs.not_fitted}." if inputs.not_fitted else ""
     return [Panels(figures, f"{reading}{lacking}", list(choices)), Panels([errors], of_errors)], numbers
 
 
@@ -160,23 +160,23 @@ def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     return [*hidden, drawn]
 
 
-def _recommended(material: ReportInputs, channel: str, choice: str, *, driving: bool) -> list[Trace]:
+def _recommended(inputs: ReportInputs, channel: str, choice: str, *, driving: bool) -> list[Trace]:
     """Return the recommended model's line, where a diagnosis recommends more than the baseline."""
-    one = material.recommendation
-    if material.diagnosed is None or one.is_base or channel not in one.measured:
+    recommendation = inputs.recommendation
+    if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
         return []
-    rows = (one.slip > 0) == driving
-    if choice in one.runs:
-        rows &= one.run == one.runs.index(choice)
-    curve = binned(one.slip[rows], one.recommended[channel][rows], EDGES)
-    return [line(curve.centre, curve.median, one.title.lower(), RECOMMENDED, "solid", 3.0)]
+    rows = (recommendation.slip > 0) == driving
+    if choice in recommendation.runs:
+        rows &= recommendation.run == recommendation.runs.index(choice)
+    curve = binned(recommendation.slip[rows], recommendation.recommended[channel][rows], EDGES)
+    return [line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)]
 
 
 def _errors(
-    material: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
+    inputs: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
 ) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of predicted - measured, and the numbers of the curves."""
-    bins = Binning(material.pool.slip, EDGES)
+    bins = Binning(inputs.pool.slip, EDGES)
     numbers: dict[str, Any] = {"measured": bins.of(measured)}
     traces: list[Trace] = []
     medians: list[FloatArray] = []
@@ -191,30 +191,32 @@ def _errors(
     layout = axes("slip", f"measured − predicted {unit}", height=340)
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
-    layout["shapes"] = [dotted_line(material.fit.slip_threshold)]
+    layout["shapes"] = [dotted_line(inputs.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
 
 
-def _with_recommended(figure: Figure, material: ReportInputs, channel: str) -> Figure:
+def _with_recommended(figure: Figure, inputs: ReportInputs, channel: str) -> Figure:
     """Return the figure of errors with that of the recommended model, where a diagnosis recommends one."""
-    one = material.recommendation
-    if material.diagnosed is None or one.is_base or channel not in one.measured:
+    recommendation = inputs.recommendation
+    if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
         return figure
-    curve = binned(one.slip[one.slip > 0], one.residual(channel)[one.slip > 0], EDGES)
-    drawn = line(curve.centre, curve.median, one.title.lower(), RECOMMENDED, "solid", 3.0)
+    curve = binned(
+        recommendation.slip[recommendation.slip > 0], recommendation.residual(channel)[recommendation.slip > 0], EDGES
+    )
+    drawn = line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)
     return replace(figure, data=[*figure.data, drawn])
 
 
 @section("sinkage", "Sinkage: from forces and by the single-law fits")
-def sinkage(material: ReportInputs) -> Contents:
+def sinkage(inputs: ReportInputs) -> Contents:
     """Build the section."""
     blocks: list[Block] = []
-    if not np.isfinite(material.pool.sinkage_m).any():
+    if not np.isfinite(inputs.pool.sinkage_m).any():
         blocks.append(Text("The sinkage was not measured; what the models predict can be held against the rut."))
-    figure, numbers = _predicted(material)
+    figure, numbers = _predicted(inputs)
     reading = _READING_SINKAGE
     try:
-        facts = facts_of_runs(material.fitted, material.vehicle.wheel)
+        facts = facts_of_runs(inputs.fitted, inputs.vehicle.wheel)
     except DataError as error:
         blocks.append(Text(f"No sinkage from forces: {error.faults[0].what}."))
     else:
@@ -225,9 +227,9 @@ def sinkage(material: ReportInputs) -> Contents:
     return [Panels([figure], reading), *blocks], numbers
 
 
-def _predicted(material: ReportInputs) -> tuple[Figure, dict[str, Any]]:
+def _predicted(inputs: ReportInputs) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of each model's sinkage beside the measured one, and the numbers in it."""
-    pool = material.pool
+    pool = inputs.pool
     measured = 1e3 * pool.sinkage_m
     data: list[Trace] = []
     numbers: dict[str, Any] = {"unit": _SINKAGE_AXIS}
@@ -242,7 +244,7 @@ def _predicted(material: ReportInputs) -> tuple[Figure, dict[str, Any]]:
             line(curve.centre, curve.median, "median of measured", MEASURED, "solid", 2.2),
         ]
         numbers["measured"] = curve
-    for model in material.fit.models:
+    for model in inputs.fit.models:
         curve = binned(pool.slip, 1e3 * pool.predicted(model.name, "sinkage_m"), EDGES)
         data.append(marked_line(curve.centre, curve.median, style(model.name).label, style(model.name)))
         numbers[model.name] = curve
@@ -257,7 +259,10 @@ def _predicted(material: ReportInputs) -> tuple[Figure, dict[str, Any]]:
 def _with_forces(figure: Figure, facts: SinkageFacts) -> Figure:
     """Return the figure with the sinkage from forces below everything else."""
     slip, low, high, stays, moves = np.array(
-        [(one.slip, *one.sinkage_m.interval95, one.if_peak_stays_m, one.if_peak_moves_m) for one in facts.bins]
+        [
+            (slip_bin.slip, *slip_bin.sinkage_m.interval95, slip_bin.if_peak_stays_m, slip_bin.if_peak_moves_m)
+            for slip_bin in facts.bins
+        ]
     ).T
     traces: list[Trace] = [
         *band(slip, 1e3 * low, 1e3 * high, "from forces, 95 %", _FORCES_BAND),
@@ -329,9 +334,9 @@ _QUANTITIES = {
 
 
 @section("load", "Single-law fits: load of the model's sinkage")
-def load(material: ReportInputs) -> Contents:
+def load(inputs: ReportInputs) -> Contents:
     """Build the section: the ratio of the loads (literal), or the scale of the normal stress (balanced)."""
-    fit, pool = material.fit, material.pool
+    fit, pool = inputs.fit, inputs.pool
     quantity = _QUANTITIES[fit.options.reading]
     lines, medians, rows = [], [], []
     numbers: dict[str, Any] = {}

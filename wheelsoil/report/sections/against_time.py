@@ -60,7 +60,7 @@ _PANELS = (
 
 
 @section("time", "Time histories")
-def time(material: ReportInputs) -> Contents:
+def time(inputs: ReportInputs) -> Contents:
     """Build the section: a panel for each channel on one time axis, a choice for each run.
 
     What was not measured is said; forces without a fit are shown as they were measured.
@@ -69,43 +69,43 @@ def time(material: ReportInputs) -> Contents:
     figures: list[Figure] = []
     reading = _READING
     try:
-        figures, reading = _forces(material)
+        figures, reading = _forces(inputs)
     except DataError as error:
         blocks = [Text(f"No forces: {'; '.join(fault.what for fault in error.faults)}.", "missing")]
-    figures = [_with_marks(one, material) for one in (*_drive(material.runs), *figures)]
+    figures = [_with_marks(figure, inputs) for figure in (*_drive(inputs.runs), *figures)]
     named = {group for figure in figures for group in figure.groups}
-    names = [run.run.id for run in material.runs if run.run.id in named]
-    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
-    loads = {run.run.id: _mean(run.vertical_load_n) for run in material.runs}
-    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True, places=places(material.runs))
+    names = [run.run.id for run in inputs.runs if run.run.id in named]
+    lengths = {run.run.id: float(run.time_s[-1]) for run in inputs.runs if len(run)}
+    loads = {run.run.id: _mean(run.vertical_load_n) for run in inputs.runs}
+    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True, places=places(inputs.runs))
     return [*blocks, panels], {"length_s": lengths, "mean_load_n": loads}
 
 
-def _forces(material: ReportInputs) -> tuple[list[Figure], str]:
+def _forces(inputs: ReportInputs) -> tuple[list[Figure], str]:
     """Return a figure of each force, and how to read them; `DataError` where none can be shown."""
-    if material.campaign is None:
-        return _of_all(material), _READING_OF_ALL
-    material.pool.measured("dp")
-    runs = [run for run in material.runs if run.used.any()]
+    if inputs.campaign is None:
+        return _of_all(inputs), _READING_OF_ALL
+    inputs.pool.measured("dp")
+    runs = [run for run in inputs.runs if run.used.any()]
     if not runs:
         raise DataError("no run has a sample that can be used")
     figures = []
     for channel in _SHOWN:
         try:
-            figures.append(_channel_figure(material, channel, runs))
+            figures.append(_channel_figure(inputs, channel, runs))
         except DataError:
             continue  # a channel that was not measured
     return figures, _READING
 
 
-def _with_marks(figure: Figure, material: ReportInputs) -> Figure:
+def _with_marks(figure: Figure, inputs: ReportInputs) -> Figure:
     """Return a figure with the marks that were set in the field, as flags on an axis of their own."""
     layout = dict(figure.layout) | {
         "yaxis2": {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True}
     }
     data, groups = list(figure.data), list(figure.groups)
-    for run in material.runs:
-        source = material.source_of(run)
+    for run in inputs.runs:
+        source = inputs.source_of(run)
         marks = [event for event in (source.events if source else ()) if event.name == "mark"]
         if marks and run.run.id in groups:
             data.append(_flags(run, marks))
@@ -117,7 +117,7 @@ def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
     """Return a vertical line with its text at each mark."""
     times_s = [round(1e-9 * (event.time_ns - run.start_ns), 3) for event in marks]
     x = [value for time_s in times_s for value in (time_s, time_s, None)]
-    said = [value for event in marks for value in ("", f"\u2691 {words(event.text)}", "")]
+    labels = [value for event in marks for value in ("", f"\u2691 {words(event.text)}", "")]
     look = {"color": _MARK, "width": 1.4, "dash": "dot"}
     return {
         "type": "scatter",
@@ -126,7 +126,7 @@ def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
         "x": x,
         "y": [0.0, 1.0, None] * len(times_s),
         "yaxis": "y2",
-        "text": said,
+        "text": labels,
         "textposition": "bottom right",
         "textfont": {"color": _MARK, "size": 12},
         "line": look,
@@ -135,13 +135,13 @@ def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
     }
 
 
-def _of_all(material: ReportInputs) -> list[Figure]:
+def _of_all(inputs: ReportInputs) -> list[Figure]:
     """Return the figures where there is no fit: what was measured, whether it could be used or not."""
     figures = []
-    points = points_of_run(len(material.runs))
+    points = points_of_run(len(inputs.runs))
     for channel in _SHOWN:
-        values = [getattr(run, OUTPUTS[channel].field) for run in material.runs]
-        runs = [run for run, of in zip(material.runs, values, strict=True) if np.isfinite(of).any()]
+        values = [getattr(run, OUTPUTS[channel].field) for run in inputs.runs]
+        runs = [run for run, of in zip(inputs.runs, values, strict=True) if np.isfinite(of).any()]
         if not runs:
             continue
         everything = np.concatenate(values)
@@ -162,23 +162,23 @@ def _of_all(material: ReportInputs) -> list[Figure]:
     return figures
 
 
-def _channel_figure(material: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
+def _channel_figure(inputs: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
     name = OUTPUTS[channel].name
-    values = material.pool.measured(channel)
+    values = inputs.pool.measured(channel)
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(known.max())
     beyond = 0.3 * (high - low)
     data: list[Trace] = []
     groups: list[str] = []
     for run in runs:
-        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, OUTPUTS[channel].field)]
+        traces = [*_segments(run, low - beyond, high + beyond), *_lines(inputs, run, OUTPUTS[channel].field)]
         data += traces
         groups += [run.run.id] * len(traces)
     layout = axes("time (s)", f"{name} ({OUTPUTS[channel].unit_text})", height=360)
-    driven = np.isfinite(values) & (material.pool.slip > 0)
+    driven = np.isfinite(values) & (inputs.pool.slip > 0)
     shown = driven if driven.any() else np.isfinite(values)
-    said = [material.pool.predicted(model.name, OUTPUTS[channel].field)[shown] for model in material.fit.models]
-    bulk = [np.nanpercentile(one, [1, 99]) for one in said if np.isfinite(one).any()]
+    predictions = [inputs.pool.predicted(model.name, OUTPUTS[channel].field)[shown] for model in inputs.fit.models]
+    bulk = [np.nanpercentile(prediction, [1, 99]) for prediction in predictions if np.isfinite(prediction).any()]
     set_axis_range(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
     return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
 
@@ -195,31 +195,37 @@ def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
     return traces
 
 
-def _lines(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
+def _lines(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
     """Return what was measured and, of a fitted run, what every model says, at the same samples."""
     measured = _used(run, getattr(run, quantity))
-    rows = decimated_rows(measured, points_of_run(len(material.runs)))
+    rows = decimated_rows(measured, points_of_run(len(inputs.runs)))
     time_s = run.time_s[rows]
     traces = [line(time_s, measured[rows], "measured", MEASURED, "solid", 2.6)]
-    for name, prediction in material.predictions_of(run).items():
+    for name, prediction in inputs.predictions_of(run).items():
         look = style(name)
         predicted = _used(run, getattr(prediction, quantity))
         traces.append(line(time_s, predicted[rows], look.label, look.colour, look.dash, 1.6))
-    return [*traces, *_recommended(material, run, quantity)]
+    return [*traces, *_recommended(inputs, run, quantity)]
 
 
-def _recommended(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
+def _recommended(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
     """Return what the recommended model says of a run, where a diagnosis recommends more than the baseline."""
-    if material.diagnosed is None or (one := material.recommendation).is_base or run.run.id not in one.runs:
+    if (
+        inputs.diagnosed is None
+        or (recommendation := inputs.recommendation).is_base
+        or run.run.id not in recommendation.runs
+    ):
         return []
-    channel = next((c for c in one.recommended if OUTPUTS[c].field == quantity), "")
-    rows = np.flatnonzero(one.run == one.runs.index(run.run.id))
+    channel = next((c for c in recommendation.recommended if OUTPUTS[c].field == quantity), "")
+    rows = np.flatnonzero(recommendation.run == recommendation.runs.index(run.run.id))
     if not channel or not len(rows):
         return []
-    rows = rows[np.argsort(one.time_s[rows], kind="stable")]
-    gaps = np.flatnonzero(np.diff(one.time_s[rows]) > _GAP_S) + 1
-    time_s, values = (np.insert(x[rows], gaps, np.nan) for x in (one.time_s, one.recommended[channel]))
-    return [line(time_s, values, one.title.lower(), RECOMMENDED, "solid", 2.2)]
+    rows = rows[np.argsort(recommendation.time_s[rows], kind="stable")]
+    gaps = np.flatnonzero(np.diff(recommendation.time_s[rows]) > _GAP_S) + 1
+    time_s, values = (
+        np.insert(x[rows], gaps, np.nan) for x in (recommendation.time_s, recommendation.recommended[channel])
+    )
+    return [line(time_s, values, recommendation.title.lower(), RECOMMENDED, "solid", 2.2)]
 
 
 def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:

@@ -23,9 +23,9 @@ _READING = (
 
 
 @section("candidates", "Candidate causes")
-def candidates(material: ReportInputs) -> Contents:
+def candidates(inputs: ReportInputs) -> Contents:
     """Build the section."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     blocks: list[Block] = []
     if refused := refusal_words(found):
         blocks.append(Text(refused, "warning"))
@@ -115,11 +115,13 @@ def _meaning(cause: Cause) -> str:
 def _adequacy(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
     if found.adequacy and isfinite(found.adequacy.statistic):
-        said = adequacy_words(found.adequacy)
+        adequacy = adequacy_words(found.adequacy)
         if found.adequacy.ok:
-            blocks.append(Text(f"The best explanation leaves no more than noise: {said}.", "good"))
+            blocks.append(Text(f"The best explanation leaves no more than noise: {adequacy}.", "good"))
         else:
-            text = f"The best explanation leaves more than noise: {said}. Do not rely on the probabilities of causes."
+            text = (
+                f"The best explanation leaves more than noise: {adequacy}. Do not rely on the probabilities of causes."
+            )
             blocks.append(Text(text, "warning"))
     if found.proposal:
         text = (

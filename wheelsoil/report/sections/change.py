@@ -37,46 +37,46 @@ _NAMES = {"pull_at_slip_0.2": "pull at slip 0.2", "usable_share": "usable share 
 
 
 @section("cost", "What the cause costs")
-def cost(material: ReportInputs) -> Contents:
+def cost(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` where no cause is named."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     causes = recommended_causes(found)
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
-    load, speed = _usual(material)
-    soil = material.fit.soil
+    load, speed = _usual(inputs)
+    soil = inputs.fit.soil
     costs = costs_of(
         causes,
-        wheel_of(material.vehicle, "vehicle.toml"),
+        wheel_of(inputs.vehicle, "vehicle.toml"),
         soil,
         found.soils[0],
         load_n=load,
         speed_mps=speed,
-        reading=material.fit.options.reading,
+        reading=inputs.fit.options.reading,
     )
     head = ["quantity", "slip", "without", "with", "difference", "95 % interval", "unit"]
     note = (
         f"Steady driving at {load / 1e3:.1f} kN and {speed:.1f} m/s, by the recommended model. "
         "Interval: of the causes' sizes, soil held."
     )
-    title = f"With and without {listed([plain_name(one.name) for one in causes])}"
+    title = f"With and without {listed([plain_name(cause.name) for cause in causes])}"
     table = Table(title, head, _rows(costs), note, words=("unit",))
     return [Text(_meaning(causes)), table], {
-        "costs": [vars(one) | {"difference": one.difference} for one in costs],
+        "costs": [vars(entry) | {"difference": entry.difference} for entry in costs],
         "load_n": load,
         "ground_speed_mps": speed,
     }
 
 
 def _meaning(causes: tuple[Cause, ...]) -> str:
-    kinds = {one.kind for one in causes}
+    kinds = {cause.kind for cause in causes}
     return _MEASURED if kinds == {"measurement"} else _PHYSICAL
 
 
-def _usual(material: ReportInputs) -> tuple[float, float]:
+def _usual(inputs: ReportInputs) -> tuple[float, float]:
     """Return median load and ground speed of the used samples."""
     load, speed = (
-        np.concatenate([getattr(run, name)[run.used] for run in material.fitted])
+        np.concatenate([getattr(run, name)[run.used] for run in inputs.fitted])
         for name in ("vertical_load_n", "ground_speed_mps")
     )
     return float(np.nanmedian(load)), float(np.nanmedian(speed))
@@ -84,12 +84,16 @@ def _usual(material: ReportInputs) -> tuple[float, float]:
 
 def _rows(costs: list[Cost]) -> list[list[str]]:
     rows = []
-    for one in costs:
-        name, factor, unit = _QUANTITIES[one.quantity]
-        low, high = (factor * end for end in one.difference95)
+    for entry in costs:
+        name, factor, unit = _QUANTITIES[entry.quantity]
+        low, high = (factor * end for end in entry.difference95)
         interval = f"{_signed(low)} … {_signed(high)}" if isfinite(low) else "–"
-        values = [number(factor * one.without), number(factor * one.with_causes), _signed(factor * one.difference)]
-        rows.append([name, f"{one.slip:.2f}", *values, interval, unit])
+        values = [
+            number(factor * entry.without),
+            number(factor * entry.with_causes),
+            _signed(factor * entry.difference),
+        ]
+        rows.append([name, f"{entry.slip:.2f}", *values, interval, unit])
     return rows
 
 
@@ -99,60 +103,67 @@ def _signed(value: float) -> str:
 
 
 @section("against", "Since last time")
-def against(material: ReportInputs) -> Contents:
+def against(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` where no earlier report was given."""
-    if material.last is None:
+    if inputs.last is None:
         raise DataError("no earlier report was given (--against)")
-    changes = changes_since(material.last, _sections(material))
-    beyond = [one for one in changes if one.beyond]
-    when = f"the report of {material.last.made_at[:10]} ({material.last.name})"
-    said = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
+    changes = changes_since(inputs.last, _sections(inputs))
+    beyond = [change for change in changes if change.beyond]
+    when = f"the report of {inputs.last.made_at[:10]} ({inputs.last.name})"
+    summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
     if beyond:
-        said += f" {upper(listed([_sentence(one) for one in beyond[:3]]))}."
+        summary += f" {upper(listed([_sentence(change) for change in beyond[:3]]))}."
     head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
-    blocks: list[Block] = [Text(said, "warning" if beyond else "good")]
-    blocks.append(Table("Last time and now", head, [_row(one) for one in changes], note, words=head[4:]))
+    blocks: list[Block] = [Text(summary, "warning" if beyond else "good")]
+    blocks.append(Table("Last time and now", head, [_row(change) for change in changes], note, words=head[4:]))
     return blocks, {
-        "changes": [vars(one) | {"difference": one.difference, "beyond": one.beyond} for one in changes],
-        "last": material.last.made_at,
+        "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
+        "last": inputs.last.made_at,
     }
 
 
-def _sections(material: ReportInputs) -> dict[str, Any]:
+def _sections(inputs: ReportInputs) -> dict[str, Any]:
     """Return the sections that are compared, as report.json has them; those that cannot be built are left out."""
     found: dict[str, Any] = {}
     for builder in (glance, fit_section, causes_section, runs_section):
         try:
-            found[builder.key] = plain(builder.build(material).numbers)
+            found[builder.key] = plain(builder.build(inputs).numbers)
         except DataError:
             continue
     return found
 
 
-def _sentence(one: Change) -> str:
-    if not isfinite(one.last):
-        return f"{_name(one)} is new"
-    if not isfinite(one.now):
-        return f"{_name(one)} is gone"
-    return f"{_name(one)} went from {number(one.last)} to {number(one.now)} {one.unit}".rstrip()
+def _sentence(change: Change) -> str:
+    if not isfinite(change.last):
+        return f"{_name(change)} is new"
+    if not isfinite(change.now):
+        return f"{_name(change)} is gone"
+    return f"{_name(change)} went from {number(change.last)} to {number(change.now)} {change.unit}".rstrip()
 
 
-def _name(one: Change) -> str:
-    if one.name in _NAMES:
-        return _NAMES[one.name]
-    first, _, last = one.name.partition(".")
-    if one.kind == "soil":
-        campaign, _, name = one.name.rpartition(".")
+def _name(change: Change) -> str:
+    if change.name in _NAMES:
+        return _NAMES[change.name]
+    first, _, last = change.name.partition(".")
+    if change.kind == "soil":
+        campaign, _, name = change.name.rpartition(".")
         return f"{SOIL_LETTERS.get(name, name)} of the soil" + (f" in {campaign}" if campaign != "soil" else "")
-    if one.kind == "cause":
+    if change.kind == "cause":
         return f"{plain_name(first)}, {letter(last)}"
     channel = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}[last.split(".")[0]]
     return f"error of {channel} on held-out runs, calibrated soil"
 
 
-def _row(one: Change) -> list[str]:
-    halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (one.last_half95, one.now_half95)]
-    difference = signed(one.difference, "+.3g") if isfinite(one.difference) else "–"
-    verdict = "yes" if one.beyond else "no" if any(halves) else "no interval"
-    return [_name(one), number(one.last) + halves[0], number(one.now) + halves[1], difference, verdict, one.unit]
+def _row(change: Change) -> list[str]:
+    halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
+    difference = signed(change.difference, "+.3g") if isfinite(change.difference) else "–"
+    verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
+    return [
+        _name(change),
+        number(change.last) + halves[0],
+        number(change.now) + halves[1],
+        difference,
+        verdict,
+        change.unit,
+    ]

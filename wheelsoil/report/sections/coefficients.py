@@ -52,9 +52,9 @@ _OF_CRITERIA = ("effects", "criteria", "load_ratio")
 
 
 @section("coefficients", "Single-law fits: parameters")
-def coefficients(material: ReportInputs) -> Contents:
+def coefficients(inputs: ReportInputs) -> Contents:
     """Build the section: fit statistics, variables, correlations."""
-    fit = material.fit
+    fit = inputs.fit
     limits = {model.name: _limits(fit, model) for model in fit.models}
     rows = [row for model in fit.models for row in _variables(model, limits[model.name])]
     percent = f"{100 * fit.options.confidence:g} % interval"
@@ -109,7 +109,7 @@ def _limits(fit: CampaignFit, model: ModelFit) -> dict[str, tuple[float, float, 
     extended = options.extended if model.name == EXTENDED else None
     law = options.forward(fit.wheel, fit.soil, model.name)
     free = free_parameters(law, options.soil_prior, extended.values if extended else None)
-    return {one.name: (one.start, one.lower, one.upper) for one in free}
+    return {parameter.name: (parameter.start, parameter.lower, parameter.upper) for parameter in free}
 
 
 def _variables(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> list[list[str]]:
@@ -198,8 +198,8 @@ def _pair(model: ModelFit) -> Figure | None:
 
 
 def _meaning(model: ModelFit) -> str:
-    said = " ".join(f"{EFFECTS[name].summary} ({EFFECTS[name].source})" for name in model.effects)
-    return f"{style(model.name).label}: {said}"
+    formulas = " ".join(f"{EFFECTS[name].summary} ({EFFECTS[name].source})" for name in model.effects)
+    return f"{style(model.name).label}: {formulas}"
 
 
 def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:
@@ -214,9 +214,9 @@ def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, f
 
 
 @section("criteria", "Single-law fits: criteria side by side")
-def criteria(material: ReportInputs) -> Contents:
+def criteria(inputs: ReportInputs) -> Contents:
     """Build the section: one table for each channel that was measured."""
-    fit = material.fit
+    fit = inputs.fit
     measured = [c for c in _JUDGED if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]
     numbers = {
         m.name: {

@@ -73,9 +73,9 @@ class _Shown:
 
 
 @section("evidence", "Signatures of the causes")
-def evidence(material: ReportInputs) -> Contents:
+def evidence(inputs: ReportInputs) -> Contents:
     """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     keys = _members(found)
     if not keys:
         return [Text(_nothing(found))], {"members": []}
@@ -200,9 +200,9 @@ def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) 
 
 
 @section("gain", "Gain of the extension")
-def gain(material: ReportInputs) -> Contents:
+def gain(inputs: ReportInputs) -> Contents:
     """Build the section."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     if found.gain is None:
         why = (
             "nothing explains these runs: there is no extension whose gain could be measured."
@@ -257,8 +257,8 @@ def _gain_figure(gain: Gain) -> Figure:
 
 def _choices(gain: Gain) -> str:
     counts = Counter(gain.chosen)
-    said = [
+    choices = [
         f"{listed([form_name(effect_name(key)) for key in keys]) if keys else 'no cause'} in {count}"
         for keys, count in counts.most_common()
     ]
-    return f"Of {len(gain.chosen)} choices without the held-out run: {listed(said)}."
+    return f"Of {len(gain.chosen)} choices without the held-out run: {listed(choices)}."

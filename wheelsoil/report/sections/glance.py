@@ -43,16 +43,16 @@ _ONE_PLACE_DEG = 0.02
 
 
 @section("glance", "Summary")
-def glance(material: ReportInputs) -> Contents:
+def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
-    grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
-    sentences = _sentences(material)
-    steps = Steps(_steps(material, grades), _again(grades), [caution_text(one) for one in _cautions(material)])
-    headline, said = _headline(material, sentences)
-    tiles = _tiles(material, grades)
-    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(said), "lead"), Tiles(tiles)]
+    grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
+    sentences = _sentences(inputs)
+    steps = Steps(_steps(inputs, grades), _again(grades), [caution_text(bias) for bias in _cautions(inputs)])
+    headline, details = _headline(inputs, sentences)
+    tiles = _tiles(inputs, grades)
+    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), Tiles(tiles)]
     try:
-        blocks.append(hero(material))
+        blocks.append(hero(inputs))
     except DataError as error:
         blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
     numbers = {
@@ -62,52 +62,53 @@ def glance(material: ReportInputs) -> Contents:
         "steps": steps.steps,
         "grades": grades,
         "tiles": {
-            one.title: {"before": one.before, "value": one.value, "unit": one.unit} for one in _tiles(material, grades)
+            tile.title: {"before": tile.before, "value": tile.value, "unit": tile.unit}
+            for tile in _tiles(inputs, grades)
         },
         "cautions": list(steps.cautions),
-        "key_figures": _key_figures(material),
+        "key_figures": _key_figures(inputs),
     }
     return [*blocks, steps], numbers
 
 
-def _headline(material: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
+def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
     """Return the headline, of at most 25 words, and the sentences below it."""
-    if material.diagnosed is not None:
-        return headline_of(material.diagnosed), details_of(material.diagnosed)
+    if inputs.diagnosed is not None:
+        return headline_of(inputs.diagnosed), details_of(inputs.diagnosed)
     if len(sentences[0].split()) <= MOST_WORDS:
         return sentences[0], sentences[1:]
-    if material.campaign is not None:
-        return fit_headline(rank(material)), sentences
-    return f"{'No diagnosis' if material.tables else 'No result'}: the reason is below.", sentences
+    if inputs.campaign is not None:
+        return fit_headline(rank(inputs)), sentences
+    return f"{'No diagnosis' if inputs.tables else 'No result'}: the reason is below.", sentences
 
 
-def _sentences(material: ReportInputs) -> list[str]:
+def _sentences(inputs: ReportInputs) -> list[str]:
     """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
-    if material.diagnosed is not None:
-        return sentences_of(material.diagnosed)
-    if material.tables:
-        return [f"No diagnosis: {material.no_diagnosis or 'none was asked for'}."]
+    if inputs.diagnosed is not None:
+        return sentences_of(inputs.diagnosed)
+    if inputs.tables:
+        return [f"No diagnosis: {inputs.no_diagnosis or 'none was asked for'}."]
     try:
-        return fit_sentences(material, rank(material))
+        return fit_sentences(inputs, rank(inputs))
     except DataError as error:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
-def _key_figures(material: ReportInputs) -> dict[str, KeyFigure]:
+def _key_figures(inputs: ReportInputs) -> dict[str, KeyFigure]:
     """Return all that other surfaces show too, by its key."""
-    of_ground = figures_of_traction(traction_of(material.fitted)) if material.runs and material.campaign else {}
-    return of_ground | (figures_of_diagnosis(material.diagnosed) if material.diagnosed is not None else {})
+    of_ground = figures_of_traction(traction_of(inputs.fitted)) if inputs.runs and inputs.campaign else {}
+    return of_ground | (figures_of_diagnosis(inputs.diagnosed) if inputs.diagnosed is not None else {})
 
 
-def _tiles(material: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
-    return [_error_tile(material), _confidence_tile(material.diagnosed), _data_tile(material, grades)]
+def _tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
+    return [_error_tile(inputs), _confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
 
 
-def _error_tile(material: ReportInputs) -> Tile:
-    found = material.diagnosed
+def _error_tile(inputs: ReportInputs) -> Tile:
+    found = inputs.diagnosed
     gain = found.gain if found is not None else None
     if found is None or gain is None or found.main_channel not in gain.base:
-        return _in_sample_tile(material)
+        return _in_sample_tile(inputs)
     main = found.main_channel
     channel = OUTPUTS[main]
     factor, unit = page_unit(main)
@@ -118,12 +119,12 @@ def _error_tile(material: ReportInputs) -> Tile:
     low, high = change.interval95
     title = f"{channel.name.capitalize()} error, held-out"
     if found.verdict not in ("named", "one_of") or abs(change.percent) < NO_CHANGE:
-        others = [f"{OUTPUTS[one].name} {_error_of(gain, one)}" for one in gain.base if one != main]
+        others = [f"{OUTPUTS[output].name} {_error_of(gain, output)}" for output in gain.base if output != main]
         return Tile(
             title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
         )
     notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
-    notes += [_errors_of(gain, one) for one in gain.base if one != main and one in gain.extended]
+    notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
     return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=low > 0)
 
@@ -139,19 +140,22 @@ def _errors_of(gain: Gain, channel: str) -> str:
     return f"{OUTPUTS[channel].name} {before} → {after}\u00a0{unit.replace(' ', chr(160))}"
 
 
-def _in_sample_tile(material: ReportInputs) -> Tile:
+def _in_sample_tile(inputs: ReportInputs) -> Tile:
     title = "Drawbar pull error"
     try:
-        one = material.recommendation
+        recommendation = inputs.recommendation
     except DataError:
         return Tile(title, "–", "", "there is no fit")
-    if "dp" not in one.measured:
+    if "dp" not in recommendation.measured:
         return Tile(title, "–", "", "the drawbar pull was not measured")
     base, after = (
-        float(np.sqrt(np.nanmean(one.residual("dp", base=base)[one.slip > 0] ** 2))) for base in (True, False)
+        float(np.sqrt(np.nanmean(recommendation.residual("dp", base=base)[recommendation.slip > 0] ** 2)))
+        for base in (True, False)
     )
-    if one.is_base:
-        return Tile(title, number(after), "N", f"in sample, driving; nothing better than {one.base_name} is known")
+    if recommendation.is_base:
+        return Tile(
+            title, number(after), "N", f"in sample, driving; nothing better than {recommendation.base_name} is known"
+        )
     return Tile(title, number(after), "N", "in sample, driving; no run was held out", number(base))
 
 
@@ -188,13 +192,15 @@ def _chosen(found: Diagnosis) -> str:
     return f"; chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
 
 
-def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
+def _data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
     title = "Usable data"
-    if material.tables:
-        return Tile(title, str(sum(len(one.rows) for one in material.tables)), "rows", "of single-wheel tests")
+    if inputs.tables:
+        return Tile(
+            title, str(sum(len(wheel_test.rows) for wheel_test in inputs.tables)), "rows", "of single-wheel tests"
+        )
     shares = np.array([grade.usable_share for grade in grades.values()])
-    used = np.concatenate([run.used for run in material.runs]) if material.runs else np.zeros(0)
-    slip = np.concatenate([run.slip[run.used] for run in material.runs]) if material.runs else np.zeros(0)
+    used = np.concatenate([run.used for run in inputs.runs]) if inputs.runs else np.zeros(0)
+    slip = np.concatenate([run.slip[run.used] for run in inputs.runs]) if inputs.runs else np.zeros(0)
     known = slip[np.isfinite(slip)]
     if not len(known):
         return Tile(title, "0", "%", "no sample can be used")
@@ -203,7 +209,7 @@ def _data_tile(material: ReportInputs, grades: dict[str, Grade]) -> Tile:
     return Tile(title, number(100 * float(np.nanmean(shares))), "% of motion", note)
 
 
-def hero(material: ReportInputs) -> Drawing:
+def hero(inputs: ReportInputs) -> Drawing:
     """Return the figure in which the cause shows, in the channel that it changes most.
 
     That is this channel against slip, with and without the cause, unless another abscissa shows the cause better.
@@ -213,32 +219,40 @@ def hero(material: ReportInputs) -> Drawing:
     DataError
         No driven sample has a measured channel.
     """
-    one = material.recommendation
-    channel = one.main_channel
-    driven = one.slip > 0
-    if channel not in one.measured or not np.isfinite(one.measured[channel][driven]).any():
+    recommendation = inputs.recommendation
+    channel = recommendation.main_channel
+    driven = recommendation.slip > 0
+    if channel not in recommendation.measured or not np.isfinite(recommendation.measured[channel][driven]).any():
         raise DataError("no driven sample has a measured drawbar pull or torque")
-    if (of_cause := cause_figure(material, one, channel)) is not None:
+    if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
     factor, unit = page_unit(channel)
-    shift = load_shift(one, channel)
-    slip, added = one.slip[driven], shift.of(one.slip, one.vertical_load_n)
+    shift = load_shift(recommendation, channel)
+    slip, added = recommendation.slip[driven], shift.of(recommendation.slip, recommendation.vertical_load_n)
     measured, base, model = (
-        factor * (values[channel] + added)[driven] for values in (one.measured, one.base, one.recommended)
+        factor * (values[channel] + added)[driven]
+        for values in (recommendation.measured, recommendation.base, recommendation.recommended)
     )
     points, above = binned(slip, measured, EDGES), binned(slip, model, EDGES)
-    noise = binned(slip, factor * one.noise[channel][driven], EDGES)
+    noise = binned(slip, factor * recommendation.noise[channel][driven], EDGES)
     half = _SIGMAS * _matched(above.centre, noise.centre, noise.median)
     curves = []
-    if not one.is_base:
+    if not recommendation.is_base:
         below = binned(slip, base, EDGES)
-        curves.append(Curve(one.base_name, below.centre, below.median, "base", note="without a cause"))
+        curves.append(Curve(recommendation.base_name, below.centre, below.median, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
     curves += [
-        Curve(one.title, above.centre, above.median, "model", *edges, note="" if one.is_base else _lines(one.name)),
+        Curve(
+            recommendation.title,
+            above.centre,
+            above.median,
+            "model",
+            *edges,
+            note="" if recommendation.is_base else _lines(recommendation.name),
+        ),
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
-    samples = _samples(material, channel, shift) or (slip, measured)
+    samples = _samples(inputs, channel, shift) or (slip, measured)
     inner = np.percentile(samples[1], [1.0, 99.0])
     plane = Plane(
         (0.0, max(0.05 * np.ceil(float(np.nanmax(slip)) / 0.05), 0.2)),
@@ -251,16 +265,16 @@ def hero(material: ReportInputs) -> Drawing:
     )
     band = " Band: 95 % of the noise of a sample." if np.isfinite(half).any() else ""
     caption = f"Driving, all runs, {at}. Grey: samples. Points: median and middle half.{band}"
-    return drawn("hero", _finding(one, channel), caption, plane, curves, samples=samples)
+    return drawn("hero", _finding(recommendation, channel), caption, plane, curves, samples=samples)
 
 
-def _samples(material: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
+def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
     """Return slip and channel of every used driven sample of the runs; None where there are no runs."""
     field = OUTPUTS[channel].field
-    if not material.runs or not hasattr(material.runs[0], field):
+    if not inputs.runs or not hasattr(inputs.runs[0], field):
         return None
     slip, load, values = (
-        np.concatenate([getattr(run, name)[run.used] for run in material.runs])
+        np.concatenate([getattr(run, name)[run.used] for run in inputs.runs])
         for name in ("slip", "vertical_load_n", field)
     )
     values = page_unit(channel)[0] * (values + shift.of(slip, load))
@@ -277,21 +291,21 @@ def _matched(at: FloatArray, known_at: FloatArray, values: FloatArray) -> FloatA
     return np.array([known.get(centre, np.nan) for centre in at.tolist()])
 
 
-def _finding(one: Recommendation, channel: str) -> str:
+def _finding(recommendation: Recommendation, channel: str) -> str:
     """Return what the figure shows: where the model without the cause is off most."""
     name, (factor, unit) = OUTPUTS[channel].name, page_unit(channel)
-    driven = one.slip > 0
-    off = binned(one.slip[driven], factor * one.residual(channel, base=True)[driven], EDGES)
-    if one.is_base or not len(off.median):
-        return f"{name.capitalize()} against slip: measured and {one.base_name}"
+    driven = recommendation.slip > 0
+    off = binned(recommendation.slip[driven], factor * recommendation.residual(channel, base=True)[driven], EDGES)
+    if recommendation.is_base or not len(off.median):
+        return f"{name.capitalize()} against slip: measured and {recommendation.base_name}"
     worst = int(np.argmax(np.abs(off.median) * np.sqrt(off.count)))
     size, how = number(abs(float(off.median[worst])), 2), "too much" if off.median[worst] < 0 else "too little"
-    return f"{one.base_name}, predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
+    return f"{recommendation.base_name}, predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
 
 
-def _cautions(material: ReportInputs) -> list[Bias]:
+def _cautions(inputs: ReportInputs) -> list[Bias]:
     try:
-        return biases(material.recommendation)
+        return biases(inputs.recommendation)
     except DataError:
         return []
 
@@ -302,61 +316,59 @@ def _again(grades: dict[str, Grade]) -> str:
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
-    said = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
-    return f"{said}; the reasons stand under Runs."
+    poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+    return f"{poor_runs}; the reasons stand under Runs."
 
 
-def _steps(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
+def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     """Return the next steps: repair what spoils runs, then what the diagnosis asks for."""
-    found, steps = material.diagnosed, _before_diagnosis(material, grades)
+    found, steps = inputs.diagnosed, _before_diagnosis(inputs, grades)
     if found is not None:
-        steps = [*steps, *next_steps(found, material.vehicle)] or [step_of(found)]
+        steps = [*steps, *next_steps(found, inputs.vehicle)] or [step_of(found)]
     return steps[:_STEPS]
 
 
-def _before_diagnosis(material: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
+def _before_diagnosis(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
-        said = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
-        return [Step(f"Look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor.")]
-    if material.campaign is None and not material.tables:
+        poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+        return [Step(f"Look at data quality first; {poor_runs} {'is' if len(poor) == 1 else 'are'} poor.")]
+    if inputs.campaign is None and not inputs.tables:
         return [Step("See below why the runs could not be fitted.")]
-    if material.diagnosed is not None:
+    if inputs.diagnosed is not None:
         return []
-    if material.no_diagnosis:
+    if inputs.no_diagnosis:
         return [Step("See below why there is no diagnosis.")]
-    said = "Diagnose the runs: it says what the model gets wrong, and why."
-    return [Step(said, paste="wheelsoil diagnose FOLDER")]
+    advice = "Diagnose the runs: it says what the model gets wrong, and why."
+    return [Step(advice, paste="wheelsoil diagnose FOLDER")]
 
 
-def header_facts(material: ReportInputs) -> list[tuple[str, str]]:
+def header_facts(inputs: ReportInputs) -> list[tuple[str, str]]:
     """Return what the head of the page names: dates, loads, runs, tyre, transducer, place; (label, value)."""
-    found = [("", f"{_dates([run.start_ns for run in material.runs])}")] if material.runs else []
-    loads = [
-        float(np.nanmedian(run.vertical_load_n)) for run in material.runs if np.isfinite(run.vertical_load_n).any()
-    ]
+    found = [("", f"{_dates([run.start_ns for run in inputs.runs])}")] if inputs.runs else []
+    loads = [float(np.nanmedian(run.vertical_load_n)) for run in inputs.runs if np.isfinite(run.vertical_load_n).any()]
     if loads:
         low, high = (f"{end / 1e3:.1f}" for end in (min(loads), max(loads)))
         found.append(("Load", f"{low} kN" if low == high else f"{low} to {high} kN"))
-    if material.runs:
-        found.append(("Runs", str(len(material.runs))))
-    pressures = sorted({run.run.inflation_kpa for run in material.runs if run.run.inflation_kpa})
-    wheel = material.vehicle.wheel
+    if inputs.runs:
+        found.append(("Runs", str(len(inputs.runs))))
+    pressures = sorted({run.run.inflation_kpa for run in inputs.runs if run.run.inflation_kpa})
+    wheel = inputs.vehicle.wheel
     tyre = [f"{wheel.tyre}"] if wheel and wheel.tyre else []
-    tyre += [f"{listed([f'{one:g}' for one in pressures])} kPa"] if pressures else []
+    tyre += [f"{listed([f'{pressure:g}' for pressure in pressures])} kPa"] if pressures else []
     found += [("Tyre", ", ".join(tyre))] if tyre else []
-    serial = material.vehicle.transducer.serial
+    serial = inputs.vehicle.transducer.serial
     found += [("Transducer", serial)] if serial else []
-    place = _place(material)
+    place = _place(inputs)
     return [*found, ("", place)] if place else found
 
 
-def _place(material: ReportInputs) -> str:
+def _place(inputs: ReportInputs) -> str:
     """Return the median position of the runs; nothing where none is known, or they are kilometres apart."""
-    known = [known_places(run) for run in material.runs]
+    known = [known_places(run) for run in inputs.runs]
     places = [
         (float(np.median(run.latitude_deg[rows])), float(np.median(run.longitude_deg[rows])))
-        for run, rows in zip(material.runs, known, strict=True)
+        for run, rows in zip(inputs.runs, known, strict=True)
         if rows.any()
     ]
     if not places or np.ptp(places, axis=0).max() > _ONE_PLACE_DEG:

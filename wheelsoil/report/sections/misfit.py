@@ -61,13 +61,13 @@ _QUARTILE = 0.6745
 
 
 @section("misfit", "Residuals with calibrated soil")
-def misfit(material: ReportInputs) -> Contents:
+def misfit(inputs: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
     numbers: dict[str, Any] = {
-        "what_is_wrong": [_finding_numbers(one) for one in found.what_is_wrong],
-        "median_there": [found.median_there(one) for one in found.what_is_wrong],
+        "what_is_wrong": [_finding_numbers(finding) for finding in found.what_is_wrong],
+        "median_there": [found.median_there(finding) for finding in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
     names = [seen.campaign for seen in found.plot_data]
@@ -97,16 +97,16 @@ def _finding_numbers(found: Finding) -> dict[str, Any]:
 def _findings(found: Diagnosis) -> Block:
     if not found.what_is_wrong:
         return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
-    of_rows = all(one.of_rows for one in found.what_is_wrong)
+    of_rows = all(finding.of_rows for finding in found.what_is_wrong)
     rows = [
         [
-            ROLES[one.channel].name,
-            place_text(one.place),
-            *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
-            _with_unit(one.size, one.channel),
-            signed(one.statistic, ".1f"),
+            ROLES[finding.channel].name,
+            place_text(finding.place),
+            *([] if of_rows else [_with_unit(found.median_there(finding), finding.channel)]),
+            _with_unit(finding.size, finding.channel),
+            signed(finding.statistic, ".1f"),
         ]
-        for one in found.what_is_wrong[:_SHOWN]
+        for finding in found.what_is_wrong[:_SHOWN]
     ]
     head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
     note = "Mean there: of measured − predicted over these rows." if of_rows else FINDING_NOTE
@@ -120,8 +120,8 @@ def _with_unit(value: float, channel: str) -> str:
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
     return [
-        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {note_text(one.why)}.", "warning")
-        for one in found.inconsistent
+        Text(f"Inconsistent, {plain_name(item.channel)}, {item.rows} rows: {note_text(item.why)}.", "warning")
+        for item in found.inconsistent
     ]
 
 
@@ -176,7 +176,7 @@ def _wheel_orders(everything: tuple[PlotData, ...]) -> list[Figure]:
 
 def _sigmas_shown(panels: list[dict[str, Any]]) -> float:
     """Return how far an axis in noise sigmas goes: as far as the medians do, at least to `_LEAST_SIGMAS`."""
-    ends = [one[key] if "run" in one else one["median"].median for one in panels for key in ("lower", "upper")]
+    ends = [panel[key] if "run" in panel else panel["median"].median for panel in panels for key in ("lower", "upper")]
     far = np.abs(np.concatenate(ends))
     return max(_LEAST_SIGMAS, 1.1 * float(np.max(far[np.isfinite(far)], initial=0.0)))
 

@@ -63,86 +63,101 @@ _READING = (
 
 
 @section("fit", "Fit")
-def fit(material: ReportInputs) -> Contents:
+def fit(inputs: ReportInputs) -> Contents:
     """Build the section: residuals of baseline and recommended model, its parameters, checks, traction."""
-    one = material.recommendation
-    found = biases(one)
-    figures = [_residuals(one, channel) for channel in one.measured]
+    recommendation = inputs.recommendation
+    found = biases(recommendation)
+    figures = [_residuals(recommendation, channel) for channel in recommendation.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
-    checks += [check for c in one.measured for check in _other_checks(one, c, [b for b in found if b.channel == c])]
-    checks += _adequacy(material.diagnosed)
+    checks += [
+        check
+        for c in recommendation.measured
+        for check in _other_checks(recommendation, c, [b for b in found if b.channel == c])
+    ]
+    checks += _adequacy(inputs.diagnosed)
     blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
     beside: list[Block] = []
-    table = _parameters(material)
+    table = _parameters(inputs)
     if table is not None:
         beside.append(table)
     if checks:
         beside.append(
             Checks(
                 "Checks",
-                f"Bias and lack of fit of the model: {one.title.lower() if not one.is_base else one.title}.",
+                "Bias and lack of fit of the model: "
+                f"{recommendation.title.lower() if not recommendation.is_base else recommendation.title}.",
                 checks,
             )
         )
     blocks += [Pair(beside)] if beside else []
     numbers: dict[str, Any] = {
-        "recommended": one.name,
-        "baseline": one.base_name,
+        "recommended": recommendation.name,
+        "baseline": recommendation.base_name,
         "biases": found,
         "checks": [check.text for check in checks],
-        "causes": recommended_causes(material.diagnosed) if material.diagnosed is not None else (),
-        "soils": material.diagnosed.soils if material.diagnosed is not None else (),
-        "residual": {c: _residual_numbers(one, c) for c in one.measured},
+        "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
+        "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
+        "residual": {c: _residual_numbers(recommendation, c) for c in recommendation.measured},
     }
-    if material.fitted:
-        traction = traction_of(material.fitted)
+    if inputs.fitted:
+        traction = traction_of(inputs.fitted)
         blocks.append(Tiles(_traction_tiles(traction), small=True))
         numbers["traction"] = traction
     return blocks, numbers
 
 
-def _other_checks(one: Recommendation, channel: str, found: Sequence[Bias]) -> list[Check]:
+def _other_checks(recommendation: Recommendation, channel: str, found: Sequence[Bias]) -> list[Check]:
     """Return the checks of a channel beside its biases: braked samples that confirm nothing, and what is well."""
-    if not np.isfinite(one.noise[channel]).any():
+    if not np.isfinite(recommendation.noise[channel]).any():
         return []
     braking_is_off = any(not bias.driving for bias in found)
-    swings = "" if braking_is_off else unconfirmed(one, channel)
+    swings = "" if braking_is_off else unconfirmed(recommendation, channel)
     checks = [Check(False, swings)] if swings else []
     if any(bias.driving for bias in found):
         return checks
-    side = ", driving" if swings or braking_is_off or (one.slip >= 0).all() else ""
+    side = ", driving" if swings or braking_is_off or (recommendation.slip >= 0).all() else ""
     name = f"{OUTPUTS[channel].name.capitalize()}{side}"
-    return [*checks, Check(True, f"{name}: {_NO_BIAS} ({_noise(one, channel, driving_only=bool(side))}).")]
+    return [*checks, Check(True, f"{name}: {_NO_BIAS} ({_noise(recommendation, channel, driving_only=bool(side))}).")]
 
 
-def _noise(one: Recommendation, channel: str, *, driving_only: bool) -> str:
+def _noise(recommendation: Recommendation, channel: str, *, driving_only: bool) -> str:
     """Return the noise of a sample, driving and braking: a smaller bias need not show."""
     factor, text = page_unit(channel)
-    sides = (("driving", one.slip > 0), ("braking", one.slip < 0))[: 1 if driving_only else 2]
-    known = [(name, one.noise[channel][rows & np.isfinite(one.noise[channel])]) for name, rows in sides]
-    said = text.replace(" ", "\u00a0")
-    return ", ".join(f"{name} {number(factor * float(np.median(x)), 2)}\u00a0{said}" for name, x in known if len(x))
+    sides = (("driving", recommendation.slip > 0), ("braking", recommendation.slip < 0))[: 1 if driving_only else 2]
+    known = [
+        (name, recommendation.noise[channel][rows & np.isfinite(recommendation.noise[channel])]) for name, rows in sides
+    ]
+    unit_text = text.replace(" ", "\u00a0")
+    return ", ".join(
+        f"{name} {number(factor * float(np.median(x)), 2)}\u00a0{unit_text}" for name, x in known if len(x)
+    )
 
 
-def _residual_numbers(one: Recommendation, channel: str) -> dict[str, Bins]:
+def _residual_numbers(recommendation: Recommendation, channel: str) -> dict[str, Bins]:
     names = {"baseline": True, "recommended": False}
-    return {name: binned(one.slip, one.residual(channel, base=base), EDGES) for name, base in names.items()}
+    return {
+        name: binned(recommendation.slip, recommendation.residual(channel, base=base), EDGES)
+        for name, base in names.items()
+    }
 
 
-def _residuals(one: Recommendation, channel: str) -> Drawing:
+def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     factor, text = page_unit(channel)
-    noise = parted_at_zero(binned(one.slip, factor * one.noise[channel], EDGES))
+    noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -_SIGMAS * noise.median, _SIGMAS * noise.median)]
-    if not one.is_base:
-        below = parted_at_zero(binned(one.slip, factor * one.residual(channel, base=True), EDGES))
-        curves.append(Curve(_short(one.base_name), below.centre, below.median, "base"))
-    above = parted_at_zero(binned(one.slip, factor * one.residual(channel), EDGES))
-    curves.append(Curve(_short(one.title), above.centre, above.median, "model"))
+    if not recommendation.is_base:
+        below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
+        curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
+    above = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel), EDGES))
+    curves.append(Curve(_short(recommendation.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = (1.3 * end for end in reach(*driving, *edges))
     low, high = reach(np.array([low, high]), curves[-1].y)
-    slips = (float(np.floor(np.nanmin(one.slip) / 0.1) * 0.1), float(np.ceil(np.nanmax(one.slip) / 0.1) * 0.1))
+    slips = (
+        float(np.floor(np.nanmin(recommendation.slip) / 0.1) * 0.1),
+        float(np.ceil(np.nanmax(recommendation.slip) / 0.1) * 0.1),
+    )
     plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
     name = OUTPUTS[channel].name
     caption = "Medians in bins of slip, braking left of zero, cut at the axis. Grey: 95 % of the noise of a sample."
@@ -168,13 +183,13 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
         return []
     judged = found.adequacy
     left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
-    said = adequacy_words(judged)
-    return [Check(judged.ok, f"{said[0].upper()}{said[1:]}: {left}.")]
+    sentence = adequacy_words(judged)
+    return [Check(judged.ok, f"{sentence[0].upper()}{sentence[1:]}: {left}.")]
 
 
-def _parameters(material: ReportInputs) -> Table | None:
+def _parameters(inputs: ReportInputs) -> Table | None:
     """Return the parameters of the recommended model: the causes', and the soil's as the data leave it."""
-    found = material.diagnosed
+    found = inputs.diagnosed
     if found is None:
         return None
     rows: list[list[str | KeyFigure]] = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
@@ -182,13 +197,13 @@ def _parameters(material: ReportInputs) -> Table | None:
     for soil in found.soils:
         for name, value in soil.values.items():
             sigma = soil.sigmas.get(name, float("nan"))
-            said = interval(value - _SIGMAS * sigma, value + _SIGMAS * sigma)
+            interval_text = interval(value - _SIGMAS * sigma, value + _SIGMAS * sigma)
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
             before = number(soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
             label = _with_unit(
                 f"{letter(name)}, {soil.campaign}" if several else letter(name), _SOIL_UNITS.get(name, "")
             )
-            rows.append([label, measured(value, sigma), said, before, off])
+            rows.append([label, measured(value, sigma), interval_text, before, off])
     if not rows:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
@@ -212,76 +227,78 @@ def _with_unit(name: str, text: str) -> str:
 def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     return [
         [
-            _with_unit(letter(parameter_name(cause.key, one.name)), one.unit),
+            _with_unit(letter(parameter_name(cause.key, parameter.name)), parameter.unit),
             figure,
             figure_interval(figure, " … "),
             "",
             "",
         ]
-        for one, figure in zip(cause.parameters, sizes_of(cause), strict=True)
+        for parameter, figure in zip(cause.parameters, sizes_of(cause), strict=True)
     ]
 
 
-def _traction_tiles(one: Traction) -> list[Tile]:
+def _traction_tiles(traction: Traction) -> list[Tile]:
     tiles = []
-    figures = figures_of_traction(one)
-    if one.pull is not None:
-        low, high = one.pull.interval95
-        said = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
-        note = f"{said}{count(one.pull.passes)} passes through it, {one.pull.load_n / 1e3:.1f} kN"
+    figures = figures_of_traction(traction)
+    if traction.pull is not None:
+        low, high = traction.pull.interval95
+        interval_text = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
+        note = f"{interval_text}{count(traction.pull.passes)} passes through it, {traction.pull.load_n / 1e3:.1f} kN"
         pull = figures["pull_at_slip_0.2"]
-        tiles.append(Tile(f"Pull at slip {one.pull.slip:g}", figure_value(pull), "N", note, keys=(None, pull)))
+        tiles.append(Tile(f"Pull at slip {traction.pull.slip:g}", figure_value(pull), "N", note, keys=(None, pull)))
         tiles.append(
             Tile(
-                f"Dp/W at slip {one.pull.slip:g}",
+                f"Dp/W at slip {traction.pull.slip:g}",
                 figure_value(figures["drawbar_coefficient_at_slip_0.2"]),
                 "",
                 "drawbar coefficient",
                 keys=(None, figures["drawbar_coefficient_at_slip_0.2"]),
             )
         )
-    if isfinite(one.drawbar_coefficient):
+    if isfinite(traction.drawbar_coefficient):
         best = figures["drawbar_coefficient"]
-        tiles.append(Tile("Highest Dp/W", figure_value(best), "", f"at slip {one.at_slip:.2f}", keys=(None, best)))
-    if isfinite(one.efficiency):
-        note = f"at slip {one.efficiency_at_slip:.2f}; Dp v / (T ω)"
+        tiles.append(Tile("Highest Dp/W", figure_value(best), "", f"at slip {traction.at_slip:.2f}", keys=(None, best)))
+    if isfinite(traction.efficiency):
+        note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω)"
         best = figures["tractive_efficiency"]
         tiles.append(Tile("Highest tractive efficiency", figure_value(best), "", note, keys=(None, best)))
     return tiles
 
 
 @section("causes", "Causes")
-def causes(material: ReportInputs) -> Contents:
+def causes(inputs: ReportInputs) -> Contents:
     """Build the section: sets of causes, which add up, and each cause with its size."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     blocks: list[Block] = []
     if found.verdict == "unexplained":
-        return _refused(material, found)
+        return _refused(inputs, found)
     sets = set_shares(found.sets)
-    bars = [Bar(_alone(one.name), one.percent / 100, f"{one.percent:.1f} %", i == 0) for i, one in enumerate(sets)]
+    bars = [
+        Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
+    ]
     if bars:
         blocks.append(
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
         )
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
     rows: list[list[str | KeyFigure]] = [
-        [plain_name(one.name), figures[f"candidate.{one.name}"], *_size(found, one.name)]
-        for i, one in enumerate(found.candidates)
-        if one.name != "none" and (i < _MOST_CAUSES or one.name in rivals)
+        [plain_name(candidate.name), figures[f"candidate.{candidate.name}"], *_size(found, candidate.name)]
+        for i, candidate in enumerate(found.candidates)
+        if candidate.name != "none" and (i < _MOST_CAUSES or candidate.name in rivals)
     ]
     if rows:
         note = (
             "Each cause alone or with others: these need not add up. "
             "Minimum detectable: alone, in half of such campaigns."
         )
-        chances = {one.name: one.probability for one in found.candidates}
-        note += "".join(f" {said}." for said in rival_words(rivals, chances))
+        chances = {candidate.name: candidate.probability for candidate in found.candidates}
+        note += "".join(f" {sentence}." for sentence in rival_words(rivals, chances))
         head = ["cause", "probability", "estimate", "minimum detectable"]
         blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:
         raise DataError("no cause was weighed")
     numbers = {
-        "sets": [{"causes": one.name, "probability": one.probability, "percent": one.percent} for one in sets],
+        "sets": [{"causes": share.name, "probability": share.probability, "percent": share.percent} for share in sets],
         "candidates": found.candidates,
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
@@ -293,23 +310,26 @@ def _alone(name: str) -> str:
     return name if " + " in name or name in ("no cause", "all other sets") else f"{name} alone"
 
 
-def _refused(material: ReportInputs, found: Diagnosis) -> Contents:
+def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     """Return the residual where it is largest, and the best set of the library with why it is refused."""
-    said = refusal_words(found) or "Nothing can be decided from these data."
-    blocks: list[Block] = [Text(said, "warning")]
+    refusal = refusal_words(found) or "Nothing can be decided from these data."
+    blocks: list[Block] = [Text(refusal, "warning")]
     try:
-        blocks.append(_largest_residual(material.recommendation))
+        blocks.append(_largest_residual(inputs.recommendation))
     except DataError as error:
         blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
-    numbers = {"sets": [], "refused": said, "candidates": found.candidates, "causes": found.causes}
+    numbers = {"sets": [], "refused": refusal, "candidates": found.candidates, "causes": found.causes}
     return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
 
 
-def _largest_residual(one: Recommendation) -> Drawing:
+def _largest_residual(recommendation: Recommendation) -> Drawing:
     """Return the residual of the channel in which its median is largest, in sigmas of a sample."""
     sizes = {}
-    for channel in one.measured:
-        left, noise = (binned(one.slip, x, EDGES) for x in (one.residual(channel), one.noise[channel]))
+    for channel in recommendation.measured:
+        left, noise = (
+            binned(recommendation.slip, x, EDGES)
+            for x in (recommendation.residual(channel), recommendation.noise[channel])
+        )
         if len(left.median) and len(left.median) == len(noise.median):
             sigmas = np.abs(left.median) / noise.median
             sizes[channel] = (float(np.nanmax(np.append(sigmas, 0.0))), left, int(np.argmax(np.nan_to_num(sigmas))))
@@ -320,17 +340,19 @@ def _largest_residual(one: Recommendation) -> Drawing:
     factor, text = page_unit(channel)
     size = f"{signed(factor * float(left.median[worst]), '+.0f')} {text}"
     title = f"{OUTPUTS[channel].name.capitalize()}: residual {size} at slip {left.centre[worst]:.2f} ({sigma:.1f} σ)"
-    return replace(_residuals(one, channel), key="largest-residual", title=title)
+    return replace(_residuals(recommendation, channel), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
     """Return the estimate of a cause, and its minimum detectable size; "–" for what is not known."""
-    cause = next((one for one in found.causes if one.name == family), None)
+    cause = next((c for c in found.causes if c.name == family), None)
     sizes = []
     if cause is not None:
-        known = [one for one in cause.parameters if isfinite(one.interval95[0])]
-        names = [letter(parameter_name(cause.key, one.name)) for one in known]
-        values = [f"{measured(one.value, one.sigma)} {unit(one.unit)}".rstrip() for one in known]
+        known = [parameter for parameter in cause.parameters if isfinite(parameter.interval95[0])]
+        names = [letter(parameter_name(cause.key, parameter.name)) for parameter in known]
+        values = [
+            f"{measured(parameter.value, parameter.sigma)} {unit(parameter.unit)}".rstrip() for parameter in known
+        ]
         sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
     key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
     least = found.minimum_detectable.get(key)
@@ -339,13 +361,13 @@ def _size(found: Diagnosis, family: str) -> tuple[str, str]:
 
 
 @section("runs", "Runs")
-def runs(material: ReportInputs) -> Contents:
+def runs(inputs: ReportInputs) -> Contents:
     """Build the section: go or drive again, per run, with the reason and the traction."""
-    if not material.runs:
+    if not inputs.runs:
         raise DataError("there are no runs")
     rows, numbers = [], {}
-    for run, grade in zip(material.runs, material.grades, strict=True):
-        one = traction_of((run,))
+    for run, grade in zip(inputs.runs, inputs.grades, strict=True):
+        traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
         dated = run.start_ns > 631_152_000 * 10**9
         rows.append(
@@ -356,8 +378,8 @@ def runs(material: ReportInputs) -> Contents:
                 f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
-                number(one.pull.pull_n) if one.pull else "–",
-                signed(one.drawbar_coefficient, ".3f") if isfinite(one.drawbar_coefficient) else "–",
+                number(traction.pull.pull_n) if traction.pull else "–",
+                signed(traction.drawbar_coefficient, ".3f") if isfinite(traction.drawbar_coefficient) else "–",
                 "; ".join(grade.reasons[:2]) or "complete, slip covered",
             ]
         )
@@ -368,7 +390,7 @@ def runs(material: ReportInputs) -> Contents:
             "usable_share": grade.usable_share,
             "decision": _DECISIONS[grade.level][2:],
             "reasons": grade.reasons,
-            "traction": one,
+            "traction": traction,
         }
     head = [
         "run",
@@ -387,26 +409,26 @@ def runs(material: ReportInputs) -> Contents:
 
 
 @section("signals", "Sensors")
-def signals(material: ReportInputs) -> Contents:
+def signals(inputs: ReportInputs) -> Contents:
     """Build the section: whether all channels arrived, at which rate, with which noise."""
-    if not material.runs:
+    if not inputs.runs:
         raise DataError("there are no runs")
-    roles = list(dict.fromkeys(role for run in material.runs for role in run.quality.sensors))
+    roles = list(dict.fromkeys(role for run in inputs.runs for role in run.quality.sensors))
     rows, numbers = [], {}
     for role in roles:
-        facts = [run.quality.sensors[role] for run in material.runs if role in run.quality.sensors]
-        gaps, late = sum(one.gaps for one in facts), sum(one.late + one.distrusted for one in facts)
-        missing = len(material.runs) - len(facts)
+        facts = [run.quality.sensors[role] for run in inputs.runs if role in run.quality.sensors]
+        gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
+        missing = len(inputs.runs) - len(facts)
         well = not gaps and not late and not missing
-        said = [f"{count(gaps)} gaps"] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
-        said += [f"missing in {count(missing)} runs"] * bool(missing)
-        rate = float(np.median([one.rate_hz for one in facts]))
-        longest = 1e3 * max(one.longest_gap_s for one in facts)
-        sigma = float(np.median([one.sigma for one in facts]))
+        losses = [f"{count(gaps)} gaps"] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
+        losses += [f"missing in {count(missing)} runs"] * bool(missing)
+        rate = float(np.median([sensor.rate_hz for sensor in facts]))
+        longest = 1e3 * max(sensor.longest_gap_s for sensor in facts)
+        sigma = float(np.median([sensor.sigma for sensor in facts]))
         rows.append(
             [
                 ROLES[role].name,
-                "✓ complete" if well else f"▲ {', '.join(said)}",
+                "✓ complete" if well else f"▲ {', '.join(losses)}",
                 number(rate, 4),
                 number(longest),
                 number(1e3 * facts[0].latency_s),
@@ -427,10 +449,10 @@ def signals(material: ReportInputs) -> Contents:
     if rows:
         head = ["channel", "state", "rate (Hz)", "longest gap (ms)", "delay (ms)", "sigma of a sample"]
         blocks.append(Table("All channels, all runs", head, rows, _SENSORS_NOTE, left=2))
-    lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in material.sources if source.lost]
+    lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in inputs.sources if source.lost]
     blocks += [Text(f"Lost while recording: {listed(lost)}.", "warning")] if lost else []
-    notes = dict.fromkeys(text for run in material.runs for text in texts_of(run.quality.notes))
+    notes = dict.fromkeys(text for run in inputs.runs for text in texts_of(run.quality.notes))
     blocks += [Text(f"{text}.") for text in list(notes)[:3]]
-    told = material.diagnosed.notes if material.diagnosed is not None else ()
-    blocks += [Text(f"{upper(note_text(one))}.", "warning") for one in told if one.code == DiagnosisCode.WHEEL_ORDER]
+    told = inputs.diagnosed.notes if inputs.diagnosed is not None else ()
+    blocks += [Text(f"{upper(note_text(note))}.", "warning") for note in told if note.code == DiagnosisCode.WHEEL_ORDER]
     return blocks, numbers

@@ -31,16 +31,16 @@ _ODDS_NOTE = (
 
 
 @section("detectable", "Minimum detectable effect")
-def detectable(material: ReportInputs) -> Contents:
+def detectable(inputs: ReportInputs) -> Contents:
     """Build the section."""
-    found = material.diagnosis.minimum_detectable
+    found = inputs.diagnosis.minimum_detectable
     if not found:
         return [Text("The diagnosis gave no minimum detectable sizes.")], {}
-    wheel = material.vehicle.wheel
+    wheel = inputs.vehicle.wheel
     radius = wheel.radius_m if wheel else float("nan")
     plausible = {key: _plausible(key, least.parameter, radius) for key, least in found.items()}
     shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
-    never = [key for key in found if family_of(key) in material.diagnosis.not_identifiable]
+    never = [key for key in found if family_of(key) in inputs.diagnosis.not_identifiable]
     rows = [
         [
             form_name(effect_name(key)) + (" *" if key in never else ""),
@@ -95,13 +95,13 @@ def _figure(shares: dict[str, float]) -> Figure:
 
 
 @section("next_run", "Next run")
-def next_run(material: ReportInputs) -> Contents:
+def next_run(inputs: ReportInputs) -> Contents:
     """Build the section."""
-    runs = material.diagnosis.next_run
+    runs = inputs.diagnosis.next_run
     if not runs:
         text = (
             "No run can be ranked: no candidate explains these runs. See the residuals of the simulation."
-            if material.diagnosis.verdict == "unexplained"
+            if inputs.diagnosis.verdict == "unexplained"
             else "The verdict asks for no further run; --next-run ranks them all the same."
         )
         return [Text(text)], {}

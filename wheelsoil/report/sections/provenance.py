@@ -25,36 +25,36 @@ _SOIL = {
 
 
 @section("provenance", "Provenance")
-def provenance(material: ReportInputs) -> Contents:
+def provenance(inputs: ReportInputs) -> Contents:
     """Build the section."""
     blocks: list[Block] = [
-        Text(f"Made by: {material.command}"),
-        Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2, words=_FILE_HEAD[-1:]),
-        Pair([_facts(material), _options(material), _versions(material)]),
+        Text(f"Made by: {inputs.command}"),
+        Table("Files", _FILE_HEAD, [_file_row(source) for source in inputs.sources], left=2, words=_FILE_HEAD[-1:]),
+        Pair([_facts(inputs), _options(inputs), _versions(inputs)]),
     ]
     numbers = {
-        "command": material.command,
-        "files": material.sources,
-        "facts": material.facts,
-        "options": material.options,
-        "used": dict(_used(material)),
-        "versions": material.versions,
+        "command": inputs.command,
+        "files": inputs.sources,
+        "facts": inputs.facts,
+        "options": inputs.options,
+        "used": dict(_used(inputs)),
+        "versions": inputs.versions,
     }
     return blocks, numbers
 
 
-def _facts(material: ReportInputs) -> Table:
-    return Table("Vehicle and terrain", ["what", "value"], material.facts, left=2)
+def _facts(inputs: ReportInputs) -> Table:
+    return Table("Vehicle and terrain", ["what", "value"], inputs.facts, left=2)
 
 
-def _options(material: ReportInputs) -> Table:
-    options = [*material.options.items(), *_used(material)]
+def _options(inputs: ReportInputs) -> Table:
+    options = [*inputs.options.items(), *_used(inputs)]
     rows = [[name.replace("_", " "), _value_text(value)] for name, value in options]
     return Table("Options", ["option", "value"], rows, left=2)
 
 
-def _versions(material: ReportInputs) -> Table:
-    return Table("Versions", ["program", "version"], [[*pair] for pair in material.versions.items()], left=2)
+def _versions(inputs: ReportInputs) -> Table:
+    return Table("Versions", ["program", "version"], [[*pair] for pair in inputs.versions.items()], left=2)
 
 
 def _file_row(source: Source) -> list[str]:
@@ -63,12 +63,12 @@ def _file_row(source: Source) -> list[str]:
     return [source.run_id, source.file, size, frames, source.sha256[:16]]
 
 
-def _used(material: ReportInputs) -> list[tuple[str, object]]:
+def _used(inputs: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
-    if material.tables:
-        return [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
-    cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
-    threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
+    if inputs.tables:
+        return [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
+    cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in inputs.runs))
+    threshold = [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
     return [("cut-off used", cutoffs), *threshold]
 
 
@@ -81,9 +81,9 @@ def _value_text(value: object) -> str:
 
 
 @section("workings", "How the diagnosis was made")
-def workings(material: ReportInputs) -> Contents:
+def workings(inputs: ReportInputs) -> Contents:
     """Build the section."""
-    found = material.diagnosis
+    found = inputs.diagnosis
     blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in texts_of(found.notes)]
     tables: list[Block] = []
     if found.noise:

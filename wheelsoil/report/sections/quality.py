@@ -37,12 +37,12 @@ _MOST_EVENTS = 40
 
 
 @section("quality", "Quality of the runs")
-def quality(material: ReportInputs) -> Contents:
+def quality(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports."""
     blocks: list[Block] = [
-        Panels([_shares_figure(material.runs)], _reading(material)),
-        _runs_table(material),
-        *_notes(material.runs),
+        Panels([_shares_figure(inputs.runs)], _reading(inputs)),
+        _runs_table(inputs),
+        *_notes(inputs.runs),
     ]
     numbers = {
         run.run.id: {
@@ -53,7 +53,7 @@ def quality(material: ReportInputs) -> Contents:
             "grade": grade,
             "quality": run.quality,
         }
-        for run, grade in zip(material.runs, material.grades, strict=True)
+        for run, grade in zip(inputs.runs, inputs.grades, strict=True)
     }
     return blocks, numbers
 
@@ -66,8 +66,8 @@ def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
     ]
 
 
-def _reading(material: ReportInputs) -> str:
-    lacking = f", and nothing of {material.not_fitted} because a signal is missing" if material.not_fitted else ""
+def _reading(inputs: ReportInputs) -> str:
+    lacking = f", and nothing of {inputs.not_fitted} because a signal is missing" if inputs.not_fitted else ""
     return (
         "each bar is one run with all samples of the common time base; only the blue part is fitted"
         f"{lacking}. A long part of gaps or invalid fixes means a failure of the bus or the GNSS, not of the model."
@@ -87,9 +87,9 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
     return Figure("shares", "Used and excluded samples", data, layout)
 
 
-def _runs_table(material: ReportInputs) -> Table:
+def _runs_table(inputs: ReportInputs) -> Table:
     rows = []
-    for run, grade in zip(material.runs, material.grades, strict=True):
+    for run, grade in zip(inputs.runs, inputs.grades, strict=True):
         rows.append(
             [
                 run.run.id,
@@ -121,14 +121,14 @@ def _length_s(run: ProcessedRun) -> float:
 
 
 @section("sensors", "Sensors, clocks and losses")
-def sensors(material: ReportInputs) -> Contents:
+def sensors(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports and their recordings."""
     blocks: list[Block] = [
-        *_channels_table(material.runs),
-        _clocks(material),
-        *_losses(material.sources),
-        *_events(material),
-        *_zeros(material.runs),
+        *_channels_table(inputs.runs),
+        _clocks(inputs),
+        *_losses(inputs.sources),
+        *_events(inputs),
+        *_zeros(inputs.runs),
     ]
     numbers = {
         run.run.id: {
@@ -139,12 +139,12 @@ def sensors(material: ReportInputs) -> Contents:
             "speed_scale": run.quality.speed_scale,
             "speed_scale_sigma": run.quality.speed_scale_sigma,
             "standstills": run.quality.standstills,
-            "recording": material.source_of(run),
-            "events_at_s": [time_s for time_s, _ in _timed(run, material.source_of(run))],
+            "recording": inputs.source_of(run),
+            "events_at_s": [time_s for time_s, _ in _timed(run, inputs.source_of(run))],
         }
-        for run in material.runs
+        for run in inputs.runs
     }
-    return blocks, {"runs": numbers, "channels": _channels(material.runs)}
+    return blocks, {"runs": numbers, "channels": _channels(inputs.runs)}
 
 
 def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
@@ -232,7 +232,7 @@ def _standstills(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
     return [stand for run in runs for stand in run.quality.standstills]
 
 
-def _clocks(material: ReportInputs) -> Table:
+def _clocks(inputs: ReportInputs) -> Table:
     rows = [
         [
             run.run.id,
@@ -242,7 +242,7 @@ def _clocks(material: ReportInputs) -> Table:
             _or_dash(run.quality.clock.get("drift_ppm"), ".1f"),
             _or_dash(1e3 * run.quality.clock.get("residual_s", np.nan), ".2f"),
         ]
-        for run in material.runs
+        for run in inputs.runs
     ]
     head = [
         "run",
@@ -280,18 +280,18 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
     head = ["run", "frames", "frames lost", "recording ended", "unreadable", "clock of the host"]
     words = ("recording ended", "unreadable", "clock of the host")
     blocks: list[Block] = [Table("Recordings", head, rows, note, words=words)] if rows else []
-    counted = [[one.run_id, key, text] for one in sources for key, text in losses_as_texts(one.losses).items()]
+    counted = [[source.run_id, key, text] for source in sources for key, text in losses_as_texts(source.losses).items()]
     if counted:
         blocks.append(Table("Losses counted by the logger", ["run", "where", "frames"], counted, left=2))
     return blocks
 
 
-def _events(material: ReportInputs) -> list[Table]:
+def _events(inputs: ReportInputs) -> list[Table]:
     """Return marks and faults during recording, with the time in seconds of the run."""
     rows = [
         [run.run.id, f"{time_s:.1f}", event.severity if event.name != "mark" else "mark", event.text]
-        for run in material.runs
-        for time_s, event in _timed(run, material.source_of(run))
+        for run in inputs.runs
+        for time_s, event in _timed(run, inputs.source_of(run))
     ]
     note = f"The first {_MOST_EVENTS} of {count(len(rows))}; report.json has all." if len(rows) > _MOST_EVENTS else ""
     head = ["run", "at (s)", "kind", "what"]

@@ -28,14 +28,14 @@ _READING = (
 
 
 @section("verdict", "How far to trust it")
-def verdict(material: ReportInputs) -> Contents:
+def verdict(inputs: ReportInputs) -> Contents:
     """Build the section: the error of form, what it decides, and whether an explanation is adequate."""
-    found = material.diagnosed
+    found = inputs.diagnosed
     if found is None:
-        text = f"No diagnosis: {material.no_diagnosis or 'none was asked for'}."
+        text = f"No diagnosis: {inputs.no_diagnosis or 'none was asked for'}."
         return [Text(text)], {"sentence": text}
-    said = form_error_words(found.grounds.form_errors)
-    blocks: list[Block] = [Text(text) for text in said]
+    sentences = form_error_words(found.grounds.form_errors)
+    blocks: list[Block] = [Text(text) for text in sentences]
     if found.grounds.form_matters is not None:
         blocks.append(Text(f"The verdict depends on it: {note_text(found.grounds.form_matters)}.", "warning"))
     if found.adequacy is not None:
@@ -48,81 +48,85 @@ def verdict(material: ReportInputs) -> Contents:
 
 
 @section("rows", "Rows of the tables")
-def rows(material: ReportInputs) -> Contents:
+def rows(inputs: ReportInputs) -> Contents:
     """Build the section: every channel against slip, of every wheel, with the fitted models of an only one."""
     blocks: list[Block] = []
     numbers: dict[str, Any] = {}
-    for i, one in enumerate(material.tables):
-        said = _predicted(material) if len(material.tables) == 1 else {}
-        channels = [c for c, channel in OUTPUTS.items() if np.isfinite(getattr(one.rows, channel.field)).any()]
-        figures = [_figure(one, channel, said, f"rows-{i}-{channel}") for channel in channels]
-        blocks += [Text(one.name), Panels(figures, _READING), _table(one, channels)]
-        numbers[one.name] = {
-            "slip": one.rows.slip,
-            "vertical_load_n": one.rows.vertical_load_n,
-            **{OUTPUTS[c].field: getattr(one.rows, OUTPUTS[c].field) for c in channels},
-            "predicted": said,
+    for i, wheel_test in enumerate(inputs.tables):
+        predicted = _predicted(inputs) if len(inputs.tables) == 1 else {}
+        channels = [c for c, channel in OUTPUTS.items() if np.isfinite(getattr(wheel_test.rows, channel.field)).any()]
+        figures = [_figure(wheel_test, channel, predicted, f"rows-{i}-{channel}") for channel in channels]
+        blocks += [Text(wheel_test.name), Panels(figures, _READING), _table(wheel_test, channels)]
+        numbers[wheel_test.name] = {
+            "slip": wheel_test.rows.slip,
+            "vertical_load_n": wheel_test.rows.vertical_load_n,
+            **{OUTPUTS[c].field: getattr(wheel_test.rows, OUTPUTS[c].field) for c in channels},
+            "predicted": predicted,
         }
-    if material.no_fit:
-        blocks.append(Text(f"No fit of the four models: {material.no_fit}."))
+    if inputs.no_fit:
+        blocks.append(Text(f"No fit of the four models: {inputs.no_fit}."))
     return blocks, numbers
 
 
-def _predicted(material: ReportInputs) -> dict[str, dict[str, FloatArray]]:
+def _predicted(inputs: ReportInputs) -> dict[str, dict[str, FloatArray]]:
     """Return what every fitted model says of the rows of the only table: model -> channel -> values."""
-    if material.campaign is None:
+    if inputs.campaign is None:
         return {}
-    fit = material.campaign
+    fit = inputs.campaign
     found = {}
     for model in fit.models:
         forward = fit.options.forward(fit.wheel, fit.soil, model.name)
-        said = forward.predict(fit.observations.conditions, model.values)
-        found[model.name] = {c: getattr(said, channel.field) for c, channel in OUTPUTS.items()}
+        prediction = forward.predict(fit.observations.conditions, model.values)
+        found[model.name] = {c: getattr(prediction, channel.field) for c, channel in OUTPUTS.items()}
     return found
 
 
-def _figure(one: BenchFiles, channel: str, said: dict[str, dict[str, FloatArray]], key: str) -> Figure:
+def _figure(wheel_test: BenchFiles, channel: str, predictions: dict[str, dict[str, FloatArray]], key: str) -> Figure:
     factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
-    measured, order = factor * getattr(one.rows, OUTPUTS[channel].field), np.argsort(one.rows.slip)
+    measured, order = factor * getattr(wheel_test.rows, OUTPUTS[channel].field), np.argsort(wheel_test.rows.slip)
     data: list[Trace] = [
-        marked_line(one.rows.slip[order], factor * values[channel][order], style(name).label, style(name))
-        for name, values in said.items()
+        marked_line(wheel_test.rows.slip[order], factor * values[channel][order], style(name).label, style(name))
+        for name, values in predictions.items()
     ]
-    data.append({**dots(one.rows.slip, measured, "measured"), "marker": {"color": MEASURED, "size": 7}})
+    data.append({**dots(wheel_test.rows.slip, measured, "measured"), "marker": {"color": MEASURED, "size": 7}})
     title = f"{OUTPUTS[channel].name} ({unit})"
     layout = axes("slip", title, height=360)
-    set_axis_range(layout, "x", one.rows.slip)
-    predicted = [factor * values[channel] for values in said.values()]
+    set_axis_range(layout, "x", wheel_test.rows.slip)
+    predicted = [factor * values[channel] for values in predictions.values()]
     set_axis_range(layout, "y", measured, also=np.concatenate(predicted) if predicted else measured)
     return Figure(key, title, data, layout)
 
 
-def _table(one: BenchFiles, channels: list[str]) -> Table:
+def _table(wheel_test: BenchFiles, channels: list[str]) -> Table:
     head = ["slip", "load (N)", *(f"{OUTPUTS[c].name} ({OUTPUTS[c].unit_text})" for c in channels)]
-    columns = [one.rows.slip, one.rows.vertical_load_n, *(getattr(one.rows, OUTPUTS[c].field) for c in channels)]
+    columns = [
+        wheel_test.rows.slip,
+        wheel_test.rows.vertical_load_n,
+        *(getattr(wheel_test.rows, OUTPUTS[c].field) for c in channels),
+    ]
     cells = [[number(x, 4) if np.isfinite(x) else "–" for x in row] for row in np.array(columns).T]
-    return Table(f"Rows: {one.name}", head, cells, left=0)
+    return Table(f"Rows: {wheel_test.name}", head, cells, left=0)
 
 
 @section("sinkage", "Sinkage from forces")
-def sinkage(material: ReportInputs) -> Contents:
+def sinkage(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` if no table holds a torque."""
     blocks: list[Block] = []
     numbers: dict[str, Any] = {}
     why: list[str] = []
-    for one in material.tables:
+    for wheel_test in inputs.tables:
         try:
-            facts = sinkage_of_table(one.rows, one.wheel_section)
+            facts = sinkage_of_table(wheel_test.rows, wheel_test.wheel_section)
         except DataError as error:
-            why.append(f"{one.name}: {error.faults[0].what}")
+            why.append(f"{wheel_test.name}: {error.faults[0].what}")
             continue
-        said = [f"{one.name}: {growth_sentence(facts.growth)}."]
+        sentences = [f"{wheel_test.name}: {growth_sentence(facts.growth)}."]
         if facts.agreement is not None:
-            said.append(f"{agreement_sentence(facts.agreement)}.")
+            sentences.append(f"{agreement_sentence(facts.agreement)}.")
         if unknown := unknown_sentence(facts):
-            said.append(f"{unknown[0].upper()}{unknown[1:]}.")
-        blocks.append(Text(" ".join(said), "warning" if facts.withdrawn else "text"))
-        numbers[one.name] = sinkage_as_json(facts)
+            sentences.append(f"{unknown[0].upper()}{unknown[1:]}.")
+        blocks.append(Text(" ".join(sentences), "warning" if facts.withdrawn else "text"))
+        numbers[wheel_test.name] = sinkage_as_json(facts)
     if not blocks:
         raise DataError("; ".join(why))
     return [*blocks, *(Text(f"Not evaluated: {text}.") for text in why)], numbers

@@ -46,9 +46,9 @@ class _Track:
 
 
 @section("track", "Map of the track")
-def track(material: ReportInputs) -> Contents:
+def track(inputs: ReportInputs) -> Contents:
     """Build the section: coloured by slip and by use, all runs or one; `DataError` if no run has a position."""
-    tracks, origin = _tracks(material.runs)
+    tracks, origin = _tracks(inputs.runs)
     by_slip: list[Trace] = []
     by_use: list[Trace] = []
     slip_groups: list[str] = []
@@ -56,10 +56,10 @@ def track(material: ReportInputs) -> Contents:
     choices = [ALL_RUNS, *(track.name for track in tracks)] if len(tracks) > 1 else [tracks[0].name]
     for choice in choices:
         shown = [track for track in tracks if choice in (ALL_RUNS, track.name)]
-        one, other = _by_slip(shown), _by_use(shown)
-        by_slip, by_use = by_slip + one, by_use + other
-        slip_groups += [choice] * len(one)
-        use_groups += [choice] * len(other)
+        slip_traces, use_traces = _by_slip(shown), _by_use(shown)
+        by_slip, by_use = by_slip + slip_traces, by_use + use_traces
+        slip_groups += [choice] * len(slip_traces)
+        use_groups += [choice] * len(use_traces)
     figures = [
         Figure("track-slip", "By slip", by_slip, _plane(), slip_groups),
         Figure("track-use", "Used and excluded samples", by_use, _plane(), use_groups),

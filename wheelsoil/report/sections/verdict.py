@@ -49,22 +49,22 @@ _RANKED = "dp"
 
 
 @section("verdict", "Single-law fits: checks")
-def verdict(material: ReportInputs) -> Contents:
+def verdict(inputs: ReportInputs) -> Contents:
     """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
 
     `DataError` if there is neither a diagnosis nor a fit that could be judged.
     """
-    found = material.diagnosed
+    found = inputs.diagnosed
     if found is None:
-        blocks, numbers = _of_the_fit(material)
-        if material.no_diagnosis:
-            without = f"No diagnosis: {material.no_diagnosis}."
+        blocks, numbers = _of_the_fit(inputs)
+        if inputs.no_diagnosis:
+            without = f"No diagnosis: {inputs.no_diagnosis}."
             blocks.insert(0, Text(without, "warning"))
             fitted = numbers["sentence"]
             numbers = {**numbers, "fit_sentence": fitted, "sentence": f"{without} {fitted}"}
         return blocks, numbers
     try:
-        blocks, numbers = _of_the_fit(material, found)
+        blocks, numbers = _of_the_fit(inputs, found)
     except DataError as error:
         why = "; ".join(fault.what for fault in error.faults)
         blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
@@ -77,17 +77,17 @@ def verdict(material: ReportInputs) -> Contents:
     return blocks, of_both
 
 
-def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
+def _of_the_fit(inputs: ReportInputs, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
     """Return which of the four models predicts best, and whether to trust it; a diagnosis has the last word."""
-    ranking = rank(material)
-    checks = [check for check in _checks(material, ranking) if check.text]
+    ranking = rank(inputs)
+    checks = [check for check in _checks(inputs, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
-    sentence = " ".join(fit_sentences(material, ranking))
+    sentence = " ".join(fit_sentences(inputs, ranking))
     trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
-    said = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
-    blocks: list[Block] = [Text(said), *sorted(checks, key=lambda check: check.kind == "good")]
+    text = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
+    blocks: list[Block] = [Text(text), *sorted(checks, key=lambda check: check.kind == "good")]
     if diagnosis is not None and diagnosis.gain is not None and "dp" in diagnosis.gain.base:
-        blocks.insert(1, Text(_two_errors(material, ranking, diagnosis.gain)))
+        blocks.insert(1, Text(_two_errors(inputs, ranking, diagnosis.gain)))
     numbers = {
         "sentence": sentence,
         "trust": trust,
@@ -108,9 +108,9 @@ def fit_headline(ranking: Ranking) -> str:
     return f"{upper(_model(ranking.best.name))} predicts the drawbar pull best: {gain} % less error than Wong's model."
 
 
-def fit_sentences(material: ReportInputs, ranking: Ranking) -> list[str]:
+def fit_sentences(inputs: ReportInputs, ranking: Ranking) -> list[str]:
     """Return which model predicts best, in sentences."""
-    best, fit = _model(ranking.best.name), material.fit
+    best, fit = _model(ranking.best.name), inputs.fit
     over = f"at slips from {number(fit.slip_threshold, 2)} on"
     error = f"{number(ranking.r0_n)} N (root mean square)"
     wong = ranking.rival("wong")
@@ -145,20 +145,20 @@ def _beside(found: Diagnosis, concerns: int) -> str:
     named = [cause.name for cause in found.causes]
     if found.verdict == "named" and _LAWS & set(named):
         return f"The diagnosis names slip sinkage too. {_trust(concerns)}"
-    said = {
+    finding = {
         "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",
         "one_of": "The diagnosis cannot separate the possible causes",
         "unexplained": "The diagnosis finds nothing known that explains these runs",
         "nothing_detectable": "The diagnosis sees no cause in these runs",
     }[found.verdict]
     return (
-        f"{said}: a law of slip sinkage that follows best here is a curve that fits, and its coefficients are not to "
-        "be relied on."
+        f"{finding}: a law of slip sinkage that follows best here is a curve that fits, and its coefficients are not "
+        "to be relied on."
     )
 
 
-def _two_errors(material: ReportInputs, ranking: Ranking, gain: Gain) -> str:
-    soil = "re-calibrated too" if material.fit.options.soil_prior else "as the laboratory states it"
+def _two_errors(inputs: ReportInputs, ranking: Ranking, gain: Gain) -> str:
+    soil = "re-calibrated too" if inputs.fit.options.soil_prior else "as the laboratory states it"
     return (
         f"Two errors of one channel: {number(ranking.r0_n)} N is over all samples of runs that the model was fitted "
         f"to, the soil {soil}; the gain's {number(gain.base['dp'].R0)} N without and "
@@ -177,21 +177,21 @@ def _trust(concerns: int) -> str:
     return f"Before relying on it, read {what} below."
 
 
-def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
+def _checks(inputs: ReportInputs, ranking: Ranking) -> list[Text]:
     return [
         _ended(ranking),
         *(
             Text(f"{style(ranking.best.name).label}: {note_text(warning)}.", "warning")
             for warning in ranking.best.notes
         ),
-        _load(material, ranking),
+        _load(inputs, ranking),
         _offset(ranking),
         _follows(ranking),
-        _torque(material, ranking),
-        _coverage(material),
-        _losses(material),
-        *_implausible(material),
-        *(Text(f"{note_text(note)}.", "warning") for note in material.fit.notes),
+        _torque(inputs, ranking),
+        _coverage(inputs),
+        _losses(inputs),
+        *_implausible(inputs),
+        *(Text(f"{note_text(note)}.", "warning") for note in inputs.fit.notes),
     ]
 
 
@@ -199,15 +199,15 @@ def _ended(ranking: Ranking) -> Text:
     reason, count = ranking.best.stop_reason, ranking.best.iterations
     if reason == "nothing_to_fit":
         return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
-    said = _STOPS.get(reason, reason.replace("_", " "))
+    ending = _STOPS.get(reason, reason.replace("_", " "))
     kind = "good" if reason in _CONVERGED else "warning"
     advice = "" if ended(ranking.best) else f" {NOT_AT_AN_END[0].upper()}{NOT_AT_AN_END[1:]}."
-    return Text(f"Gauss–Newton stopped after {count} iterations: {said}.{advice}", kind)
+    return Text(f"Gauss–Newton stopped after {count} iterations: {ending}.{advice}", kind)
 
 
-def _load(material: ReportInputs, ranking: Ranking) -> Text:
+def _load(inputs: ReportInputs, ranking: Ranking) -> Text:
     ratio = ranking.best.load_ratio
-    if material.fit.options.reading == "balanced":
+    if inputs.fit.options.reading == "balanced":
         return Text("Eq. 7 returns the measured load for the model's sinkage (load-consistent).", "good")
     within = max(abs(ratio.lowest - 1), abs(ratio.highest - 1)) <= _LOAD_TOLERANCE
     text = (
@@ -237,23 +237,23 @@ def _follows(ranking: Ranking) -> Text:
     return Text(f"{text}: most of what the drawbar pull does is not in the model.", "warning")
 
 
-def _torque(material: ReportInputs, ranking: Ranking) -> Text:
-    if "t" in material.fit.options.channels:
+def _torque(inputs: ReportInputs, ranking: Ranking) -> Text:
+    if "t" in inputs.fit.options.channels:
         return Text("")
     try:
-        measured = material.pool.measured("t")
+        measured = inputs.pool.measured("t")
     except DataError:
         return Text("The driving torque was not measured: nothing independent checks the model.", "warning")
-    counted = material.pool.slip >= material.fit.slip_threshold
+    counted = inputs.pool.slip >= inputs.fit.slip_threshold
     size = float(np.sqrt(np.nanmean(measured[counted] ** 2)))
     share = ranking.best.criteria["t"].R0_N / size if size > 0 else np.nan
     text = f"The driving torque, which was not fitted, is predicted within {number(100 * share, 2)} % of its size"
     return Text(f"{text}.", "good" if share <= _TORQUE_TOLERANCE else "warning")
 
 
-def _coverage(material: ReportInputs) -> Text:
-    used = float(np.mean(np.concatenate([run.used for run in material.fitted])))
-    slip = material.pool.slip
+def _coverage(inputs: ReportInputs) -> Text:
+    used = float(np.mean(np.concatenate([run.used for run in inputs.fitted])))
+    slip = inputs.pool.slip
     low, high = float(np.min(slip)), float(np.max(slip))
     text = (
         f"{100 * used:.0f} % of the samples could be used; their slip runs from {number(low, 2)} to {number(high, 2)}"
@@ -265,14 +265,14 @@ def _coverage(material: ReportInputs) -> Text:
     return Text(f"{text}.", "good")
 
 
-def _implausible(material: ReportInputs) -> list[Text]:
+def _implausible(inputs: ReportInputs) -> list[Text]:
     """Repeat what makes a run implausible: R² cannot see it, and nothing else on the page is worth then."""
-    found = {note_text(note) for run in material.runs for note in plausibility_of(run)}
+    found = {note_text(note) for run in inputs.runs for note in plausibility_of(run)}
     return [Text(f"{text}.", "warning") for text in sorted(found)[:3]]
 
 
-def _losses(material: ReportInputs) -> Text:
-    lost = [source for source in material.sources if source.dropped_frames or source.loss]
+def _losses(inputs: ReportInputs) -> Text:
+    lost = [source for source in inputs.sources if source.dropped_frames or source.loss]
     if not lost:
         return Text("")
     names = listed([source.run_id for source in lost])
@@ -317,7 +317,7 @@ class Ranking:
         return next((rival for rival in self.rivals if rival.name == name), None)
 
 
-def rank(material: ReportInputs) -> Ranking:
+def rank(inputs: ReportInputs) -> Ranking:
     """Compare the models by drawbar pull above the slip threshold.
 
     The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
@@ -332,7 +332,7 @@ def rank(material: ReportInputs) -> Ranking:
     -----
     Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
     """
-    fit, pool = material.fit, material.pool
+    fit, pool = inputs.fit, inputs.pool
     scored = [m for m in fit.models if _RANKED in m.criteria and np.isfinite(m.criteria[_RANKED].R0_N)]
     if not scored:
         reasons = {reason_text(m.criteria[_RANKED]) for m in fit.models if _RANKED in m.criteria}
