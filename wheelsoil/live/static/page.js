@@ -208,7 +208,7 @@ function showReach(last) {
   reached.style.width = share(page.highest ?? 0);
   now.hidden = !isNow(page.slip);
   now.style.left = share(last?.[1] ?? 0);
-  if (isNow(page.slip) && page.highest !== null) write(item.lastElementChild, `highest ${percent(page.highest)} · goal at least ${percent(GOAL)}`);
+  if (isNow(page.slip) && page.highest !== null) write(item.lastElementChild, `highest held ${percent(page.highest)} · goal at least ${percent(GOAL)}`);
 }
 
 function showBuses(buses) {
