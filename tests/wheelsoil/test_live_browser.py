@@ -35,6 +35,11 @@ STATES: dict[str, dict[str, Any]] = {
     },
     "between": {"state": "between", "gnss": None, "cpu_percent": None},
 }
+LEAVE = {
+    "green": "✓ Good to leave: slip has reached",
+    "amber": "▲ Leave only after a look at: 1 amber.",
+    "red": "▲ Not good to leave yet: 1 red; 231 lost frames.",
+}
 _CONTRAST = """(element) => {
   const part = (c) => ((c /= 255), c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
   const weights = [0.2126, 0.7152, 0.0722];
@@ -54,10 +59,8 @@ def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: Pag
             expect(seen.locator("#state")).to_have_text("BETWEEN RUNS" if state == "between" else "RECORDING")
             expect(seen.locator("#spoken")).to_contain_text(level)
             assert seen.locator("#band").evaluate(_CONTRAST) > 7
-            good = "✓ Good to leave" if state == "green" else "▲ Not good to leave yet: 1 red" if state == "red" else ""
-            expect(seen.locator("#leave")).to_contain_text(good) if state != "between" else expect(
-                seen.locator("#leave")
-            ).to_be_hidden()
+            leave = seen.locator("#leave")
+            expect(leave).to_contain_text(LEAVE[state]) if state in LEAVE else expect(leave).to_be_hidden()
             reasons = changes.get("reasons", [])
             expect(seen.locator("#reasons li")).to_have_count(max(len(reasons) - 1, 0))
             for each in reasons[:1]:  # the worst one stands in the band, and only there
@@ -164,6 +167,30 @@ def test_a_recording_that_the_disk_has_ended_stays_red(browser: Browser) -> None
         expect(seen.locator("#headline")).to_contain_text(what)
         expect(seen.locator("#do")).to_contain_text(step)
         expect(seen.locator("#reasons li")).to_have_count(1)
+
+
+def test_lost_frames_are_no_good_run_and_a_vehicle_without_slip_has_no_goal(browser: Browser) -> None:
+    with (
+        page() as panel,
+        Shower(panel, losses={"counter.can0.WFT": 3}) as shower,
+        looking_at(browser, panel.address) as seen,
+    ):
+        expect(seen.locator("#leave")).to_have_text("▲ Leave only after a look at: 3 lost frames.")
+        shower.changes = {"setup": {"wheel_radius_m": None, "latency_s": {}, "min_speed_mps": 0.5}}
+        expect(seen.locator("#leave")).to_be_hidden()
+        seen.get_by_role("button", name="Stop run").first.click()
+        expect(seen.locator("#stop-hint")).to_have_text("Nothing is wrong; the slip is not known.")
+        seen.get_by_role("button", name="Go on").click()
+
+
+def test_a_goal_that_is_nearly_reached_does_not_read_as_reached(browser: Browser) -> None:
+    time_s = [round(0.05 * k, 2) for k in range(40)]
+    values = {"drawbar_pull": 900.0, "wheel_speed": 4.0, "ground_speed": 4.0 * 0.5 * (1 - 0.496)}
+    traces = {role: {"time_s": time_s, "value": [value] * 40} for role, value in values.items()}
+    setup = {"wheel_radius_m": 0.5, "latency_s": {}, "min_speed_mps": 0.5}
+    with page() as panel, Shower(panel, traces=traces, setup=setup), looking_at(browser, panel.address) as seen:
+        reached = "slip has reached 49 %, the goal is at least 50 %"
+        expect(seen.locator("#leave")).to_have_text(f"▲ Not good to leave yet: {reached}.")
 
 
 def test_a_mark_is_reported_when_sent_and_when_it_stands_in_the_file(browser: Browser, panel: PagePanel) -> None:

@@ -94,6 +94,31 @@ def test_the_highest_slip_is_that_of_the_run() -> None:
     assert live.highest_slip is None, "of a new run nothing is known"
 
 
+@pytest.mark.parametrize(("samples", "reached"), [(4, 0.2), (14, 1.0)])
+@pytest.mark.parametrize("first", [0, 20])
+def test_only_a_slip_that_was_held_is_reached(first: int, samples: int, reached: float) -> None:
+    """A ground speed that comes 0.2 s late looks like a slip of 100 %."""
+    live, whole = LiveSlip(), _ramp(latency_s={})
+    whole["traces"]["ground_speed"]["value"][first : first + samples] = [0.0] * samples
+    for begin in range(0, 40, 5):  # as the snapshots come
+        part = {
+            role: {name: row[begin : begin + 5] for name, row in trace.items()}
+            for role, trace in whole["traces"].items()
+        }
+        live.take({"setup": whole["setup"], "traces": part, "session_s": 2.0, "run": {"since_s": 2.0}})
+    assert live.highest_slip == pytest.approx(reached)
+
+
+def test_what_a_run_lost_is_not_what_the_one_before_it_lost() -> None:
+    live, losses = LiveSlip(), {"kernel.can0": 17, "counter.can0.WFT": 3, "wrapped.can0.WFT": 1}
+    live.take({"session_s": 2.0, "run": {"since_s": 2.0}, "losses": losses})
+    assert live.lost_frames == 20
+    live.take({"session_s": 301.0, "run": {"since_s": 0.5}, "losses": losses})
+    assert live.lost_frames == 0
+    live.take({"session_s": 302.0, "run": {"since_s": 1.5}, "losses": losses | {"kernel.can0": 19}})
+    assert live.lost_frames == 2
+
+
 def _times() -> list[float]:
     return [round(0.05 * k, 3) for k in range(1, 41)]
 

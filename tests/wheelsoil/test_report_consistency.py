@@ -166,7 +166,7 @@ def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material)
     blocks = blocks_of(fit.build(replace(material, diagnosed=swung)))
     checks = next(block for block in blocks if isinstance(block, Checks)).checks
     amber = [check.text for check in checks if not check.good]
-    assert any(said.startswith("Braking, drawbar pull: medians of") for said in amber)
+    assert any(said.startswith("The model is not confirmed for braking: drawbar pull") for said in amber)
     assert any(check.good and check.text.startswith("Drawbar pull, driving:") for check in checks)
     [pull] = [block for block in blocks if isinstance(block, Drawing) and block.key == "residual-dp"]
     medians = next(curve["y"] for curve in pull.curves if curve["look"] == "model")

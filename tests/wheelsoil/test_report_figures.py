@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
-from wheelsoil.report.figures import STYLES, axes, density, set_axis_range
+from wheelsoil.report.figures import MEASURED, RECOMMENDED, STYLES, axes, density, set_axis_range
+from wheelsoil.report.sections import quality
 from wheelsoil.report.sections.against_slip import drawbar_pull
 
 
@@ -48,6 +51,24 @@ def test_a_model_that_is_far_off_is_seen_to_be(material):
     measured = material.pool.measured("dp")[material.pool.slip > 0]
     assert highest > np.percentile(measured, 99.5)
     assert low < highest < high
+
+
+def test_colours_of_one_figure_differ_in_both_modes_and_are_no_state():
+    script = (files("wheelsoil.report") / "page.js").read_text()
+    tokens = dict(re.findall(r'"(#\w+)": "(--[\w-]+)"', script))
+    light, dark = (files("wheelsoil.web") / "static" / "tokens.css").read_text().split("prefers-color-scheme: dark")
+    assert not {"--go", "--amber", "--stop"} & set(tokens.values())
+    assert all(f"{name}:" in dark for name in tokens.values()) and all(f"{name}:" in light for name in tokens.values())
+    in_dark = dict(re.findall(r"(--[\w-]+): (#\w{6})\b", dark))
+    of_models = [RECOMMENDED, MEASURED, *(one.colour for one in STYLES.values())]
+    reasons = [colour for _, colour, _ in quality._REASONS.values()]
+    for colours, apart in ((of_models, 60.0), (reasons, 25.0)):
+        for mode in (colours, [in_dark.get(tokens.get(one, ""), one) for one in colours]):
+            rgb = [np.array([int(one[i : i + 2], 16) for i in (1, 3, 5)]) for one in mode]
+            near = [
+                (mode[i], mode[j]) for j in range(len(rgb)) for i in range(j) if np.linalg.norm(rgb[i] - rgb[j]) < apart
+            ]
+            assert near == []
 
 
 def test_a_model_has_a_look_of_its_own():

@@ -7,6 +7,7 @@ from math import inf, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daq.errors import ConfigError
@@ -44,6 +45,21 @@ def test_slip_sinkage_costs_pull_and_efficiency() -> None:
     pulls = [one for one in found if one.quantity == "drawbar_pull"]
     assert all(one.difference < 0 for one in found if one.quantity != "driving_torque")
     assert all(one.difference95[0] < one.difference < one.difference95[1] < 0 for one in pulls)
+
+
+def test_opposite_causes_do_not_cancel_each_others_uncertainty() -> None:
+    size = ParameterEstimate("H_m", "m", 0.05, (0.04, 0.06), 5e-3)
+    sinkage = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.99, 1.0, (size,))
+    zero = cause("drawbar_pull_zero", 80.0, (70.0, 90.0))
+
+    def sides(*causes: Cause) -> tuple[float, float]:
+        found = costs_of(causes, Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2)
+        pull = next(one for one in found if one.quantity == "drawbar_pull")
+        return pull.difference - pull.difference95[0], pull.difference95[1] - pull.difference
+
+    together = np.hypot(sides(sinkage), sides(zero))
+    assert sides(sinkage, zero) == pytest.approx(together, rel=0.02)
+    assert min(together) > 12 and max(together) < 19
 
 
 def test_of_terms_that_are_known_together_the_cost_has_an_interval() -> None:

@@ -178,8 +178,12 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
 
 
 def _print_status(facts: Mapping[str, Any]) -> None:
+    from wheelsoil.wording.verdict import VERDICT_WORDS
+
     rows, failed = facts["rows"], facts["failed"]
-    verdicts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in facts["verdicts"].items())
+    verdicts = ", ".join(
+        f"{count} {VERDICT_WORDS.get(verdict, verdict)}" for verdict, count in facts["verdicts"].items()
+    )
     each = facts["cpu_s"] / max(facts["campaigns"], 1)
     longest = f", longest {facts['longest']}" if facts["longest"] else ""
     largest = f": {facts['largest']}" if facts["largest"] else ""

@@ -30,6 +30,7 @@ from wheelsoil.to_json import streamed
 from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
+from wheelsoil.wording.verdict import VERDICT_WORDS
 
 SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
@@ -85,9 +86,12 @@ class Overview:
         """What matters most, in a sentence."""
         wrong = [passport for passport in self.pooled.passports if passport.decision != "nothing"]
         if wrong:
+            if len(alike := set(map(_channels, wrong))) > 1:
+                each = "; ".join(f"{passport.sensor}: {_channels(passport)}" for passport in wrong)
+                return f"{len(wrong)} transducers are wrong. {each}."
             serials = " and ".join(passport.sensor for passport in wrong)
             are = "s {} are" if len(wrong) > 1 else " {} is"
-            return f"Transducer{are.format(serials)} wrong: {'; '.join(dict.fromkeys(map(_channels, wrong)))}."
+            return f"Transducer{are.format(serials)} wrong: {alike.pop()}."
         by_campaigns = [error for error in self.pooled.named if error.is_transducers]
         if by_campaigns:
             effects = " and ".join(dict.fromkeys(plain_name(error.effect) for error in by_campaigns))
@@ -226,7 +230,6 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     """Return what the table shows of a campaign."""
     report = Path(row["path"]) / REPORT
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
-    verdict = "one of several" if verdict == "one_of" else verdict.replace("_", " ")
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
@@ -236,7 +239,7 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
         "terrain": known["terrain"],
         "transducer": known["transducer"],
         "failed": row["state"] == "failed",
-        "verdict": known["fault"] if row["state"] == "failed" else verdict,
+        "verdict": known["fault"] if row["state"] == "failed" else VERDICT_WORDS.get(verdict, verdict),
         "cause": known["cause"],
         "base": known["R0_base"],
         "extended": known["R0_extended"],

@@ -24,6 +24,8 @@ _MAX_GAP_S = 1.0
 """Speeds are not interpolated over a longer gap; a GNSS receiver at 1 Hz is just accepted."""
 _MIN_SPEED_MPS = 0.5
 _SAME_START_S = 1.0
+_HELD_S, _HELD_SAMPLES = 0.5, 3
+"""A slip counts as reached when it was held this long: at starting, a GNSS receiver's delay looks like 100 %."""
 _NOTHING = np.empty((0, 2))
 
 MOST_STREAMS = 12
@@ -58,12 +60,14 @@ class LiveSlip:
     """Traces assembled from the snapshots.
 
     `pull` has rows (time_s, pull_n); `slip` (time_s, slip, pull_n), at the samples of the pull whose slip is known.
-    `highest_slip` is that of the present run, None where none is known of it yet.
+    `highest_slip` is the highest that was held in the present run, None where none is known of it yet; `lost_frames`
+    are those lost in it.
     """
 
     def __init__(self) -> None:
         self.pull, self.slip = Curve(), Curve()
         self.highest_slip: float | None = None
+        self.lost_frames = self._lost_before = 0
         self._run_start_s = -np.inf
         self._waiting: FloatArray = _NOTHING
         self._speeds: dict[str, FloatArray] = {"wheel_speed": _NOTHING, "ground_speed": _NOTHING}
@@ -77,16 +81,19 @@ class LiveSlip:
         for role, kept in self._speeds.items():
             self._speeds[role] = _newest(np.vstack([kept, _samples(traces.get(role), latencies.get(role))]))
         self._waiting = _newest(np.vstack([self._waiting, pull]))
-        self._begin(snapshot)
+        lost = _lost(snapshot)
+        self._begin(snapshot, lost)
+        self.lost_frames = max(lost - self._lost_before, 0)
         radius_m = setup.get("wheel_radius_m")
         if radius_m:
             self._compute_slip(float(radius_m), float(setup.get("min_speed_mps") or _MIN_SPEED_MPS))
 
-    def _begin(self, snapshot: Mapping[str, Any]) -> None:
-        """Forget the highest slip where a new run began, or the time between runs."""
+    def _begin(self, snapshot: Mapping[str, Any], lost: int) -> None:
+        """Forget the highest slip and what was lost where a new run began, or the time between runs."""
         now_s, since_s = snapshot.get("session_s"), (snapshot.get("run") or {}).get("since_s")
         if now_s is None or since_s is None or abs(now_s - since_s - self._run_start_s) < _SAME_START_S:
             return
+        self._lost_before = lost if np.isfinite(self._run_start_s) else 0
         self._run_start_s, self.highest_slip = now_s - since_s, None
 
     def _compute_slip(self, radius_m: float, min_speed_mps: float) -> None:
@@ -100,9 +107,30 @@ class LiveSlip:
         slip = slip_of(rim, interpolate(due[:, 0], ground[:, 0], ground[:, 1], _MAX_GAP_S), min_speed_mps)
         rows = np.column_stack([due[:, 0], slip, due[:, 1]])[np.isfinite(slip)]
         self.slip.add([(round(t, 3), round(s, 4), round(n, 1)) for t, s, n in rows.tolist()])
-        of_run = rows[rows[:, 0] >= self._run_start_s, 1]
-        if len(of_run):
-            self.highest_slip = max(float(of_run.max()), self.highest_slip or 0.0)
+        if len(rows):
+            before_s = rows[0, 0] - _HELD_SAMPLES * _MAX_GAP_S
+            held = _held(np.array(self.slip.since(max(before_s, self._run_start_s))).reshape(-1, 3))
+            if held is not None:
+                self.highest_slip = max(held, self.highest_slip or 0.0)
+
+
+def _held(rows: FloatArray) -> float | None:
+    """Return the highest slip of (time, slip, ...) rows that `_HELD_S` and `_HELD_SAMPLES` do not fall below."""
+    time_s, slip = rows[:, 0], rows[:, 1]
+    begin = np.searchsorted(time_s, time_s - _HELD_S + 1e-6, side="right") - 1
+    begin = np.minimum(begin, np.arange(len(rows)) - _HELD_SAMPLES + 1)
+    held = [
+        float(slip[first : last + 1].min())
+        for last, first in enumerate(begin.tolist())
+        if first >= 0 and np.diff(time_s[first : last + 1]).max() <= _MAX_GAP_S
+    ]
+    return max(held, default=None)
+
+
+def _lost(snapshot: Mapping[str, Any]) -> int:
+    """Return the frames that the logger has lost; ``wrapped`` counts something else."""
+    losses = snapshot.get("losses") or {}
+    return sum(int(n) for name, n in losses.items() if not name.startswith("wrapped."))
 
 
 def _samples(trace: Mapping[str, Any] | None, latency_s: float | None) -> FloatArray:
@@ -190,6 +218,7 @@ class Hub:
             "age_s": round(time.monotonic() - self._taken_s, 3),
             "curves": {"fresh": sent_s[0] == sent_s[1] == -float("inf"), "span_s": SPAN_S, "pull": pull, "slip": slip},
             "highest_slip": self._live.highest_slip,
+            "lost_frames": self._live.lost_frames,
         }
         return _event("snapshot", body)
 

@@ -45,12 +45,15 @@ class Style:
 
 STYLES: dict[str, Style] = {
     "wong": Style("Wong", "#D55E00", "dash", "circle"),
-    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
+    "vasilev": Style("Vasil'ev", "#6b5a00", "dot", "square-open"),
     "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
     "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
     "chosen": Style("chosen", "#7A5FD0", "longdashdot", "star"),
 }
-"""Okabe and Ito's colours, and one for a model of one's own; dash and marker keep a black-and-white print legible."""
+"""Okabe and Ito's colours, but no blue: that is the recommended model's.
+
+Dash and marker keep a black-and-white print legible.
+"""
 _SPARE = Style("", "#777777", "longdash", "hexagon")
 
 

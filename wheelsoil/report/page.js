@@ -7,7 +7,8 @@ const options = { responsive: true, displaylogo: false, displayModeBar: narrow ?
 // What the figures' colours become in a dark theme: the token of the same role.
 const TOKENS = { "#111111": "--d-measured", "#1a1a1a": "--ink", "#ffffff": "--surface", "#e3e3e3": "--d-grid", "#9a9a9a": "--d-zero", "#555": "--ink-3",
   "#efefef": "--d-dens-1", "#a6a6a6": "--d-dens-5", "rgba(0,0,0,0.13)": "--d-noise", "#dcebf7": "--ph-drive", "#fbe5d3": "--ph-brake", "#eeeeee": "--ph-still",
-  "#0b62c4": "--d-model", "#0072B2": "--d-model", "#D55E00": "--d-base", "#CC79A7": "--d-alt", "#009E73": "--d-second", "#882255": "--stop", "#661100": "--amber" };
+  "#0b62c4": "--d-model", "#0072B2": "--d-model", "#D55E00": "--d-base", "#CC79A7": "--d-alt", "#009E73": "--d-second", "#6b5a00": "--d-third",
+  "#882255": "--d-wine", "#661100": "--d-brown" };
 
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const dataOf = (id) => JSON.parse(document.getElementById(id).textContent);

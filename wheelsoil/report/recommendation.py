@@ -17,6 +17,8 @@ from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_nam
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES = 10
+_ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
+"""Standard error of a median, in sigmas by the root of n; distance of a normal distribution's quartiles, in sigmas."""
 _LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
 
 
@@ -209,20 +211,24 @@ def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     """Return in words that the model swings about the braked samples by more than the noise of a driven one, or "".
 
     Their own noise is larger by what the slip's noise does on the steep curve, so that this is no bias; but who looks
-    at the residual sees it leave zero.
+    at the residual sees it leave zero. A median counts where it is beyond by two of its own standard errors.
     """
     braked, driven = recommendation.slip < 0, recommendation.slip > 0
-    median = binned(recommendation.slip[braked], recommendation.residual(channel)[braked], EDGES).median
+    bins = binned(recommendation.slip[braked], recommendation.residual(channel)[braked], EDGES)
     noise = recommendation.noise[channel][driven & np.isfinite(recommendation.noise[channel])]
-    if not len(median) or not len(noise):
+    if not len(bins.median) or not len(noise):
         return ""
     ruler = float(np.median(noise))
-    if max(abs(median.min()), abs(median.max())) <= ruler:
+    error = _ERROR_OF_MEDIAN * (bins.upper - bins.lower) / _QUARTILES_APART / np.sqrt(bins.count)
+    beyond = (np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _LEAST_SAMPLES)
+    if not beyond.any():
         return ""
     factor, unit = page_unit(channel)
-    low, high = (signed(factor * float(end), ".3g") for end in (median.min(), median.max()))
-    beyond = f"beyond the noise of a driven sample ({number(factor * ruler, 2)} {unit}): not confirmed"
-    return f"Braking, {OUTPUTS[channel].name}: medians of {low} to {high} {unit}, {beyond}."
+    ends = dict.fromkeys(
+        signed(factor * float(end), ".3g") for end in (min(bins.median[beyond]), max(bins.median[beyond]))
+    )
+    size = f"median residual {' to '.join(ends)} {unit}, noise of a driven sample {number(factor * ruler, 2)} {unit}"
+    return f"The model is not confirmed for braking: {OUTPUTS[channel].name}, {size}."
 
 
 def caution_text(bias: Bias) -> str:

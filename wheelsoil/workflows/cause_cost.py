@@ -25,7 +25,8 @@ class Cost:
     Attributes
     ----------
     difference95 : (float, float)
-        With less without, at the ends of the causes' 95 % intervals, the soil held; NaN where these are not known.
+        With less without, the soil held; NaN where the causes' intervals are not known. Each cause alone is moved to
+        the ends of its 95 % interval; the half widths of several are put together by root sum of squares per side.
     """
 
     quantity: str
@@ -75,24 +76,36 @@ def costs_of(
         return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
 
     without, complete = curves(()), curves(causes)
-    ends = [curves([_at_end(cause, end) for cause in causes]) for end in (0, 1)] if _known(causes) else []
+    known = _known(causes)
+    moved = [[curves(_with_one_at(causes, i, end)) for end in (0, 1)] for i in range(len(causes))] if known else []
     if not np.isfinite(without["tractive_efficiency"]).any():
         raise DataError("the model has no answer for this load")
     best = int(np.nanargmax(without["tractive_efficiency"]))
     found = []
     for row in dict.fromkeys((int(np.argmin(np.abs(_SLIPS - USUAL_SLIP))), best)):
         for quantity, unit in _QUANTITIES:
-            base = float(without[quantity][row])
-            sides = sorted(float(end[quantity][row]) - base for end in ends)
-            interval = (sides[0], sides[1]) if len(sides) == 2 else (nan, nan)
-            found.append(Cost(quantity, unit, float(_SLIPS[row]), base, float(complete[quantity][row]), interval))
+            base, whole = float(without[quantity][row]), float(complete[quantity][row])
+            changes = np.array([[float(end[quantity][row]) - whole for end in of_cause] for of_cause in moved])
+            below, above = _half_widths(changes.reshape(-1, 2)) if known else (nan, nan)
+            interval = (whole - base - below, whole - base + above)
+            found.append(Cost(quantity, unit, float(_SLIPS[row]), base, whole, interval))
     return found
+
+
+def _half_widths(changes: FloatArray) -> tuple[float, float]:
+    """Return what the causes' changes, shape (causes, 2), put together go below and above zero."""
+    below, above = np.minimum(changes.min(axis=1), 0), np.maximum(changes.max(axis=1), 0)
+    return float(np.linalg.norm(below)), float(np.linalg.norm(above))
 
 
 def _known(causes: Sequence[Cause]) -> bool:
     return all(
         isfinite(parameter.value) for cause in causes for end in (0, 1) for parameter in _at_end(cause, end).parameters
     )
+
+
+def _with_one_at(causes: Sequence[Cause], row: int, end: int) -> list[Cause]:
+    return [_at_end(cause, end) if i == row else cause for i, cause in enumerate(causes)]
 
 
 def _at_end(cause: Cause, end: int) -> Cause:

@@ -97,7 +97,21 @@ def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser)
         expect(row.locator(".cause")).to_be_visible()
         expect(seen.locator("#pull svg text")).to_be_visible()
         size = seen.locator("#pull svg text").evaluate("each => each.getBoundingClientRect().height")
-    assert size > 10.0
+        assert size > 10.0
+        expect(seen.locator(".further")).to_be_visible()
+        seen.emulate_media(media="print")
+        expect(seen.locator(".further")).to_be_hidden()
+        expect(seen.get_by_role("columnheader", name="pull at 0.2, N")).to_be_visible()
+
+
+def test_the_legend_of_the_map_has_its_colours_in_both_modes(page: Path, browser: Browser) -> None:
+    for mode in ("light", "dark"):
+        seen = browser.new_page(color_scheme=mode)
+        with closing(seen), shown(seen, page.as_uri(), {}):
+            for fifth in (1, 5):
+                swatch, place = (seen.locator(f"{each}.dens-{fifth}").first for each in (".swatch", "#pull circle"))
+                colour = swatch.evaluate("each => getComputedStyle(each).backgroundColor")
+                assert colour == place.evaluate("each => getComputedStyle(each).fill")
 
 
 @pytest.mark.parametrize(
@@ -106,6 +120,10 @@ def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser)
         (["nothing"], "No cause is named in any of 0 campaigns."),
         (["named"], "Transducer 0 is wrong: load gain and load zero."),
         (["flagged"], "Transducer 0 is wrong: load gain or load zero (not separable)."),
+        (
+            ["named", "flagged"],
+            "2 transducers are wrong. 0: load gain and load zero; 1: load gain or load zero (not separable).",
+        ),
         (["named", "named"], "Transducers 0 and 1 are wrong: load gain and load zero."),
     ],
 )

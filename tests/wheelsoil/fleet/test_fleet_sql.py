@@ -15,6 +15,7 @@ from cli_support import invoke, ok
 from fleet_support import rows_of
 from fsspec.registry import _registry
 
+from wheelsoil.cli.fleet import _print_status, _summary
 from wheelsoil.fleet import COLUMNS, ask, open_store
 
 PAGE = (Path(__file__).parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
@@ -206,3 +207,8 @@ def test_the_wrong_transducer_is_found_of_both(store: Path) -> None:
     lines = ok("fleet", "diagnose", store)
     assert "WFT-1: 3 campaigns" in lines.out and "nothing detectable" in lines.out
     assert "drawbar pull gain" in lines.out.partition("WFT-2")[2] and not lines.err
+
+
+def test_verdicts_are_called_in_the_terminal_what_the_page_calls_them(capsys: pytest.CaptureFixture[str]) -> None:
+    _print_status({"store": "s", **_summary([]), "verdicts": {"one_of": 2, "named": 1}})
+    assert "2 one of several, 1 named" in capsys.readouterr().out

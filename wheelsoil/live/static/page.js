@@ -20,7 +20,7 @@ const rank = ({ role }) => ORDER.indexOf(role);
 
 const MPS = { "m/s": 1, "km/h": 1 / 3.6, kn: 1852 / 3600 };
 
-const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", highest: null };
+const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "", highest: null, lost: 0 };
 const commands = new Commands(leaving);
 const slipPlot = new Plot(get("slip-plot"), "slip, %");
 const pullPlot = new Plot(get("pull-plot"), "seconds before now");
@@ -167,21 +167,32 @@ function absence({ role, age_s }) {
   return known(age_s) ? `no frames for ${seconds(age_s)}` : "no frames yet";
 }
 
-/** Whether the run is good to leave, and why: what it has reached, and what is wrong. */
+/** A slip in whole percent that it has reached. */
+const percent = (slip) => `${Math.floor(100 * slip + 1e-6)} %`;
+
+/** Whether the run is good to leave, and why: what it has reached, what is wrong, and what is to be looked at. */
 function leaving() {
-  const { highest, snapshot } = page, reached = `slip has reached ${Math.round(100 * highest)} %`;
-  const short = highest === null ? "the slip is not known" : highest < GOAL ? `${reached}, the goal is above ${100 * GOAL} %` : "";
-  const wrong = snapshot.reasons.filter(({ level }) => level === "red");
-  const good = !short && !wrong.length;
-  return { good, short, wrong, words: good ? `Good to leave: ${reached}, and nothing is red.` : `Not good to leave yet: ${[short, ...wrong.map((each) => `${each.where}: ${each.what}`)].filter(Boolean).join("; ")}.` };
+  const { highest, lost, snapshot } = page, ofLevel = (level) => snapshot.reasons.filter((each) => each.level === level);
+  const reached = `slip has reached ${percent(highest)}`, [red, amber] = [ofLevel("red"), ofLevel("amber")];
+  const short = noSlipEver(snapshot) ? "" : highest === null ? "the slip is not known" : highest < GOAL ? `${reached}, the goal is at least ${percent(GOAL)}` : "";
+  const frames = lost ? [`${count(lost)} lost ${lost === 1 ? "frame" : "frames"}`] : [];
+  const level = short || red.length ? "red" : amber.length || frames.length ? "amber" : "green";
+  const full = (reasons) => reasons.map((each) => `${each.where}: ${each.what.replace(/\.$/, "")}`);
+  const number = (reasons, word) => (reasons.length ? [`${reasons.length} ${word}`] : []);
+  const say = (reds, ambers) => ({
+    red: `Not good to leave yet: ${[...(short ? [short] : []), ...reds, ...frames].join("; ")}.`,
+    amber: `Leave only after a look at: ${[...ambers, ...frames].join("; ")}.`,
+    green: noSlipEver(snapshot) ? "Nothing is wrong; the slip is not known." : `Good to leave: ${reached}, and nothing is wrong.`,
+  })[level];
+  return { level, words: say(full(red), full(amber)), brief: say(number(red, "red"), number(amber, "amber")) };
 }
 
 /** The same below the values; a fault that stands in the band or in the list is not repeated. */
-function showLeaving({ state }) {
-  get("leave").hidden = state !== "recording";
-  const { good, short, wrong, words } = leaving(), why = [short, wrong.length ? `${wrong.length} red` : ""].filter(Boolean).join("; ");
-  get("leave").dataset.level = good ? "green" : "amber";
-  write(get("leave"), good ? `✓ ${words}` : `▲ Not good to leave yet: ${why}.`);
+function showLeaving(snapshot) {
+  get("leave").hidden = snapshot.state !== "recording" || noSlipEver(snapshot) !== "";
+  const { level, brief } = leaving();
+  get("leave").dataset.level = level === "green" ? "green" : "amber";
+  write(get("leave"), `${level === "green" ? "✓" : "▲"} ${brief}`);
 }
 
 /** How far the slip went in this run, beside where it should go. */
@@ -197,7 +208,7 @@ function showReach(last) {
   reached.style.width = share(page.highest ?? 0);
   now.hidden = !isNow(page.slip);
   now.style.left = share(last?.[1] ?? 0);
-  if (isNow(page.slip) && page.highest !== null) write(item.lastElementChild, `highest ${Math.round(100 * page.highest)} % · goal above ${100 * GOAL} %`);
+  if (isNow(page.slip) && page.highest !== null) write(item.lastElementChild, `highest held ${percent(page.highest)} · goal at least ${percent(GOAL)}`);
 }
 
 function showBuses(buses) {
@@ -270,13 +281,18 @@ function showTexts({ losses, marks, remarks }) {
 
 const TURNING = "none shown live: the transducer's axes turn with the wheel";
 
-function whyNoSlip({ setup, values }) {
+/** Why the slip of this vehicle can never be shown, or "". */
+function noSlipEver({ setup, values }) {
   if (setup.transducer_frame === "wheel") return TURNING;
   const roles = new Set(values.map((each) => each.role));
   const missing = ["drawbar_pull", "wheel_speed", "ground_speed"].filter((role) => !roles.has(role));
   if (missing.length) return `no slip: vehicle.toml names no ${missing.map(spaced).join(", no ")}`;
   if (!setup.wheel_radius_m) return "no slip: vehicle.toml has no [wheel] radius_m";
-  return `no slip yet: needs both speeds, one of them above ${setup.min_speed_mps ?? 0.5} m/s`;
+  return "";
+}
+
+function whyNoSlip(snapshot) {
+  return noSlipEver(snapshot) || `no slip yet: needs both speeds, one of them above ${snapshot.setup.min_speed_mps ?? 0.5} m/s`;
 }
 
 function showPlots(snapshot, spanS) {
@@ -325,9 +341,10 @@ const connection = new Connection({
     get("main").hidden = get("bar").hidden = false;
     if (!page.snapshot) write(get("run-title"), vehicle);
   },
-  snapshot({ snapshot, age_s, curves, highest_slip }) {
+  snapshot({ snapshot, age_s, curves, highest_slip, lost_frames }) {
     page.snapshot = snapshot;
     page.highest = highest_slip;
+    page.lost = lost_frames;
     page.newsAt = performance.now() - 1000 * age_s;
     page.nowS = snapshot.session_s + age_s;
     page.pull = keep(page.pull, curves.pull, curves.fresh, page.nowS - curves.span_s);

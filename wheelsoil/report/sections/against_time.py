@@ -234,7 +234,7 @@ def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
 
 def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
     """Return how the test was driven: slip, speeds, load; a channel that no run has is omitted."""
-    blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour
+    blue, orange = RECOMMENDED, STYLES["wong"].colour
     points = points_of_run(len(runs))
     drawn: dict[str, list[tuple[str, Trace]]] = {"speed": [], "slip": [], "load": []}
     for run in runs:

@@ -13,6 +13,7 @@ from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Tex
 from wheelsoil.report.figures import (
     EDGES,
     MEASURED,
+    RECOMMENDED,
     STYLES,
     Bins,
     Style,
@@ -169,7 +170,7 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
         ends = np.array([np.nanmin(across), np.nanmax(across)])
         groups[view.campaign] = [
             dots(across[rows], up[rows], f"samples, {effect_name(key)}"),
-            line(ends, ends, "equal", STYLES["vasilev"].colour, "dash"),
+            line(ends, ends, "equal", RECOMMENDED, "dash"),
         ]
     figure = _figure("diagonal", channel, "left-over against signature", groups)
     layout = {**figure.layout}

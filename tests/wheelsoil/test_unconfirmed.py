@@ -1,0 +1,33 @@
+"""Whether the report says that braked samples confirm the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from diagnosis_samples import diagnosis, seen
+
+from wheelsoil.report.recommendation import Recommendation, of_diagnosis, unconfirmed
+
+
+def with_braked_residual(swing_n: float, noise_n: float, samples: int = 4000) -> Recommendation:
+    """Return a model that is right about driven samples; the braked ones have more noise, and a swing over slip."""
+    data = seen(samples=samples)
+    rng, braked = np.random.default_rng(5), data.slip < 0
+    assert 0.05 < braked.mean() < 0.5
+    left = np.where(braked, swing_n * np.sin(20 * np.pi * data.slip), 0.0)
+    left += np.where(braked, noise_n, data.base_sigma["dp"]) * rng.standard_normal(len(data.slip))
+    data = replace(data, measured=data.measured | {"dp": data.extended["dp"] + left})
+    return of_diagnosis(replace(diagnosis(), plot_data=(data,)))
+
+
+def test_noise_about_zero_is_no_swing() -> None:
+    assert unconfirmed(with_braked_residual(0.0, 600.0, samples=50), "dp") == ""
+    assert unconfirmed(with_braked_residual(0.0, 600.0), "dp") == ""
+
+
+def test_a_swing_is_said() -> None:
+    said = unconfirmed(with_braked_residual(400.0, 100.0), "dp")
+    assert said.startswith("The model is not confirmed for braking: drawbar pull, median residual −")
+    assert said.endswith("noise of a driven sample 35 N.")
+    assert unconfirmed(with_braked_residual(20.0, 100.0), "dp") == "", "less than a driven sample's noise"
