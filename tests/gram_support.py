@@ -9,6 +9,10 @@ import numpy as np
 from daq import FloatArray
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.columns import CauseColumn, Grams
+from model.diagnosis.time_series.evidence import LARGE, LARGE_SHARE
+
+WIDTHS = ((1.0, 1.0 - LARGE_SHARE), (LARGE, LARGE_SHARE))
+"""One-sigma of the prior of a set's sizes, and its share."""
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ from math import comb
 
 import numpy as np
 import pytest
-from gram_support import World, column, library, world
+from gram_support import WIDTHS, World, column, library, world
 from scipy.stats import multivariate_normal, norm
 
 from model.diagnosis.core.hypotheses import SIZE_PRIOR
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
-    LARGE,
-    LARGE_SHARE,
     Posterior,
     best_set,
     box,
@@ -37,10 +35,6 @@ def small() -> World:
         column("d"),
     )
     return world(1, columns, runs=3, n=30, strength=(3, 10))
-
-
-WIDTHS = ((1.0, 1.0 - LARGE_SHARE), (LARGE, LARGE_SHARE))
-"""Of the prior of a set's sizes, and their shares."""
 
 
 def grams_of(drawn: World, seed: int = 0, size: float = 0.0, which: int = 0) -> Grams:

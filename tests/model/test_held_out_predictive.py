@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_grams import columns_of_runs, grams_of
+from gram_support import WIDTHS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -23,9 +24,14 @@ def made(seed: int):
 
 
 def density(columns: np.ndarray, residual: np.ndarray, causes: list[int]) -> float:
-    """Return ln N(r; 0, I + S S' + X X')."""
-    flat = columns.reshape(-1, columns.shape[2])[:, [0, 1, 2, *causes]]
-    return float(multivariate_normal.logpdf(residual.ravel(), cov=np.eye(len(flat)) + flat @ flat.T))
+    """Return ln N(r; 0, I + S S' + w^2 X X'), averaged over the widths w of the prior."""
+    flat = columns.reshape(-1, columns.shape[2])
+    soil, own = flat[:, :3] @ flat[:, :3].T, flat[:, causes] @ flat[:, causes].T
+    each = [
+        np.log(share) + multivariate_normal.logpdf(residual.ravel(), cov=np.eye(len(flat)) + soil + width**2 * own)
+        for width, share in WIDTHS
+    ]
+    return float(np.logaddexp(*each))
 
 
 @settings(max_examples=10, deadline=None)
@@ -45,9 +51,10 @@ def test_a_one_sided_cause_has_a_half_normal_prior() -> None:
     reference = chances.logpdf(residual.ravel())
 
     def integrand(size: float) -> float:
-        return float(2 * norm.pdf(size) * np.exp(chances.logpdf(residual.ravel() - size * flat[:, 3]) - reference))
+        prior = sum(share * 2 * norm.pdf(size, scale=width) for width, share in WIDTHS)
+        return float(prior * np.exp(chances.logpdf(residual.ravel() - size * flat[:, 3]) - reference))
 
-    expected = reference + np.log(quad(integrand, 0, 8)[0])
+    expected = reference + np.log(quad(integrand, 0, 30, points=[1, 4])[0])
     assert log_evidence(grams, ("vasilev",)) == pytest.approx(expected, abs=1e-5)
 
 

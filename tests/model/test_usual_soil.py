@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gram_support import column, world
+from gram_support import WIDTHS, column, world
 from short_campaign import driven, looked
 
 from model.diagnosis.core.clock import Clock
@@ -37,13 +37,16 @@ def test_the_usual_soil_is_what_its_prior_says(keys: tuple[str, ...]) -> None:
     mean = np.array([0.30, 0.32]) / 0.3
     sigma = np.array([0.12, 0.15]) / 0.3
     at = [*kept, *peak]
-    prior = np.r_[np.ones(len(kept)), sigma**-2.0]
-    precision = total[np.ix_(at, at)] + np.diag(prior)
-    side = total[at, 0] + np.r_[np.zeros(len(kept)), mean / sigma**2]
-    square = total[0, 0] + float(mean**2 @ sigma**-2.0) - side @ np.linalg.solve(precision, side)
     constant = float(grams.samples.sum()) * np.log(2 * np.pi) + float(grams.log_determinants.sum())
-    log_det = np.linalg.slogdet(precision)[1] - np.log(prior).sum()
-    assert log_evidence(found, keys) == pytest.approx(-0.5 * (square + log_det + constant), rel=1e-9)
+    side = total[at, 0] + np.r_[np.zeros(len(kept)), mean / sigma**2]
+    each = []
+    for size, share in WIDTHS:
+        prior = np.r_[np.ones(width), np.full(len(kept) - width, size**-2.0), sigma**-2.0]
+        precision = total[np.ix_(at, at)] + np.diag(prior)
+        square = total[0, 0] + float(mean**2 @ sigma**-2.0) - side @ np.linalg.solve(precision, side)
+        log_det = np.linalg.slogdet(precision)[1] - np.log(prior).sum()
+        each.append(np.log(share) - 0.5 * (square + log_det + constant))
+    assert log_evidence(found, keys) == pytest.approx(np.logaddexp(*each), rel=1e-9)
 
 
 def test_the_usual_values_are_within_their_bounds() -> None:
