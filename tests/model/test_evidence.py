@@ -85,10 +85,10 @@ def test_the_evidence_is_the_density_of_the_residual(small: World) -> None:
 
     def density(chosen: list[int]) -> float:
         each = []
-        for width, share in WIDTHS:
+        for width, share in WIDTHS if len(chosen) == 1 else [(1.0, 1.0)]:
             own = np.concatenate([soil, width * causes[:, chosen]], axis=1)
             each.append(np.log(share) + multivariate_normal(np.zeros(13), np.eye(13) + own @ own.T).logpdf(residual))
-        return float(np.logaddexp(*each))
+        return float(np.logaddexp.reduce(each))
 
     found = posterior(grams)
     for keys, chosen in ((("a",), [0]), (("d",), [5]), (("a", "d"), [0, 5]), (("a", "c1", "d"), [0, 2, 5])):

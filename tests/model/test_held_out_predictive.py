@@ -29,9 +29,9 @@ def density(columns: np.ndarray, residual: np.ndarray, causes: list[int]) -> flo
     soil, own = flat[:, :3] @ flat[:, :3].T, flat[:, causes] @ flat[:, causes].T
     each = [
         np.log(share) + multivariate_normal.logpdf(residual.ravel(), cov=np.eye(len(flat)) + soil + width**2 * own)
-        for width, share in WIDTHS
+        for width, share in (WIDTHS if len(causes) == 1 else [(1.0, 1.0)])
     ]
-    return float(np.logaddexp(*each))
+    return float(np.logaddexp.reduce(each))
 
 
 @settings(max_examples=10, deadline=None)

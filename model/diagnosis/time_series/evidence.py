@@ -10,11 +10,11 @@ and the log evidence of a set M, less that of the empty set, is
 .. math:: \tfrac12 b'A^{-1}b - \tfrac12 \ln\det w^2 A + \ln\frac{P(\gamma \in B \mid r)}{P(\gamma \in B)}, \quad
     A = w^{-2} I + \tilde G_{MM},\; b = \tilde G_{Mr},
 
-averaged over w = 1 and `LARGE`, with B the box of bounds and one-sided priors. The probability of a box is taken one
-coordinate after the other: each is cut to its interval, and the others are taken as normal again, with the mean and
-covariance that the cut leaves them. That is exact for one coordinate; for several the error of the logarithm is a few
-hundredths where the box holds much of the mass, and some tenths far out (`tests/model/test_evidence_box.py` compares it
-with sampling).
+averaged over w = 1 and, of a cause alone, `LARGE`, with B the box of bounds and one-sided priors. The probability of a
+box is taken one coordinate after the other: each is cut to its interval, and the others are taken as normal again, with
+the mean and covariance that the cut leaves them. That is exact for one coordinate; for several the error of the
+logarithm is a few hundredths where the box holds much of the mass, and some tenths far out
+(`tests/model/test_evidence_box.py` compares it with sampling).
 
 The prediction of a run b from runs A is a difference of evidences, in which the uncertainty of everything that A does
 not determine is counted:
@@ -83,10 +83,11 @@ def _interval(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 
 LARGE, LARGE_SHARE = 4.0, 0.1
-"""How much wider the prior of sizes is for some sets, and for what share of sets.
+"""How much wider the prior of sizes is for some causes that act alone, and for what share of them.
 
 Sizes of real faults have tails: a tyre was exchanged, a unit mistaken. A normal prior alone calls 15 % of a wheel's
-radius impossible where 2 % is usual, and gives its name to two causes of usual sizes that fit far worse.
+radius impossible where 2 % is usual, and gives its name to two causes of usual sizes that fit far worse. Several causes
+keep the normal prior: together, far larger than usual, they would imitate nearly anything.
 """
 KEEP = 3.0
 """Odds below which a set stays where it is, see `best_set`."""
@@ -194,9 +195,11 @@ def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> Floa
     for size in range(1, columns.shape[1] + 1):
         of_size = np.flatnonzero(sizes == size)
         if of_size.size:
-            own = columns[of_size, :size].T
-            usual, large = (_of_one_size(products, own, lower, upper, width) for width in (1.0, LARGE))
-            found[:, of_size] = np.logaddexp(usual + np.log1p(-LARGE_SHARE), large + np.log(LARGE_SHARE))
+            found[:, of_size] = _of_one_size(products, columns[of_size, :size].T, lower, upper, 1.0)
+            alone = of_size[(listed.members[of_size] >= 0).sum(axis=1) == 1]
+            if alone.size:
+                large = _of_one_size(products, columns[alone, :size].T, lower, upper, LARGE) + np.log(LARGE_SHARE)
+                found[:, alone] = np.logaddexp(found[:, alone] + np.log1p(-LARGE_SHARE), large)
     return found.reshape(*reduced.shape[:-2], len(listed))
 
 
@@ -298,9 +301,9 @@ def posterior(
 
 def prior_width(grams: Grams, keys: tuple[str, ...]) -> float:
     """Return the one-sigma of the sizes' prior that belongs to its expected precision: 1, up to `LARGE` by the data."""
-    own = np.array([at - grams.cause_columns.start for key in keys for at in grams.columns_of(key)], np.intp)
-    if not own.size:
+    if len(keys) != 1:
         return 1.0
+    own = np.array([at - grams.cause_columns.start for at in grams.columns_of(keys[0])], np.intp)
     products, (lower, upper) = without_soil(grams, grams.total)[..., None], box(grams.causes)
     usual, large = (_of_one_size(products, own[:, None], lower, upper, width).item() for width in (1.0, LARGE))
     share = expit(large - usual + logit(LARGE_SHARE))
