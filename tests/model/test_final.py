@@ -9,7 +9,7 @@ import pytest
 from short_campaign import driven, looked, noise_of
 
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.findings.set_fit import TRUST, fit_set, interval, parameters_of, soils_of, spread_of
+from model.diagnosis.findings.set_fit import TRUST, fit_set, interval, parameters_of, shifted, soils_of, spread_of
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
@@ -58,6 +58,18 @@ def test_lyaskos_sum_comes_first_and_its_parts_only_where_they_can_be_parted() -
     assert (total.name, m1.name, m2.name) == ("p", "m1", "m2")
     assert total.interval95[0] < 0.15 < total.interval95[1]
     assert np.isnan([m1.sigma, *m1.interval95, *m2.interval95]).all()
+
+
+def test_a_shift_goes_as_far_as_every_sample_has_an_answer() -> None:
+    """A ground that carries no wheel has none."""
+    seen = looked(driven("vasilev:H_m=0.04"), "vasilev")
+    fit = fit_set(seen, ("vasilev",))
+    softer = np.zeros_like(fit.estimate)
+    softer[:6] = -60.0
+    assert not np.isfinite(np.concatenate(fit.problem.runs(fit.estimate + softer))).all()
+    moved = shifted(fit.problem, fit.estimate, softer)
+    assert np.isfinite(np.concatenate(fit.problem.runs(moved))).all()
+    np.testing.assert_array_equal(shifted(fit.problem, fit.estimate, 1e-3 * softer), fit.estimate + 1e-3 * softer)
 
 
 def test_the_soil_alone_is_a_set_too() -> None:

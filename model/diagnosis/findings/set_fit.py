@@ -276,12 +276,13 @@ def fit_set(
             found = min(found, _solved(problem, tried.estimate), key=lambda result: result.cost)
     problem = problem.refrozen(found.estimate)
     last = _solved(problem, found.estimate)
-    about_itself = set(keys) == set(linearised.best.keys)
-    shift = _form_shift(linearised.grams, keys) if about_itself else 0.0
+    shown = last.estimate
+    if set(keys) == set(linearised.best.keys):
+        shown = shifted(problem, shown, _form_shift(linearised.grams, keys))
     return SetFit(
         keys=keys,
         problem=problem,
-        estimate=np.clip(last.estimate + shift, lower, upper),
+        estimate=shown,
         at_bound=last.at_bound,
         cost=last.cost,
     )
@@ -293,6 +294,15 @@ def _form_shift(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     found = [estimate(g, keys) for g in (grams, replace(grams, form=0.0))]
     known, exact = (np.r_[linear.soil, linear.coefficients[own]] for linear in found)
     return np.asarray(known - exact)
+
+
+def shifted(problem: SetProblem, x: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return numbers with as much of a shift, within bounds, as no sample loses its answer."""
+    for share in STEPS:
+        moved = np.clip(x + share * shift, *problem.bounds)
+        if all(np.isfinite(rows).all() for rows in problem.runs(moved)):
+            break
+    return moved
 
 
 def fit_sets(
