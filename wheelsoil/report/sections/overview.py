@@ -54,10 +54,7 @@ _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive agai
 _SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
 _SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
-_NO_BIAS = (
-    "no median of 10 or more samples exceeds the noise of one sample, and the medians do not keep to one side of zero "
-    "(4 of 5, half of them by more than half that noise)"
-)
+_NO_BIAS = "no median of 10 or more samples is beyond the noise of one, and the medians do not keep to one side of zero"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
