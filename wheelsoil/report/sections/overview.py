@@ -160,10 +160,7 @@ def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     )
     plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
     name = OUTPUTS[channel].name
-    caption = (
-        "Medians in bins of slip, braking left of zero; there the axis may cut all but the model's line. "
-        "Grey: 95 % of the noise of a sample."
-    )
+    caption = "Medians in bins of slip, braking left of zero, where the axis may cut lines. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
     return drawn(
         f"residual-{channel}",
