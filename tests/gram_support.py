@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,12 @@ from model.diagnosis.time_series.columns import CauseColumn, Grams
 from model.diagnosis.time_series.evidence import LARGE, LARGE_SHARE
 
 WIDTHS = ((1.0, 1.0 - LARGE_SHARE), (LARGE, LARGE_SHARE))
-"""One-sigma of the prior of a set's sizes, and its share."""
+"""One-sigma of the prior of the sizes of a cause alone, and its share."""
+
+
+def widths_of(causes: Sequence[object]) -> tuple[tuple[float, float], ...]:
+    """Return the same of a set."""
+    return WIDTHS if len(causes) == 1 else ((1.0, 1.0),)
 
 
 @dataclass(frozen=True)

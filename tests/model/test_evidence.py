@@ -7,7 +7,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from gram_support import WIDTHS, World, column, library, world
+from gram_support import WIDTHS, World, column, library, widths_of, world
 from scipy.stats import multivariate_normal, norm
 
 from model.diagnosis.core.hypotheses import SIZE_PRIOR
@@ -85,7 +85,7 @@ def test_the_evidence_is_the_density_of_the_residual(small: World) -> None:
 
     def density(chosen: list[int]) -> float:
         each = []
-        for width, share in WIDTHS if len(chosen) == 1 else [(1.0, 1.0)]:
+        for width, share in widths_of(chosen):
             own = np.concatenate([soil, width * causes[:, chosen]], axis=1)
             each.append(np.log(share) + multivariate_normal(np.zeros(13), np.eye(13) + own @ own.T).logpdf(residual))
         return float(np.logaddexp.reduce(each))

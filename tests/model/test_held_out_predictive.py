@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_grams import columns_of_runs, grams_of
-from gram_support import WIDTHS
+from gram_support import WIDTHS, widths_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -29,7 +29,7 @@ def density(columns: np.ndarray, residual: np.ndarray, causes: list[int]) -> flo
     soil, own = flat[:, :3] @ flat[:, :3].T, flat[:, causes] @ flat[:, causes].T
     each = [
         np.log(share) + multivariate_normal.logpdf(residual.ravel(), cov=np.eye(len(flat)) + soil + width**2 * own)
-        for width, share in (WIDTHS if len(causes) == 1 else [(1.0, 1.0)])
+        for width, share in widths_of(causes)
     ]
     return float(np.logaddexp.reduce(each))
 

@@ -12,10 +12,10 @@ from model import ExtendedModel
 from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
-from wheelsoil.console import computing, say
+from wheelsoil.console import computing
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
-from wheelsoil.workflows.choice import Choice, provenance_of, runs_in_use
+from wheelsoil.workflows.choice import Choice, provenance_of
 from wheelsoil.workflows.diagnosis import (
     Processed,
     bench_of,
@@ -26,7 +26,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
-from wheelsoil.workflows.runs import Files, process_runs
+from wheelsoil.workflows.runs import Files, open_and_process
 from wheelsoil.workflows.tables import BenchFiles
 
 
@@ -73,11 +73,7 @@ def report_of(
     """
     choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
-    opened = files.open_runs(paths, say)
-    if in_use := [used.run for used in runs_in_use(choice, opened)[0]]:
-        one_terrain(in_use)
-    accept = files.accept_implausible
-    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept)
+    processed = open_and_process(paths, options, files, choice=choice, check=one_terrain)
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
     return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last)

@@ -58,14 +58,22 @@ class Files:
         )
 
 
+Check = Callable[[Sequence[Run]], object]
+
+
 def open_and_process(
-    paths: Sequence[Path], options: ProcessOptions, files: Files | None = None, *, choice: Choice | None = None
+    paths: Sequence[Path],
+    options: ProcessOptions,
+    files: Files | None = None,
+    *,
+    choice: Choice | None = None,
+    check: Check | None = None,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Open runs and process each; says on stderr what could not be read of a damaged recording.
 
     Of `files`, the zero file takes the place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`).
     Of `choice`, the runs and what is kept of them are taken; `options` are given by themselves
-    (`Choice.process_options`).
+    (`Choice.process_options`). `check` is given the runs that are used before the work, and may raise.
 
     Raises
     ------
@@ -75,7 +83,7 @@ def open_and_process(
     files = files or Files()
     opened = files.open_runs(paths, say)
     accept = files.accept_implausible
-    return process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept)
+    return process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept, check=check)
 
 
 def process_runs(
@@ -85,6 +93,7 @@ def process_runs(
     zero: Path | None = None,
     choice: Choice | None = None,
     accept_implausible: bool = False,
+    check: Check | None = None,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`.
 
@@ -109,6 +118,8 @@ def process_runs(
     processed = []
     chosen = choice or Choice()
     in_use, unfit = runs_in_use(chosen, opened)
+    if check and in_use:
+        check([used.run for used in in_use])
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
     found = progress(attempts(), "processing", len(in_use))
     for used, result in zip(in_use, found, strict=True):

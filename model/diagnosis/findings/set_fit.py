@@ -150,8 +150,8 @@ def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray
     everything = np.concatenate(rows)
     run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
-    prior, blocks = np.diag(problem.prior_root**2), Blocks(run, len(rows), float("nan"), float("nan"))
-    found = sandwich(jacobian[:, None], scores, blocks, prior)
+    blocks = Blocks(run, len(rows), float("nan"), float("nan"))
+    found = sandwich(jacobian[:, None], scores, blocks, np.diag(problem.prior))
     degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
@@ -168,8 +168,8 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
 def _by_form(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     """Return what the error of form adds to the variance of soil and coefficients, shape (p,)."""
     at = np.r_[grams.soil_columns, [i for key in keys for i in grams.columns_of(key)]].astype(np.intp)
-    prior = prior_information(grams, keys)
-    known, exact = (np.linalg.inv(np.diag(prior) + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
+    prior = np.diag(prior_information(grams, keys))
+    known, exact = (np.linalg.inv(prior + x[np.ix_(at, at)]) for x in (grams.net, grams.total))
     return np.asarray(np.maximum(np.diag(known) - np.diag(exact), 0.0))
 
 

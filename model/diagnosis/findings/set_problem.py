@@ -15,7 +15,7 @@ import numpy as np
 
 from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
-from model.diagnosis.time_series.evidence import box, prior_width
+from model.diagnosis.time_series.evidence import box, prior_information
 from model.diagnosis.time_series.linearise import (
     SENSORS,
     Linear,
@@ -118,14 +118,14 @@ class SetProblem:
         Labels of the soils' q coordinates.
     causes : tuple of CauseColumn
         The set's, c of them.
-    width : float
-        One-sigma of their coefficients' prior.
+    prior : array, shape (q + c,)
+        Its information on x.
     """
 
     parts: tuple[Part, ...]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
-    width: float
+    prior: FloatArray
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -134,18 +134,13 @@ class SetProblem:
         lower, upper = box(self.causes)
         return np.r_[-free, lower], np.r_[free, upper]
 
-    @property
-    def prior_root(self) -> FloatArray:
-        """Root of the prior's information on x, shape (q + c,)."""
-        return np.repeat([1.0, 1.0 / self.width], [len(self.soil), len(self.causes)])
-
     def points(self, x: FloatArray) -> tuple[Point, ...]:
         """Return where x puts each campaign's model."""
         return tuple(self._point(part, x) for part in self.parts)
 
     def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return whitened residuals, run after run and priors last, and their derivatives; NaN without an answer."""
-        prior = self.prior_root[:, None] * np.concatenate([x[:, None], np.eye(len(x))], axis=1)
+        prior = np.sqrt(self.prior)[:, None] * np.concatenate([x[:, None], np.eye(len(x))], axis=1)
         stacked = np.concatenate([*self.runs(x), prior])
         return stacked[:, 0], stacked[:, 1:]
 
@@ -248,4 +243,4 @@ def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str
         soil = slice(start, start + len(simulation.space))
         start = soil.stop
         parts.append(Part(data, simulation, data.linear, soil, positions, stretch))
-    return SetProblem(tuple(parts), grams.soil, causes, prior_width(grams, keys))
+    return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys))

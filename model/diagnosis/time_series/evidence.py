@@ -299,21 +299,21 @@ def posterior(
     return Posterior(listed, found, probabilities(found, listed.log_prior))
 
 
-def prior_width(grams: Grams, keys: tuple[str, ...]) -> float:
-    """Return the one-sigma of the sizes' prior that belongs to its expected precision: 1, up to `LARGE` by the data."""
+def _size_precision(grams: Grams, keys: tuple[str, ...]) -> float:
+    """Return the expected precision of the sizes' prior given the data: 1, of a cause alone down to that of `LARGE`."""
     if len(keys) != 1:
         return 1.0
     own = np.array([at - grams.cause_columns.start for at in grams.columns_of(keys[0])], np.intp)
     products, (lower, upper) = without_soil(grams, grams.total)[..., None], box(grams.causes)
     usual, large = (_of_one_size(products, own[:, None], lower, upper, width).item() for width in (1.0, LARGE))
     share = expit(large - usual + logit(LARGE_SHARE))
-    return float((1.0 - share * (1.0 - LARGE**-2.0)) ** -0.5)
+    return float(1.0 - share * (1.0 - LARGE**-2.0))
 
 
 def prior_information(grams: Grams, keys: tuple[str, ...]) -> FloatArray:
     """Return the prior's information on soil and sizes of a set, shape (q + c,)."""
     count = sum(len(grams.columns_of(key)) for key in keys)
-    return np.repeat([1.0, prior_width(grams, keys) ** -2.0], [len(grams.soil), count])
+    return np.repeat([1.0, _size_precision(grams, keys)], [len(grams.soil), count])
 
 
 def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:

@@ -290,8 +290,13 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
 
 def _of_acceleration(by_model: FloatArray, conditions: Conditions, channels: Sequence[str]) -> FloatArray:
     """Return what an error of the acceleration does to model less measurement: its mass is added to the latter."""
-    mass = np.array([1.0 if c == "dp" else 0.0 for c in channels])[:, None] * conditions.compensated_mass_kg
+    mass = _only("dp", channels) * conditions.compensated_mass_kg
     return np.asarray(np.nan_to_num(by_model) - mass)
+
+
+def _only(channel: str, channels: Sequence[str]) -> FloatArray:
+    """Return 1 for a channel and 0 for the others, shape (c, 1)."""
+    return np.array([[float(c == channel)] for c in channels])
 
 
 def _by_sensors(conditions: Conditions, speed: FloatArray, spin: FloatArray, channels: Sequence[str]) -> FloatArray:
@@ -315,7 +320,7 @@ def late_wheel(conditions: Conditions, speed: FloatArray, spin: FloatArray, chan
     """
     omega = np.maximum(np.asarray(conditions.wheel_speed_radps), _LEAST_RADPS)
     acceleration = np.asarray(conditions.wheel_acceleration_radps2)
-    compensated = np.array([1.0 if c == "t" else 0.0 for c in channels])[:, None] * conditions.compensated_inertia_kgm2
+    compensated = _only("t", channels) * conditions.compensated_inertia_kgm2
     by_delay = -speed * np.asarray(conditions.ground_speed_mps) * acceleration / omega
     by_delay += np.nan_to_num((compensated + spin) * np.asarray(conditions.wheel_jerk_radps3))
     waiting = 1.0 / omega - 1.0 / float(np.median(omega))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -83,11 +84,11 @@ def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading:
 
 def _unseen(campaign: Campaign, coverage: Coverage, effects: Sequence[str]) -> Fault | None:
     """Return which roles all the chosen effects would need; None where one is a hypothesis without."""
-    lacking = [role for key in effects for role in EFFECTS[key].needs.roles if role not in coverage.roles]
-    if not effects or not all(set(EFFECTS[key].needs.roles) & set(lacking) for key in effects):
+    lacking = [[role for role in EFFECTS[key].needs.roles if role not in coverage.roles] for key in effects]
+    if not lacking or not all(lacking):
         return None
     return Fault(
-        f"{', '.join(effects)} can only be considered where every run has {', '.join(dict.fromkeys(lacking))}",
+        f"{', '.join(effects)} can only be considered where every run has {', '.join(dict.fromkeys(chain(*lacking)))}",
         campaign.name,
         next_step="name its signal under [signals] of vehicle.toml, or choose other --effects",
     )

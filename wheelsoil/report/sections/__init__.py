@@ -34,17 +34,22 @@ EVIDENCE: tuple[SectionBuilder, ...] = (
 )
 """Below the first screen; what follows them is the appendix."""
 
-SECTIONS: tuple[SectionBuilder, ...] = (
-    glance.glance,
-    *EVIDENCE,
-    against_time.time,
-    track.track,
+DIAGNOSIS: tuple[SectionBuilder, ...] = (
     misfit.misfit,
     candidates.candidates,
     evidence.evidence,
     evidence.gain,
     planning.detectable,
     planning.next_run,
+)
+"""What a diagnosis has in the appendix."""
+
+SECTIONS: tuple[SectionBuilder, ...] = (
+    glance.glance,
+    *EVIDENCE,
+    against_time.time,
+    track.track,
+    *DIAGNOSIS,
     verdict.verdict,
     against_slip.drawbar_pull,
     against_slip.torque,
@@ -64,12 +69,7 @@ SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
     overview.fit,
     overview.causes,
     tables.rows,
-    misfit.misfit,
-    candidates.candidates,
-    evidence.evidence,
-    evidence.gain,
-    planning.detectable,
-    planning.next_run,
+    *DIAGNOSIS,
     tables.verdict,
     coefficients.coefficients,
     coefficients.criteria,
@@ -81,14 +81,7 @@ SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
 
 GROUPS: dict[str, tuple[SectionBuilder, ...]] = {
     "Recordings": (against_time.time, track.track, tables.rows),
-    "Diagnosis": (
-        misfit.misfit,
-        candidates.candidates,
-        evidence.evidence,
-        evidence.gain,
-        planning.detectable,
-        planning.next_run,
-    ),
+    "Diagnosis": DIAGNOSIS,
     "Single-law fits": (
         verdict.verdict,
         tables.verdict,
@@ -106,12 +99,7 @@ GROUPS: dict[str, tuple[SectionBuilder, ...]] = {
 
 OF_THE_DIAGNOSIS = (
     overview.causes,
-    misfit.misfit,
-    candidates.candidates,
-    evidence.evidence,
-    evidence.gain,
-    planning.next_run,
-    planning.detectable,
+    *DIAGNOSIS,
     provenance.workings,
 )
 """Sections that are not on the page where no diagnosis was asked for."""
