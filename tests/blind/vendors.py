@@ -45,9 +45,9 @@ class Vendor:
 _ALPINE = """VERSION ""
 BU_: HUB ESP SAT LOG
 BO_ 784 HubForce: 8 HUB
- SG_ Longitudinal : 7|16@0- (1.5,0) [-49150|49150] "N" LOG
- SG_ Lateral : 23|16@0- (1.5,0) [-49150|49150] "N" LOG
- SG_ Vertical : 39|16@0- (1.5,0) [-49150|49150] "N" LOG
+ SG_ Longitudinal : 7|16@0- (3,0) [-98301|98301] "N" LOG
+ SG_ Lateral : 23|16@0- (3,0) [-98301|98301] "N" LOG
+ SG_ Vertical : 39|16@0- (3,0) [-98301|98301] "N" LOG
  SG_ Tick : 55|8@0+ (1,0) [0|255] "" LOG
 BO_ 785 HubMoment: 6 HUB
  SG_ Spin : 7|20@0- (0.05,0) [-26000|26000] "Nm" LOG
