@@ -223,6 +223,8 @@ class ProcessedRun:
         the weight along a slope in it.
     axle, axles : int
         Of the wheel, from the front, and how many the vehicle has.
+    least_speed_mps : float
+        Larger of rim and ground speed below which no slip was formed.
     """
 
     run: RunInfo
@@ -259,6 +261,7 @@ class ProcessedRun:
     outboard_role: str = GROUND_SPEED
     axle: int = 1
     axles: int = 1
+    least_speed_mps: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)

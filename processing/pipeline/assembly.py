@@ -202,6 +202,7 @@ def assemble(
         outboard_role=filtered.outboard_role,
         axle=wheel.axle or 1,
         axles=vehicle.axles or 1,
+        least_speed_mps=least_mps,
         quality=_quality(filtered, segments, stuck, reason, radius_m, options, vehicle.standstill_brakes, notes, pace),
     )
 

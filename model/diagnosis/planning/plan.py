@@ -221,6 +221,7 @@ def _run(
         longitude_deg=nothing,
         segment=segment,
         reason=reason,
+        least_speed_mps=_LEAST_SPEED_MPS,
         quality=QualityReport(standstills=_standstills(still, load)),
     )
 

@@ -47,7 +47,7 @@ from model.diagnosis.time_series.linearisation_point import LinearisationPoint, 
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
-from model.diagnosis.time_series.selection import without_near_cut, without_outliers
+from model.diagnosis.time_series.selection import without_near_cuts, without_outliers
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
 
@@ -468,7 +468,7 @@ def linearise_campaigns(
 
 
 _NOISE_KNOWN = 2
-"""Iterations after which the noise is estimated, and with it which samples are near the cut at little slip."""
+"""Iterations after which the noise is estimated, and with it which samples are near a cut."""
 
 
 def _from_first(
@@ -477,12 +477,12 @@ def _from_first(
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
 ) -> Relinearised:
-    """Iterate from the laboratory's soil and some causes; once the noise is known, without samples near the cut."""
+    """Iterate from the laboratory's soil and some causes; once the noise is known, without samples near the cuts."""
     rough = relinearise(starts, [first_point(s, causes) for s in starts], choose, clock, most=_NOISE_KNOWN)
     points = linearisation_points(rough.campaigns, rough.grams, rough.best)
     before = rough.best, rough.chosen_sets
     del rough  # as large as what comes
-    return relinearise(without_near_cut(starts, points), points, choose, clock, before=before)
+    return relinearise(without_near_cuts(starts, points), points, choose, clock, before=before)
 
 
 def notes_of(data: CampaignData, *, named: bool = False) -> tuple[Note, ...]:

@@ -80,6 +80,8 @@ class Samples:
         Length of a block.
     excluded : mapping str -> int
         Blocks that were not used, by reason.
+    least_speed_mps : array, shape (n,)
+        Of each sample's run: larger of the measured speeds below which nothing is used.
     """
 
     run: IndexArray
@@ -98,6 +100,7 @@ class Samples:
     wheel_radius_m: float
     block_s: float
     excluded: dict[str, int]
+    least_speed_mps: FloatArray
     notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
@@ -117,6 +120,7 @@ class Samples:
             measured={c: x[rows] for c, x in self.measured.items()},
             distance_m=self.distance_m[rows],
             wheel_angle_rad=self.wheel_angle_rad[rows],
+            least_speed_mps=self.least_speed_mps[rows],
             instants=Instants(*(getattr(self.instants, f)[:, rows] for f in Instants.__dataclass_fields__)),
             moments=self.moments[..., rows],
         )
@@ -177,6 +181,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         load_sigma_n=_typical([run.vertical_load_sigma_n for run in campaign.runs]),
         distance_m=joined("distance_m"),
         wheel_angle_rad=joined("wheel_angle_rad"),
+        least_speed_mps=joined("least_speed_mps"),
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
         moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
@@ -285,6 +290,7 @@ def _blocks(
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),
+        ("least_speed_mps", run.least_speed_mps),
         ("compensated_mass_kg", compensated_kg),
         ("compensated_inertia_kgm2", campaign.outboard_inertia_kgm2),
         ("outboard_mass_kg", np.nan if run.has_accelerometer else campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
