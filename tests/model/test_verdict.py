@@ -94,7 +94,12 @@ def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, bo
 
 def test_a_cause_with_which_the_error_grows_is_not_named(grams: Grams) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01})
-    for worse, named in (((-95.0, (-140.0, -60.0)), False), ((-5.0, (-12.0, 2.0)), True), ((30.0, (20.0, 40.0)), True)):
+    for worse, named in (
+        ((-95.0, (-140.0, -60.0)), False),
+        ((-5.0, (-12.0, 2.0)), True),
+        ((-1.7, (-3.4, -0.1)), True),
+        ((30.0, (20.0, 40.0)), True),
+    ):
         reductions = {"dp": Reduction(20.0, (10.0, 30.0)), "t": Reduction(*worse)}
         said = judgement(found, FINE, replace(gain(9.0), reductions=reductions))
         assert (said.verdict == "named") == named
@@ -108,6 +113,16 @@ def test_a_name_needs_three_nats_on_held_out_runs(grams: Grams) -> None:
     assert judgement(found, FINE, gain(3.0)).verdict == "named"
     said = judgement(found, FINE, gain(2.9))
     assert said.barred == Note(LackCode.NO_BETTER, values={"nats": 2.9, "least": 3.0})
+
+
+@pytest.mark.parametrize(("fall", "named"), [((70.0, (68.0, 72.0)), True), ((27.0, (-17.0, 55.0)), False)])
+def test_or_a_held_out_error_that_falls_for_certain(
+    grams: Grams, fall: tuple[float, tuple[float, float]], named: bool
+) -> None:
+    found = made(grams, {("a",): 0.99, (): 0.01})
+    reductions = {"dp": Reduction(3.0, (-5.0, 10.0)), "t": Reduction(*fall)}
+    said = judgement(found, FINE, replace(gain(-361.0), reductions=reductions))
+    assert (said.verdict == "named") == named
 
 
 def test_parts_that_cancel_are_not_named(grams: Grams) -> None:
@@ -137,7 +152,7 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     both = again(0.6, Judgement("named", ("slip_sinkage", "stress_peak_shift")))
     assert both.families == ("slip_sinkage", "stress_peak_shift")
     chances = {"slip_sinkage": 0.6, "torque_zero": 0.999}
-    kept_name = asked_again(named, chances, ("stress_peak_shift",), 0.9, keep=True)
+    kept_name = asked_again(named, chances, ("stress_peak_shift",), 0.9)
     assert (kept_name.verdict, kept_name.families) == ("named", ("torque_zero",))
     assert kept_name.beside == ("slip_sinkage", "stress_peak_shift")
     for kept in (Judgement("named", ("torque_zero",)), Judgement("one_of", families)):

@@ -174,7 +174,7 @@ def _terrains(v: Values) -> str:
 def _no_better(v: Mapping[str, Any]) -> str:
     return (
         f"held-out runs or conditions are not predicted well enough: the log score rises by {v['nats']:.2g} nats, "
-        f"less than {v['least']:g}"
+        f"less than {v['least']:g}, and no error falls for certain"
     )
 
 

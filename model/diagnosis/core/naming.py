@@ -6,8 +6,9 @@
    `MOST_ERROR` times what soil and noise give, and more than few runs show by chance.
 3. A family above `name_at` is `named` where
 
-   - the log score of held-out runs, over all channels, rises by `LEAST_NATS`;
-   - the held-out error of no measured channel grows for certain, also where the channel was not used;
+   - the log score of held-out runs, over all channels, rises by `LEAST_NATS`, or the held-out error of a channel falls
+     for certain: the score is of linearised models, and that of one far from the truth is too high;
+   - the held-out error of no measured channel grows notably and for certain, also where the channel was not used;
    - the named causes do not cancel each other to a small remainder that one of them less explains as well;
    - the data identify the family (what stands in ``not_identifiable`` may be a member of a set only); a zero that no
      standstill shows may be shown by driving, see `unshown`;
@@ -43,7 +44,7 @@ NOTHING_AT = 0.2
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on held-out runs."""
 LEAST_NATS = 3.0
-"""Rise of the held-out log score that a name needs."""
+"""Rise of the held-out log score that a name needs, where no held-out error falls for certain."""
 MOST_ERROR = 1.5
 """Held-out error over the one that is predicted of soil and noise up to which these are an explanation."""
 _BY_CHANCE = 1e-4
@@ -188,7 +189,7 @@ def _more_than_noise(gain: Gain | None) -> Note | None:
 def _barred(found: Posterior, gain: Gain | None) -> Note | None:
     if not found.calibrated or gain is None:
         return Note(LackCode.NOT_CHECKED)
-    if gain.log_likelihood_gain < LEAST_NATS:
+    if gain.log_likelihood_gain < LEAST_NATS and not any(change.falls for change in gain.reductions.values()):
         return Note(LackCode.NO_BETTER, values={"nats": gain.log_likelihood_gain, "least": LEAST_NATS})
     for channel, change in gain.reductions.items():
         if change.grows:
@@ -211,13 +212,11 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
     return verdict
 
 
-def asked_again(
-    verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float, *, keep: bool = False
-) -> Judgement:
+def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float) -> Judgement:
     """Return the verdict once its physical causes were asked again beside what soils usually do.
 
-    One that does not stay above `name_at` loses its name to the set of it and its rivals. Errors of measurement are
-    exempt.
+    One that does not stay above `name_at` loses its name to the set of it and its rivals; the others that stay keep
+    theirs, beside one of that set. Errors of measurement are exempt.
 
     Parameters
     ----------
@@ -225,8 +224,6 @@ def asked_again(
         Probabilities beside what soils usually do.
     rivals : sequence of str
         Families of that.
-    keep : bool
-        Whether the others that stay above `name_at` keep their names, beside one of the set.
     """
     if verdict.verdict != "named":
         return verdict
@@ -236,7 +233,7 @@ def asked_again(
     why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})
     kept = tuple(f for f in verdict.families if f != lost[0])
     sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > name_at)
-    if keep and sure:
+    if sure:
         beside = tuple(dict.fromkeys(f for f in (*lost, *rivals, *verdict.beside) if f not in sure))
         return Judgement("named", sure, beside, barred=why, kept_back=(*_each(lost, why), *verdict.kept_back))
     families = tuple(dict.fromkeys((lost[0], *rivals, *kept)))

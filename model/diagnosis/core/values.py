@@ -48,6 +48,10 @@ class Scores:
     log_likelihood: float
 
 
+NOTABLE_GROWTH = 5.0
+"""Percent of R0 below which a growth contradicts nothing: R0 is at the measured slip, whose error enters any model."""
+
+
 @dataclass(frozen=True)
 class Reduction:
     """By how much R0 of a channel falls, percent; with the 95 % interval, NaN with fewer than three runs."""
@@ -57,8 +61,13 @@ class Reduction:
 
     @property
     def grows(self) -> bool:
-        """Whether the error grows for certain: the interval of its fall is below 0."""
-        return self.interval95[1] < 0.0
+        """Whether the error grows for certain, and by `NOTABLE_GROWTH` at least."""
+        return self.interval95[1] < 0.0 and self.percent <= -NOTABLE_GROWTH
+
+    @property
+    def falls(self) -> bool:
+        """Whether the error falls for certain."""
+        return self.interval95[0] > 0.0
 
 
 @dataclass(frozen=True)

@@ -185,7 +185,7 @@ def _judged(
     if after.verdict == "named" and (usual := usual_families(known.uses)):
         own = np.random.default_rng(options.seed)
         chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, own)
-        after = asked_again(after, chances, usual, options.name_at, keep=True)
+        after = asked_again(after, chances, usual, options.name_at)
     return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
 
