@@ -177,11 +177,14 @@ EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 
 
 def reliability(lines: Iterable[Line], edges: Sequence[float] = EDGES) -> list[Bin]:
-    """Return the reliability of every stated probability: of each family, and of no cause at all."""
+    """Return the reliability of every stated probability: of each family, and of no cause at all.
+
+    `unexplained` takes back the probabilities of its candidates, and states none.
+    """
     stated = [
         (c["probability"], c["name"] in families(line) if c["name"] != "none" else not line["members"])
         for line in lines
-        for c in line["candidates"]
+        for c in (line["candidates"] if line["verdict"] != "unexplained" else ())
     ]
     out = []
     for low, high in itertools.pairwise(edges):

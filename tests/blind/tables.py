@@ -350,7 +350,7 @@ def _by_probability(lines: Sequence[Line]) -> list[str]:
         "## Reliability of the stated probabilities",
         "",
         f"{len(lines)} campaigns drawn from the engine's own prior (no cause .5, one .35, two .12, three .03; sizes by",
-        "the prior scale). Every family's probability, and that of no cause.",
+        "the prior scale). Every family's probability, and that of no cause; `unexplained` states none.",
         "",
         "| stated | n | mean stated | share right | 95 % bounds |",
         "|---|---|---|---|---|",

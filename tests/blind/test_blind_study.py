@@ -293,7 +293,8 @@ def test_stated_probabilities_are_held_against_what_was_hidden() -> None:
     low, high = (line("named", "torque_zero", p) for p in (0.92, 0.95))
     wrong = line("named", "slope", 0.95)
     null = line("nothing_detectable", "slope", 0.05) | {"members": []}
-    bins = {(one.low, one.high): one for one in reliability([low, high, wrong, null])}
+    taken_back = line("unexplained", "slope", 0.95)
+    bins = {(one.low, one.high): one for one in reliability([low, high, wrong, null, taken_back])}
     assert (bins[0.9, 0.99].n, bins[0.9, 0.99].hits) == (4, 3)  # the null's "none" is right, too
     assert bins[0.9, 0.99].stated == pytest.approx((0.92 + 0.95 + 0.95 + 0.95) / 4)
     assert (bins[0.01, 0.1].n, bins[0.01, 0.1].hits) == (4, 0)
