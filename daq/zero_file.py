@@ -111,12 +111,12 @@ def parse_zeros(content: bytes, where: str) -> ZeroConfig:
     return parse_toml(content.decode("utf-8", errors="replace"), ZeroConfig, where)
 
 
-def zeros_toml(zeros: ZeroConfig) -> bytes:
+def zeros_toml(zeros: ZeroConfig) -> str:
     """Return the text of zero.toml."""
     import tomli_w
 
     tables = zeros.model_dump(exclude_none=True)
-    return (_HEAD + tomli_w.dumps(tables)).encode()
+    return _HEAD + tomli_w.dumps(tables)
 
 
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:

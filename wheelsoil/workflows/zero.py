@@ -32,7 +32,7 @@ from daq import (
 )
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
 from daq.runs import Collected, Run, open_runs
-from daq.series import draft_of
+from daq.series import write_whole
 from processing import ZeroCode, in_order, merge_equal_stamps, seconds_since
 from processing.pipeline import latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
@@ -403,8 +403,7 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     """
     zeros = check_place(path).plus(*(result.determination for result in found))
     try:
-        with draft_of(path) as draft:
-            draft.write_bytes(zeros_toml(zeros))
+        write_whole(path, zeros_toml(zeros))
     except OSError as error:
         step = "check the folder, and whether another program holds the file"
         raise ConfigError.of(
