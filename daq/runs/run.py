@@ -51,7 +51,7 @@ class Configuration:
     vehicle_source : str
         Where `vehicle` was read, for messages.
     static : tuple of StaticTest
-        Beside `runs`.
+        Of the same runs.toml as `runs`.
     """
 
     vehicle: VehicleConfig | None = None
@@ -63,14 +63,21 @@ class Configuration:
     static: tuple[StaticTest, ...] = ()
 
     def over(self, other: Configuration) -> Configuration:
-        """Return this configuration, completed by `other` where it says nothing."""
+        """Return this configuration; what it lacks (vehicle, terrain, or all of runs.toml) is from `other`."""
         vehicle, terrain = (self if self.vehicle else other), (self if self.terrain else other)
         carried = {name: data for name, data in vehicle.attachments.items() if name != TERRAIN_FILE}
         if TERRAIN_FILE in terrain.attachments:
             carried[TERRAIN_FILE] = terrain.attachments[TERRAIN_FILE]
-        listing, source = (self if self.runs is not None or self.static else other), vehicle.vehicle_source
-        own = (vehicle.vehicle, vehicle.databases, terrain.terrain, listing.runs, carried, source)
-        return Configuration(*own, listing.static)
+        listing = self if self.runs is not None or self.static else other
+        return Configuration(
+            vehicle=vehicle.vehicle,
+            databases=vehicle.databases,
+            terrain=terrain.terrain,
+            runs=listing.runs,
+            attachments=carried,
+            vehicle_source=vehicle.vehicle_source,
+            static=listing.static,
+        )
 
     @property
     def lenient(self) -> bool:
@@ -143,7 +150,7 @@ class Run:
     vehicle_source : str
         Where `vehicle` was read, for messages.
     static : tuple of StaticTest
-        Of the folder's runs.toml: of all its runs.
+        Of the folder's runs.toml; they hold for all its runs.
     """
 
     id: str
@@ -181,8 +188,8 @@ class Run:
     ) -> Iterator[dict[str, Channel]]:
         """Yield the channels of some roles piece by piece, in bounded memory; see `channels`, also for its errors.
 
-        The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
-        is empty, so that every role is known even where no frame ever came.
+        Raw frames are decoded, and only the signals of these roles; decoded topics are not read. The first piece is
+        empty, so that every role is known even where no frame ever came.
 
         Parameters
         ----------
@@ -350,7 +357,7 @@ def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
 
 
 def _names(vehicle: VehicleConfig, channel: str) -> list[str]:
-    """Return the DBCs of a bus that vehicle.toml may describe in several sections."""
+    """Return the DBCs of a bus; vehicle.toml may describe it in several sections."""
     return [name for bus in vehicle.bus if bus.channel == channel for name in bus.dbc]
 
 
