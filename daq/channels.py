@@ -127,10 +127,10 @@ OUTPUTS = {channel.key: channel for channel in CHANNELS if channel.use is Use.OU
 ON_TIME_BASE = tuple(channel for channel in CHANNELS if channel.on_time_base)
 """Channels of which a processed run has values and one-sigma."""
 TRANSDUCER_ROLES = tuple(c.role for c in CHANNELS if c.quantities[0] in (Quantity.FORCE, Quantity.MOMENT))
-"""What the wheel force transducer measures: its status and its zeros are about these."""
+"""What the wheel force transducer measures; its status and its zeros apply to these."""
 REACTIONS = {key: channel for key, channel in OUTPUTS.items() if channel.role in TRANSDUCER_ROLES}
-"""Outputs that the transducer measures, by key: zero at standstill on level ground with released brakes, but for
-what the rut keeps of the pull."""
+"""Outputs that the transducer measures, by key. At standstill on level ground with released brakes they are zero,
+except for the part of the pull that the rut holds."""
 
 
 @dataclass(frozen=True)
