@@ -55,7 +55,7 @@ class Section(BaseModel):
 
 
 LEAST_LOAD_SHARE = 0.03
-"""Of a vehicle's mass on a wheel that stands on the ground."""
+"""Least share of a vehicle's mass on a wheel that stands on the ground."""
 
 
 Axle = Annotated[int, Field(ge=1, le=30)]
@@ -414,7 +414,7 @@ _STATIC_KEYS = (("drawbar_pull_n", "drawbar_pull_sigma_n"), ("driving_torque_nm"
 class StaticTest(Section):
     """``[[static]]``: what the transducer read with the wheel lifted, alone or under a known pull or torque.
 
-    Readings are raw, in the sense of the roles. A known torque is given as it is, or as a force on a lever.
+    Readings are raw, with the signs of the roles. A known torque is given as it is, or as a force on a lever.
     """
 
     test: Literal["lifted", "known_pull", "known_torque"]
@@ -469,7 +469,7 @@ class StaticTest(Section):
 
     @property
     def readings(self) -> dict[str, tuple[float, float]]:
-        """Reading and one-sigma, of the force that is known too, by channel."""
+        """Reading and its one-sigma by channel; the one-sigma includes that of the applied force."""
         return {
             channel: (reading, hypot(sigma, self.applied_share * self.applied[channel]))
             for channel, (reading, sigma) in zip(("dp", "t"), self._pairs(), strict=True)
@@ -483,13 +483,13 @@ class StaticTest(Section):
 SURE = 5.0
 """One-sigmas beyond which two readings contradict each other."""
 _LEAST, _MOST = 0.5, 1.5
-"""Shares of a known force between which a reading of it is believed."""
+"""Shares of a known force between which a reading of it is accepted."""
 _MOST_STATIC = 100
 
 
-def contradict(one: float, sigma: float, other: float, of_other: float) -> bool:
+def contradict(reading: float, sigma: float, other: float, other_sigma: float) -> bool:
     """Return whether two readings of one quantity are further apart than `SURE` one-sigmas."""
-    return abs(one - other) > SURE * hypot(sigma, of_other)
+    return abs(reading - other) > SURE * hypot(sigma, other_sigma)
 
 
 class RunsConfig(Section):
@@ -503,8 +503,8 @@ class RunsConfig(Section):
     def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:
         for (i, test), (j, other) in combinations(enumerate(static), 2):
             for channel in test.readings.keys() & other.readings.keys():
-                (a, by), (b, of_other) = test.readings[channel], other.readings[channel]
-                if test.applied == other.applied and contradict(a, by, b, of_other):
+                (a, a_sigma), (b, b_sigma) = test.readings[channel], other.readings[channel]
+                if test.applied == other.applied and contradict(a, a_sigma, b, b_sigma):
                     raise ValueError(
                         f"tests {i} and {j} contradict each other: {a:g} and {b:g} under one force, "
                         f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
