@@ -120,7 +120,7 @@ def zeros_toml(zeros: ZeroConfig) -> str:
 
 
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
-    """Return the zero file that vehicle.toml names, by that name, for a recording to carry.
+    """Return the zero files that vehicle.toml names, by their names, for a recording to carry.
 
     Empty where vehicle.toml names none, and where there is none yet: the first one is determined from a recording that
     was made without it.
@@ -128,11 +128,10 @@ def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
     Raises
     ------
     ConfigError
-        It is there and is wrong.
+        One is there and is wrong.
     """
-    name = vehicle.transducer.zero_file
-    path = folder / name
-    if not name or not path.exists():
-        return {}
-    load_zeros(path)
-    return {name: path.read_bytes()}
+    names = [transducer.zero_file for transducer in vehicle.transducers if transducer.zero_file]
+    there = [name for name in names if (folder / name).exists()]
+    for name in there:
+        load_zeros(folder / name)
+    return {name: (folder / name).read_bytes() for name in there}

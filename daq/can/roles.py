@@ -240,7 +240,11 @@ def _resolved(
 ) -> dict[str, SignalRef]:
     where = "vehicle.toml [signals]"
     faults = [
-        Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"')
+        _of_wheel(
+            Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"'),
+            role,
+            vehicle,
+        )
         for role in needed
         if role not in vehicle.signals
     ]
@@ -250,12 +254,18 @@ def _resolved(
             place = find(role, name)
             reference = place if isinstance(place, Fault) else _in_si(role, name, place, vehicle)
             if isinstance(reference, Fault):
-                faults.append(reference)
+                faults.append(_of_wheel(reference, role, vehicle))
             else:
                 found[role] = reference
     if faults:
         raise ConfigError(*faults)
     return found
+
+
+def _of_wheel(fault: Fault, role: str, vehicle: VehicleConfig) -> Fault:
+    """Return a fault of a role that names the wheel, where it has an id."""
+    of_wheel = vehicle.wheel and vehicle.wheel.id and ROLES[role].of_wheel
+    return replace(fault, where=f"{fault.where}, wheel {vehicle.wheel.id}") if vehicle.wheel and of_wheel else fault
 
 
 def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -> SignalRef | Fault:
