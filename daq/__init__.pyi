@@ -78,10 +78,12 @@ from .units import Unit as Unit
 from .units import find_unit as find_unit
 from .units import unit_suffix as unit_suffix
 from .units import unit_text as unit_text
+from .vehicle_sections import InstrumentedWheel as InstrumentedWheel
 from .zero_file import ZERO_FILE as ZERO_FILE
 from .zero_file import ChannelZero as ChannelZero
 from .zero_file import Determination as Determination
 from .zero_file import ZeroConfig as ZeroConfig
 from .zero_file import load_zeros as load_zeros
 from .zero_file import parse_zeros as parse_zeros
+from .zero_file import zero_file_name as zero_file_name
 from .zero_file import zeros_toml as zeros_toml

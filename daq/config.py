@@ -23,7 +23,7 @@ from pydantic.fields import FieldInfo
 
 from daq.channels import ROLES
 from daq.errors import ConfigError, Fault, every_error_as, nearest, shortened
-from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS
+from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS, MOST_WHEELS
 from daq.vehicle_sections import (
     Axle,
     Finite,
@@ -135,9 +135,6 @@ class SeriesSection(Section):
         return ((self.time,) if self.time else ()) if isinstance(self.time, str) else self.time
 
 
-_MOST_WHEELS = 60
-
-
 class VehicleConfig(Section):
     """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need.
 
@@ -146,7 +143,7 @@ class VehicleConfig(Section):
 
     vehicle: VehicleSection = VehicleSection()
     wheel: WheelSection | None = None
-    wheels: Annotated[tuple[InstrumentedWheel, ...], Field(validation_alias="wheel", max_length=_MOST_WHEELS)] = ()
+    wheels: Annotated[tuple[InstrumentedWheel, ...], Field(validation_alias="wheel", max_length=MOST_WHEELS)] = ()
     bus: tuple[BusSection, ...] = ()
     signals: dict[str, SignalName] = Field(default_factory=dict)
     series: SeriesSection = SeriesSection()
@@ -226,9 +223,9 @@ class VehicleConfig(Section):
         return tuple(wheel.id for wheel in self.wheels or (self.wheel,) if wheel and wheel.id)
 
     @property
-    def transducers(self) -> tuple[TransducerSection, ...]:
-        """Of each instrumented wheel."""
-        return tuple(wheel.transducer for wheel in self.wheels) or (self.transducer,)
+    def each_wheel(self) -> tuple[Self, ...]:
+        """The configuration of each wheel, see `for_wheel`; of a file without several wheels the file itself."""
+        return tuple(map(self.for_wheel, self.wheel_ids)) if self.wheels else (self,)
 
     def for_wheel(self, name: str | None = None, where: str = "vehicle.toml") -> Self:
         """Return the configuration of one wheel, as a file with a single ``[wheel]`` gives it.
@@ -264,6 +261,10 @@ class VehicleConfig(Section):
                 "transducer": wheel.transducer,
             }
         )
+
+    def named(self, role: str) -> str:
+        """Return a role with the id of its wheel, where that has one: ``vertical_load of FL``."""
+        return f"{role} of {self.wheel.id}" if self.wheel and self.wheel.id and ROLES[role].of_wheel else role
 
     def latency_s(self, role: str) -> float:
         """Return the declared delay of a role's sensor, 0 where none is declared."""

@@ -119,6 +119,13 @@ def zeros_toml(zeros: ZeroConfig) -> str:
     return _HEAD + tomli_w.dumps(tables)
 
 
+def zero_file_name(vehicle: VehicleConfig) -> str:
+    """Return the name of a wheel's zero file: as vehicle.toml gives it, else the usual one, with the wheel's id."""
+    wheel = vehicle.wheel
+    usual = f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE
+    return vehicle.transducer.zero_file or usual
+
+
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
     """Return the zero files that vehicle.toml names, by their names, for a recording to carry.
 
@@ -130,7 +137,7 @@ def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
     ConfigError
         One is there and is wrong.
     """
-    names = [transducer.zero_file for transducer in vehicle.transducers if transducer.zero_file]
+    names = [wheel.transducer.zero_file for wheel in vehicle.each_wheel if wheel.transducer.zero_file]
     there = [name for name in names if (folder / name).exists()]
     for name in there:
         load_zeros(folder / name)

@@ -11,12 +11,17 @@ from daq.can.databases import load_database, shipped_dbc
 from daq.can.roles import resolve_roles
 from daq.config import RunInfo, RunsConfig, RutReading, VehicleConfig, parse_toml
 from daq.errors import ConfigError
+from daq.logger.doctor import files
+from daq.logger.doctor.situation import Situation
 from daq.recording import RecordingWriter
 from daq.runs.open import open_runs
 from daq.runs.run import Run
 from daq.zero_file import ZERO_FILE, carried_zeros
 
-HEAD = '[vehicle]\nname = "four"\naxles = 2\n[signals]\nground_speed = "GNSS_2.Speed"\n[sensors.vertical_load]\nsigma = 60.0\n'
+HEAD = (
+    '[vehicle]\nname = "four"\naxles = 2\n[signals]\nground_speed = "GNSS_2.Speed"\n'
+    "[sensors.vertical_load]\nsigma = 60.0\n"
+)
 BUSES = "".join(f'[[bus]]\nchannel = "can{n}"\ndbc = ["wft.dbc", "wheel_speed.dbc", "gnss.dbc"]\n' for n in range(2))
 FRONT, REAR = ("FL", 1, 2.7), ("RL", 2, 0.0)
 
@@ -26,7 +31,8 @@ def wheel(name: str, axle: int, x_m: float, more: str = "", transducer: str = ""
     return (
         f'[[wheel]]\nid = "{name}"\naxle = {axle}\nx_m = {x_m}\ny_m = 0.9\nradius_m = 0.47\nwidth_m = 0.318\n{more}\n'
         f'[wheel.signals]\nvertical_load = "can{bus}:WFT_Forces.Fz"\n{signals}\n'
-        f'[wheel.sensors.vertical_load]\nlatency_s = 0.00{axle}\n[wheel.transducer]\nserial = "W-{name}"\n{transducer}\n'
+        f"[wheel.sensors.vertical_load]\nlatency_s = 0.00{axle}\n"
+        f'[wheel.transducer]\nserial = "W-{name}"\n{transducer}\n'
     )
 
 
@@ -113,7 +119,7 @@ def test_a_command_of_one_wheel_asks_which() -> None:
     with pytest.raises(ConfigError, match=r"no wheel has the id 'RX'(.|\n)*RL"):
         several.for_wheel("RX")
     assert parsed(wheel(*FRONT)).for_wheel() == parsed(wheel(*FRONT)).for_wheel("FL")
-    with pytest.raises(ConfigError, match="one .wheel. without an id; omit --wheel"):
+    with pytest.raises(ConfigError, match=r"one \[wheel\] without an id; omit --wheel"):
         parse_toml("[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n", VehicleConfig, "vehicle.toml").for_wheel("FL")
 
 
@@ -130,6 +136,17 @@ def test_the_zero_file_of_each_wheel_goes_along(tmp_path: Path) -> None:
     vehicle = parsed(*wheels)
     (tmp_path / "RL-zero.toml").write_text("", encoding="utf-8")
     assert carried_zeros(vehicle, tmp_path) == {"RL-zero.toml": b""}
+
+
+def test_the_doctor_checks_every_wheel(tmp_path: Path) -> None:
+    speed = 'wheel_speed = "WheelSpeeds.FrontLeft"'
+    vehicle = parsed(wheel(*FRONT, signals=speed), wheel(*REAR, transducer='zero_file = "rear.toml"'))
+    (tmp_path / "zero-FL.toml").write_text("", encoding="utf-8")
+    now = Situation(tmp_path / "vehicle.toml", tmp_path, 8100, vehicle)
+    assert [line.found for line in files.roles(now)] == ["no wheel_speed of RL: no slip"]
+    front, rear = files.zero(now)
+    assert front.where.endswith("zero-FL.toml") and "no determination" in front.found
+    assert rear.where.endswith("rear.toml") and "not there" in rear.found
 
 
 @pytest.fixture

@@ -61,6 +61,16 @@ ZeroFile = Annotated[
 ]
 
 
+Wheel = Annotated[
+    str | None,
+    typer.Option("--wheel", metavar="ID", help="One of several [[wheel]] in vehicle.toml (default: each in turn)."),
+]
+OneWheel = Annotated[
+    str | None,
+    typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]]."),
+]
+
+
 def use_cores(context: typer.Context, jobs: int | None) -> int | None:
     """Let a command use so many processes while it runs; without a number all cores."""
     from model import available_cores, can_copy_processes, processes
@@ -430,8 +440,14 @@ def refuse_two_sources(
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 
-def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
-    """Open and process runs as a choice says, and print what makes them implausible (stderr).
+def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
+    """Check that --wheel is not given with --table, where --where chooses; raises ConfigError."""
+    if table and wheel is not None:
+        raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
+
+
+def processed_for(purpose: str, opened: Sequence[Run], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
+    """Process the runs of one wheel as a choice says, and print what makes them implausible (stderr).
 
     Parameters
     ----------
@@ -439,9 +455,10 @@ def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choi
         Of the processing: what a run must hold.
     """
     from wheelsoil.workflows.grading import doubted_runs
-    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.workflows.runs import process_runs
 
-    processed = open_and_process(runs, choice.process_options(purpose), files, choice=choice)
+    options, accept = choice.process_options(purpose), files.accept_implausible
+    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept)
     for text in doubted_runs(run for _, run in processed):
         say_folded(text)
     return processed

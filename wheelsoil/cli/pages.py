@@ -44,6 +44,7 @@ def report_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.WheelFiles = None,
+    wheel: options.OneWheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -84,6 +85,7 @@ def report_command(
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
+    options.refuse_wheel_of_a_table(tables, wheel)
     last = load_last(against) if against else None
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
@@ -110,6 +112,7 @@ def report_command(
             soil,
             lenient_dbc=lenient_dbc,
             accept_implausible=accept_implausible,
+            wheel=wheel,
         )
         report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose, last=last)
     page, numbers = report.print(target, browser) if browser else report.write(target)
@@ -163,6 +166,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 def view_command(
     runs: options.Runs,
     vehicle: options.Vehicle = None,
+    wheel: options.OneWheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -190,5 +194,5 @@ def view_command(
 
     if soil is not None:
         known_soil(soil, None)
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, wheel=wheel)
     serve(runs, files, host=host, port=port, token=options.page_token(token_file), browser=browser, say=say)

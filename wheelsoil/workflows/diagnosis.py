@@ -400,7 +400,7 @@ def _planned(folder: Path | None, files: Files, run_count: int | None, duration_
         )
     collected = Collected()
     with collected.catch():
-        vehicle = load_toml(vehicle_file, VehicleConfig)
+        vehicle = load_toml(vehicle_file, VehicleConfig).for_wheel(files.wheel, str(vehicle_file))
         wheel_of(vehicle, str(vehicle_file))
     with collected.catch():
         terrain = None if files.soil else load_terrain(files.terrain or _in(folder, TERRAIN_FILE))

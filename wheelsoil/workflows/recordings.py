@@ -82,6 +82,8 @@ class FileFacts:
         What was not recorded between two parts.
     vehicle, terrain : str
         Names; empty where nothing is known.
+    wheels : tuple of str
+        Ids of its instrumented wheels, where vehicle.toml gives them.
     frames, drops : mapping bus -> number
         `drops` only of the buses whose recorder counted them.
     losses : mapping str -> int
@@ -115,6 +117,7 @@ class FileFacts:
     gaps: tuple[Gap, ...]
     info: RunInfo
     vehicle: str
+    wheels: tuple[str, ...]
     terrain: str
     start_ns: int | None
     end_ns: int | None
@@ -187,7 +190,8 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
         parts=parts,
         gaps=recording.gaps if recording else (),
         info=run.info,
-        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
+        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel or run.vehicle.wheels else "",
+        wheels=run.vehicle.wheel_ids,
         terrain=run.terrain.soil.name if run.terrain else "",
         start_ns=tally.start_ns,
         end_ns=tally.end_ns,
