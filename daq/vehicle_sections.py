@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -257,11 +257,10 @@ def _contradict(one: InstrumentedWheel, other: InstrumentedWheel) -> Iterator[st
     for role in one.signals.keys() & other.signals.keys():
         if one.signals[role].signal == other.signals[role].signal:
             yield f"{both} have the same signal {one.signals[role].signal!r} for {role}; correct one of them"
-    if one.axle is None or other.axle is None or one.x_m is None or other.x_m is None:
-        return
-    front, rear = (one, other) if one.axle < other.axle else (other, one)
-    if one.axle != other.axle and front.x_m <= rear.x_m:
-        yield (
-            f"wheel {front.id} (axle = {front.axle}, x_m = {front.x_m:g}) is not ahead of wheel {rear.id} "
-            f"(axle = {rear.axle}, x_m = {rear.x_m:g}): axles count from the front, x_m points forward; correct one"
-        )
+    places = sorted((w.axle, w.x_m, w.id) for w in (one, other) if w.axle is not None and w.x_m is not None)
+    for (axle, x_m, front), (rear_axle, rear_x_m, rear) in pairwise(places):
+        if axle != rear_axle and x_m <= rear_x_m:
+            yield (
+                f"wheel {front} (axle = {axle}, x_m = {x_m:g}) is not ahead of wheel {rear} (axle = {rear_axle}, "
+                f"x_m = {rear_x_m:g}): axles count from the front, x_m points forward; correct one of them"
+            )

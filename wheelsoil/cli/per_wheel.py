@@ -62,10 +62,11 @@ class PerWheel:
         print_text()
 
     def _with_wheel(self, found: dict[str, Any]) -> dict[str, Any]:
-        """Return JSON with the wheel beside it and beside every cause in it."""
+        """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`."""
         if not self.wheel:
             return found
         of_causes = {
             key: [{"wheel": self.wheel, **cause} for cause in found[key]] for key in _OF_CAUSES if key in found
         }
-        return {"wheel": self.wheel, **found, **of_causes}
+        sized = {"wheel_size" if key == "wheel" else key: value for key, value in found.items()}
+        return {"wheel": self.wheel, **sized, **of_causes}
