@@ -30,13 +30,13 @@ from daq.vehicle_sections import (
     InstrumentedWheel,
     NonNegative,
     Positive,
+    Section,
+    SignalName,
     contradictions,
     known_roles,
     only_the_antenna_has_a_place,
 )
-from daq.vehicle_sections import Section as Section
 from daq.vehicle_sections import SensorSection as SensorSection
-from daq.vehicle_sections import SignalName as SignalName
 from daq.vehicle_sections import TransducerSection as TransducerSection
 from daq.vehicle_sections import WheelSection as WheelSection
 

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AwareDatetime, Field, model_validator
 
-from daq.config import Finite, NonNegative, Section, VehicleConfig, load_toml, parse_toml
+from daq.config import VehicleConfig, load_toml, parse_toml
+from daq.vehicle_sections import Finite, NonNegative, Section
 
 ZERO_FILE = "zero.toml"
 """Its name where vehicle.toml gives none."""

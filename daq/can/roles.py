@@ -15,9 +15,10 @@ from daq.arrays import BoolArray, FloatArray
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.databases import Database, messages_by_bus
 from daq.channels import ROLES, Channel, Use
-from daq.config import SignalName, VehicleConfig
+from daq.config import VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.units import Quantity, explain_unknown, find_unit
+from daq.vehicle_sections import SignalName
 
 _NAMED = 4
 """Columns of one name that a fault lists."""
