@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cli_support import invoke, ok
+from cli_support import busy, invoke, ok
 from shared_results import made_once
 
 from daq.config import VehicleConfig, load_toml
@@ -124,6 +125,34 @@ def test_a_command_of_one_wheel_asks_which(two: Path, tmp_path: Path, command: s
     result = invoke(command, two / "run-1.mcap", "-o", tmp_path / ("r.html" if command == "report" else "z.toml"))
     assert result.code == 2
     assert "FL, RL" in result.err and "--wheel FL" in result.err and "Traceback" not in result.err
+
+
+def test_a_plan_asks_which(two: Path) -> None:
+    result = invoke("diagnose", "--plan", two)
+    assert result.code == 2 and "FL, RL" in result.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the logger needs a POSIX system")
+def test_a_logged_recording_carries_all_wheels_and_their_zeros(two: Path, tmp_path: Path) -> None:
+    text = (two / "vehicle.toml").read_text(encoding="utf-8")
+    start, stop = text.index("[[bus]]"), text.index("[signals]")
+    bus = '[[bus]]\nchannel = "wheels"\ninterface = "virtual"\n\n'
+    front, rear = (
+        (text[:start] + bus + text[stop:]).replace("can0:", "wheels:").replace("can1:", "wheels:").split('id = "RL"')
+    )
+    zeros = [
+        part.replace('zero = "lifted"', f'zero_file = "zero-{name}.toml"')
+        for part, name in ((front, "FL"), (rear, "RL"))
+    ]
+    own = zeros[1].replace("WFT_", "WFT2_")
+    (tmp_path / "vehicle.toml").write_text('id = "RL"'.join([zeros[0], own]), encoding="utf-8")
+    (tmp_path / "zero-RL.toml").write_text("", encoding="utf-8")
+    with busy("wheels"):
+        logged = ("log", tmp_path / "vehicle.toml", "--duration", 0.2, "-o", tmp_path / "run.mcap", "--no-page")
+        result = ok(*logged)
+    assert "zero-FL.toml does not exist yet" in result.err and "zero-RL.toml" not in result.err
+    [run] = open_runs([tmp_path / "run.mcap"])
+    assert run.vehicle.wheel_ids == IDS and "zero-RL.toml" in run.attachments
 
 
 def test_the_page_and_python_ask_too(two: Path) -> None:

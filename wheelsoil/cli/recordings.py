@@ -135,7 +135,7 @@ def info_command(
                 print()
             _print(recording, None if all_ids else _SHOWN_IDS)
     for run, recording in zip(opened, facts, strict=True):
-        names = [wheel] if wheel else list(run.vehicle.wheel_ids)
+        names: list[str | None] = [wheel] if wheel else [*run.vehicle.wheel_ids]
         for name in [] if recording.recording_now else names or [None]:
             of_wheel = f", wheel {name}" if name else ""
             for text in doubts_of(run, name):
