@@ -26,6 +26,7 @@ from daq.errors import ConfigError, Fault, every_error_as, nearest, shortened
 from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS, MOST_WHEELS
 from daq.vehicle_sections import (
     Axle,
+    BriefSection,
     Finite,
     InstrumentedWheel,
     NonNegative,
@@ -63,17 +64,15 @@ LEAST_LOAD_SHARE = 0.03
 """Least share of a vehicle's mass on a wheel that stands on the ground."""
 
 
-class VehicleSection(Section):
+class VehicleSection(BriefSection):
     """``[vehicle]``; ``axles`` counts those without an instrumented wheel, too."""
+
+    only_if_set = frozenset({"axles"})
 
     name: str = "unnamed vehicle"
     mass_kg: Positive | None = None
     standstill_brakes: Brakes = "unknown"
     axles: Axle | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_axles(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key != "axles" or value is not None}
 
 
 class BusSection(Section):
@@ -316,14 +315,12 @@ class TerrainConfig(Section):
     uncertainty: UncertaintySection | None = None
 
 
-class OfWheel(Section):
+class OfWheel(BriefSection):
     """What belongs to one wheel of several, by its id."""
 
-    wheel: str = ""
+    only_if_set = frozenset({"wheel"})
 
-    @model_serializer(mode="wrap")
-    def _without_wheel(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key != "wheel" or value}
+    wheel: str = ""
 
 
 class RutReading(OfWheel):
@@ -346,8 +343,10 @@ class RutReading(OfWheel):
         return self
 
 
-class RunInfo(Section):
+class RunInfo(BriefSection):
     """``[[run]]``: what is known of one run besides its frames."""
+
+    only_if_set = frozenset({"rut"})
 
     file: str = ""
     id: str = ""
@@ -356,10 +355,6 @@ class RunInfo(Section):
     added_load_kg: Finite = 0.0
     inflation_kpa: Positive | None = None
     rut: tuple[RutReading, ...] = ()
-
-    @model_serializer(mode="wrap")
-    def _without_empty_rut(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
 _STATIC_KEYS = (("drawbar_pull_n", "drawbar_pull_sigma_n"), ("driving_torque_nm", "driving_torque_sigma_nm"))

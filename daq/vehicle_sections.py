@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     BaseModel,
@@ -30,6 +30,18 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class BriefSection(Section):
+    """A section that writes the keys of `only_if_set` where they differ from their default; it writes all others."""
+
+    only_if_set: ClassVar[frozenset[str]]
+
+    @model_serializer(mode="wrap")
+    def _without_unset(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = type(self).model_fields
+        unset = {key for key in self.only_if_set if getattr(self, key) == fields[key].default}
+        return {key: value for key, value in dump(self).items() if key not in unset}
+
+
 Axle = Annotated[int, Field(ge=1, le=30)]
 """An axle, counted from the front, or a number of axles."""
 
@@ -40,7 +52,7 @@ _SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
 _FARTHEST_M = 30.0
 
 
-class Placed(Section):
+class Placed(BriefSection):
     """What has a place on the vehicle: ISO 8855, x forward, y left, from one origin of the user's choice."""
 
     x_m: Finite | None = None
@@ -61,13 +73,8 @@ class Placed(Section):
             raise ValueError("x_m and y_m go together: x forward, y to the left, in metres; add the other one")
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_place(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key not in _WHERE or value not in (None, "")}
-
 
 _PLACE = ("x_m", "y_m", "z_m")
-_WHERE = (*_PLACE, "axle", "id")
 
 
 class WheelSection(Placed):
@@ -75,6 +82,8 @@ class WheelSection(Placed):
 
     ``axle`` is counted from the front: the wheel of a rear axle runs in the rut of those before it.
     """
+
+    only_if_set = frozenset({"x_m", "y_m", "axle", "id"})
 
     id: Annotated[str, Field(max_length=40)] = ""
     radius_m: Positive
@@ -135,6 +144,8 @@ class SensorSection(Placed):
 
     The place is that of the antenna of ``ground_speed``, ``z_m`` above the wheel's centre; no other sensor has one.
     """
+
+    only_if_set = frozenset(_PLACE)
 
     latency_s: Finite = 0.0
     sigma: NonNegative | None = None
