@@ -246,8 +246,12 @@ class VehicleConfig(Section):
             step = f"name one: --wheel {ids[0]}"
             raise ConfigError.of("several wheels, and this takes one", where, ", ".join(ids), next_step=step)
         if name is not None and name not in ids:
-            expected = nearest(name, ids) if ids else "one [wheel] without an id; omit --wheel"
-            raise ConfigError.of(f"no wheel has the id {name!r}", where, expected=expected)
+            expected, step = (
+                (nearest(name, ids), f"name one of {', '.join(ids)} by --wheel")
+                if ids
+                else ("one [wheel] without an id", "omit --wheel")
+            )
+            raise ConfigError.of(f"no wheel has the id {name!r}", where, expected=expected, next_step=step)
         if not self.wheels:
             return self
         wheel = next(wheel for wheel in self.wheels if name in (None, wheel.id))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from daq.logger.doctor.situation import Situation
 from daq.recording import RecordingWriter
 from daq.runs.open import open_runs
 from daq.runs.run import Run
-from daq.zero_file import ZERO_FILE, carried_zeros
+from daq.zero_file import ZERO_FILE, ChannelZero, Determination, ZeroConfig, carried_zeros, zeros_toml
 
 HEAD = (
     '[vehicle]\nname = "four"\naxles = 2\n[signals]\nground_speed = "GNSS_2.Speed"\n'
@@ -24,6 +25,14 @@ HEAD = (
 )
 BUSES = "".join(f'[[bus]]\nchannel = "can{n}"\ndbc = ["wft.dbc", "wheel_speed.dbc", "gnss.dbc"]\n' for n in range(2))
 FRONT, REAR = ("FL", 1, 2.7), ("RL", 2, 0.0)
+LIFTED = Determination(
+    time_utc=datetime(2026, 5, 4, tzinfo=UTC),
+    recording="lifted.mcap",
+    sha256="0",
+    method="standstill",
+    frame="vehicle",
+    channels={"WFT_Forces.Fx": ChannelZero(offset=1.0, offset_sigma=0.1, unit="N")},
+)
 
 
 def wheel(name: str, axle: int, x_m: float, more: str = "", transducer: str = "", signals: str = "") -> str:
@@ -116,10 +125,12 @@ def test_a_command_of_one_wheel_asks_which() -> None:
     several = parsed(wheel(*FRONT), wheel(*REAR))
     with pytest.raises(ConfigError, match=r"several wheels(.|\n)*found: FL, RL\n(.|\n)*--wheel FL"):
         several.for_wheel()
-    with pytest.raises(ConfigError, match=r"no wheel has the id 'RX'(.|\n)*RL"):
+    with pytest.raises(
+        ConfigError, match=r"no wheel has the id 'RX'(.|\n)*nearest: RL\n(.|\n)*one of FL, RL by --wheel"
+    ):
         several.for_wheel("RX")
     assert parsed(wheel(*FRONT)).for_wheel() == parsed(wheel(*FRONT)).for_wheel("FL")
-    with pytest.raises(ConfigError, match=r"one \[wheel\] without an id; omit --wheel"):
+    with pytest.raises(ConfigError, match=r"one \[wheel\] without an id\n(.|\n)*omit --wheel"):
         parse_toml("[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n", VehicleConfig, "vehicle.toml").for_wheel("FL")
 
 
@@ -147,6 +158,10 @@ def test_the_doctor_checks_every_wheel(tmp_path: Path) -> None:
     front, rear = files.zero(now)
     assert front.where.endswith("zero-FL.toml") and "no determination" in front.found
     assert rear.where.endswith("rear.toml") and "not there" in rear.found
+    assert [line.next_step[-10:] for line in (front, rear)] == ["--wheel FL", "--wheel RL"]
+    (tmp_path / "zero-FL.toml").write_text(zeros_toml(ZeroConfig(zero=(LIFTED,))), encoding="utf-8")
+    unnamed, _ = files.zero(now)
+    assert 'under [wheel.transducer] of wheel FL in vehicle.toml: zero_file = "zero-FL.toml"' in unnamed.next_step
 
 
 @pytest.fixture

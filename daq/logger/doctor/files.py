@@ -75,7 +75,9 @@ def zero(now: Situation) -> Iterator[Line]:
 def _zero_of(vehicle: VehicleConfig, folder: Path) -> Iterator[Line]:
     named = vehicle.transducer.zero_file
     path = folder / zero_file_name(vehicle)
-    step = "lift the wheel or spin it, record that, then: wheelsoil zero RECORDING"
+    wheel = vehicle.wheel.id if vehicle.wheel else ""
+    of_wheel = f" --wheel {wheel}" if wheel else ""
+    step = f"lift the wheel or spin it, record that, then: wheelsoil zero RECORDING{of_wheel}"
     if not path.is_file():
         if named:
             found = (
@@ -98,7 +100,8 @@ def _zero_of(vehicle: VehicleConfig, folder: Path) -> Iterator[Line]:
     age_h = (time.time_ns() - zeros[-1].time_ns) / 3.6e12
     found = f"zero of {zeros[-1].time_utc:%Y-%m-%d %H:%M} UTC, {age_h:.1f} h old"
     if not named:
-        line = f'add under [transducer] of vehicle.toml: zero_file = "{path.name}"'
+        section = f"[wheel.transducer] of wheel {wheel} in" if wheel else "[transducer] of"
+        line = f'add under {section} vehicle.toml: zero_file = "{path.name}"'
         yield warned(str(path), f"{found}, but vehicle.toml does not name it: `log` will not carry it", line)
     elif 0 <= age_h <= _FRESH_ZERO_H:
         yield passed(str(path), found)
