@@ -117,13 +117,6 @@ def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) ->
     assert load_last(tmp_path) == load_last(page) == load_last(tmp_path / "monday.json")
 
 
-def test_a_store_is_refused_with_what_shows_its_changes(tmp_path: Path) -> None:
-    (tmp_path / "store.json").write_text("{}")
-    with pytest.raises(ConfigError, match="store of a fleet") as refused:
-        load_last(tmp_path)
-    assert "wheelsoil fleet report" in str(refused.value)
-
-
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}'])
 def test_what_is_no_report_is_refused_with_a_next_step(tmp_path: Path, text: str) -> None:
     (tmp_path / "other.json").write_text(text)

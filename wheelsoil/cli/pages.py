@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daq import ConfigError, Fault
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
+
+if TYPE_CHECKING:
+    from wheelsoil.workflows.diagnosis import Processed
+    from wheelsoil.workflows.last_report import LastReport
 
 
 class Format(StrEnum):
@@ -58,10 +63,10 @@ def report_command(
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
     against: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             metavar="LAST",
-            help="An earlier report (JSON, page or folder): what has changed since.",
+            help="An earlier report (JSON, page or folder) or a fleet's store: what has changed since.",
         ),
     ] = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
@@ -78,7 +83,6 @@ def report_command(
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
     fault has cost a section or the diagnosis.
     """
-    from wheelsoil.workflows.last_report import load_last
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of, report_of_tables
     from wheelsoil.workflows.runs import Files
@@ -86,7 +90,7 @@ def report_command(
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
     options.refuse_wheel_of_a_table(tables, wheel)
-    last = load_last(against) if against else None
+    last = _last(against) if against else None
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = options.chosen(
@@ -137,6 +141,34 @@ def report_command(
     if report.failed:
         say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
         raise typer.Exit(1)
+
+
+def _last(place: str) -> LastReport | Callable[[Processed], LastReport]:
+    """Return the last report, or what finds the last campaign in a store.
+
+    Raises
+    ------
+    ConfigError
+        There is no such report or store.
+    """
+    from wheelsoil.workflows.last_report import load_last, store_meant
+
+    url = store_meant(place)
+    if url is None:
+        return load_last(Path(place))
+
+    from wheelsoil.fleet import last_campaign, open_store
+    from wheelsoil.wording.store_text import damage_lines
+
+    store = open_store(url)
+
+    def find(processed: Processed) -> LastReport:
+        found, damaged = last_campaign(store, processed)
+        for line in damage_lines(url, damaged):
+            say(line)
+        return found
+
+    return find
 
 
 def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:

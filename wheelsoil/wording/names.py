@@ -51,6 +51,15 @@ SOIL_LETTERS = {
 }
 """The textbook's letters of the soil's parameters."""
 
+SOIL_UNITS = {
+    "cohesion_pa": "Pa",
+    "tan_phi": "",
+    "shear_modulus_m": "m",
+    "sinkage_exponent": "",
+    "cohesive_modulus": "N/m^(n+1)",
+    "frictional_modulus": "N/m^(n+2)",
+}
+"""Units of the soil's parameters; "" for a plain number."""
 
 LABORATORY = "Wong, laboratory soil"
 """Wong's model with the soil of terrain.toml."""

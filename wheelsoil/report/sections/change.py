@@ -16,6 +16,7 @@ from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes as causes_section
 from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
+from wheelsoil.report.sections.quality import quality as quality_section
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.to_json import plain
 from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name, upper
@@ -33,7 +34,11 @@ _MEASURED = (
     "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
     "soil, load and slip."
 )
-_NAMES = {"pull_at_slip_0.2": "pull at slip 0.2", "usable_share": "usable share of the samples in motion"}
+_NAMES = {
+    "pull_at_slip_0.2": "pull at slip 0.2",
+    "usable_share": "usable share of the samples in motion",
+    "used_share": "used share of all samples",
+}
 
 
 @section("cost", "What the cause costs")
@@ -109,24 +114,25 @@ def against(inputs: ReportInputs) -> Contents:
         raise DataError("no earlier report was given (--against)")
     changes = changes_since(inputs.last, _sections(inputs))
     beyond = [change for change in changes if change.beyond]
-    when = f"the report of {inputs.last.made_at[:10]} ({inputs.last.name})"
+    when = f"the {inputs.last.kind} of {inputs.last.made_at[:10]} ({inputs.last.name})"
     summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
     if beyond:
         summary += f" {upper(listed([_sentence(change) for change in beyond[:3]]))}."
     head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
-    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
+    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
     blocks: list[Block] = [Text(summary, "warning" if beyond else "good")]
     blocks.append(Table("Last time and now", head, [_row(change) for change in changes], note, words=head[4:]))
     return blocks, {
         "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
         "last": inputs.last.made_at,
+        "last_name": inputs.last.name,
     }
 
 
 def _sections(inputs: ReportInputs) -> dict[str, Any]:
     """Return the sections that are compared, as report.json has them; those that cannot be built are left out."""
     found: dict[str, Any] = {}
-    for builder in (glance, fit_section, causes_section, runs_section):
+    for builder in (glance, fit_section, causes_section, runs_section, quality_section):
         try:
             found[builder.key] = plain(builder.build(inputs).numbers)
         except DataError:
