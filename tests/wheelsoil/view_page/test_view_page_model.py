@@ -156,7 +156,9 @@ def as_named(route: Route) -> None:
     answer = route.fetch()
     told = answer.json()
     if told.get("verdict") == "one_of":
+        row = ["drawbar pull", "0.20", "734", "612", "error.dp.with_causes", "−140 … −90", "N"]
         told |= {"verdict": "named", "causes": told["causes"][:1]}
+        told["cost"] = {"title": "With and without slip sinkage", "says": "what the wheel loses", "rows": [row]}
     route.fulfill(response=answer, json=told)
 
 
@@ -180,6 +182,11 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     for shown in page.locator("[data-key][data-value]").all():
         key = shown.get_attribute("data-key")
         assert key is not None and float(shown.get_attribute("data-value") or "nan") == told["figures"][key]["value"]
+    figure = told["figures"]["error.dp.with_causes"]["text"]
+    cells = page.locator("#cost-table tr").last.locator("th, td").all_inner_texts()
+    assert [cell.split() for cell in cells[:4]] == [["drawbar", "pull", "(N)"], ["0.20"], ["734"], ["612"]]
+    assert cells[4].split() == [figure, "−140", "…", "−90"]
+    expect(page.locator("#cost-says")).to_contain_text("what the wheel loses")
     expect(page.locator("#legend")).not_to_contain_text("recommended")
     page.get_by_role("button", name="Use this model").click()
     best = told["causes"][0]["parameters"][0]

@@ -5,13 +5,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from daq import DataError
-from model.diagnosis import Cause
 from wheelsoil.report.content import Block, Contents, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import recommended_causes
 from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes as causes_section
 from wheelsoil.report.sections.overview import fit as fit_section
@@ -19,21 +15,12 @@ from wheelsoil.report.sections.overview import runs as runs_section
 from wheelsoil.report.sections.quality import quality as quality_section
 from wheelsoil.report.words import listed, number, signed
 from wheelsoil.to_json import plain
+from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
 from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name, upper
-from wheelsoil.workflows.cause_cost import Cost, costs_of
+from wheelsoil.workflows.cause_cost import cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.last_report import Change, changes_since
 
-_QUANTITIES = {
-    "drawbar_pull": ("drawbar pull", 1.0, "N"),
-    "driving_torque": ("driving torque", 1.0, "N m"),
-    "tractive_efficiency": ("tractive efficiency", 100.0, "%"),
-}
-_PHYSICAL = "The same soil, load and slip, with and without: what the wheel loses or gains through the cause."
-_MEASURED = (
-    "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
-    "soil, load and slip."
-)
 _NAMES = {
     "pull_at_slip_0.2": "pull at slip 0.2",
     "usable_share": "usable share of the samples in motion",
@@ -44,67 +31,19 @@ _NAMES = {
 @section("cost", "What the cause costs")
 def cost(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` where no cause is named."""
-    found = inputs.diagnosis
-    causes = recommended_causes(found)
-    if found.verdict != "named" or not found.soils:
-        raise DataError("no cause is named")
-    load, speed = _usual(inputs)
-    soil = inputs.fit.soil
-    costs = costs_of(
-        causes,
+    found = cost_of_verdict(
+        inputs.diagnosis,
+        inputs.fitted,
         wheel_of(inputs.vehicle, "vehicle.toml"),
-        soil,
-        found.soils[0],
-        load_n=load,
-        speed_mps=speed,
-        reading=inputs.fit.options.reading,
+        inputs.fit.soil,
+        inputs.fit.options.reading,
     )
-    head = ["quantity", "slip", "without", "with", "difference", "95 % interval", "unit"]
-    note = (
-        f"Steady driving at {load / 1e3:.1f} kN and {speed:.1f} m/s, by the recommended model. "
-        "Interval: of the causes' sizes, soil held."
-    )
-    title = f"With and without {listed([plain_name(cause.name) for cause in causes])}"
-    table = Table(title, head, _rows(costs), note, words=("unit",))
-    return [Text(_meaning(causes)), table], {
-        "costs": [vars(entry) | {"difference": entry.difference} for entry in costs],
-        "load_n": load,
-        "ground_speed_mps": speed,
+    table = Table(cost_title(found), COST_HEAD, cost_rows(found), cost_note(found), words=("unit",))
+    return [Text(cost_meaning(found)), table], {
+        "costs": [vars(entry) | {"difference": entry.difference} for entry in found.costs],
+        "load_n": found.load_n,
+        "ground_speed_mps": found.ground_speed_mps,
     }
-
-
-def _meaning(causes: tuple[Cause, ...]) -> str:
-    kinds = {cause.kind for cause in causes}
-    return _MEASURED if kinds == {"measurement"} else _PHYSICAL
-
-
-def _usual(inputs: ReportInputs) -> tuple[float, float]:
-    """Return median load and ground speed of the used samples."""
-    load, speed = (
-        np.concatenate([getattr(run, name)[run.used] for run in inputs.fitted])
-        for name in ("vertical_load_n", "ground_speed_mps")
-    )
-    return float(np.nanmedian(load)), float(np.nanmedian(speed))
-
-
-def _rows(costs: list[Cost]) -> list[list[str]]:
-    rows = []
-    for entry in costs:
-        name, factor, unit = _QUANTITIES[entry.quantity]
-        low, high = (factor * end for end in entry.difference95)
-        interval = f"{_signed(low)} … {_signed(high)}" if isfinite(low) else "–"
-        values = [
-            number(factor * entry.without),
-            number(factor * entry.with_causes),
-            _signed(factor * entry.difference),
-        ]
-        rows.append([name, f"{entry.slip:.2f}", *values, interval, unit])
-    return rows
-
-
-def _signed(value: float) -> str:
-    text = number(value, 2)
-    return f"+{text}" if value > 0 and text != "0" else text
 
 
 @section("against", "Since last time")

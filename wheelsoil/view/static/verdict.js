@@ -35,6 +35,7 @@ async function show() {
   const diagnosis = told?.state === "done" ? kept.get(campaign.key)?.diagnosis : undefined;
   showLine(told, diagnosis);
   showErrors(diagnosis);
+  showCost(diagnosis);
   const rows = rowsOf(diagnosis);
   write(get("causes-count"), diagnosis ? (diagnosis.refused ? "refused" : `${rows.length}`) : "not diagnosed");
   write(get("refused"), diagnosis?.refused ?? "");
@@ -115,6 +116,21 @@ function showErrors(diagnosis) {
     return [words, ...cells, key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
   });
   fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
+}
+
+/** What the named causes cost, with and without them, in the words and numbers of the report. */
+function showCost(diagnosis) {
+  const told = diagnosis?.cost;
+  get("cost-box").hidden = !told;
+  if (!told) return;
+  write(get("cost-note"), told.title);
+  write(get("cost-says"), told.says);
+  const rows = told.rows.map(([name, slip, without, withThem, key, interval, unit]) => {
+    const change = part("span");
+    change.append(figure(diagnosis, key), part("small", "", interval));
+    return [`${name} (${unit})`, slip, without, withThem, change];
+  });
+  fillTable(get("cost-table"), ["", "slip", "without", "with", "difference, 95 %"], rows);
 }
 
 export function fillTable(table, head, rows) {
