@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from daq.runs import Configuration, Run
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.runs import Check, Files
 
 Runs = Annotated[
     list[Path],
@@ -446,19 +446,23 @@ def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
         raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
 
 
-def processed_for(purpose: str, opened: Sequence[Run], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
+def processed_for(
+    purpose: str, opened: Sequence[Run], files: Files, choice: Choice, check: Check | None = None
+) -> list[tuple[Run, ProcessedRun]]:
     """Process the runs of one wheel as a choice says, and print what makes them implausible (stderr).
 
     Parameters
     ----------
     purpose : "fit", "diagnose", ...
         Of the processing: what a run must hold.
+    check : callable, optional
+        See `wheelsoil.workflows.runs.open_and_process`.
     """
     from wheelsoil.workflows.grading import doubted_runs
     from wheelsoil.workflows.runs import process_runs
 
     options, accept = choice.process_options(purpose), files.accept_implausible
-    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept)
+    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept, check=check)
     for text in doubted_runs(run for _, run in processed):
         say_folded(text)
     return processed

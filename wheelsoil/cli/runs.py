@@ -170,7 +170,7 @@ def fit_command(
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage, relative to the measured one.
     """
-    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table
+    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, one_terrain
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.runs import Files
     from wheelsoil.workflows.tables import read_bench
@@ -205,7 +205,7 @@ def fit_command(
     wheels = PerWheel(files.runs_of_wheels(runs or (), say), json=json)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand)
+        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain)
         with computing("fitting"):
             found = fit_runs(processed, choices, soil)
         wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
