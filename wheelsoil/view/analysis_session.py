@@ -35,6 +35,13 @@ from wheelsoil.workflows.runs import Files
 
 _TRIES = 3
 
+_ENDED = {
+    "running": "it was cancelled because the choice was changed",
+    "done": "the choice was changed since the last diagnosis",
+}
+_CHANGED, _CANCELLED = "the choice was changed in the meantime", "it was cancelled"
+"""Why a diagnosis by its state, or a fit, ended without a result."""
+
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "max_gap_s", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""
 
@@ -349,7 +356,7 @@ class AnalysisSession:
         if not changed:
             return
         campaign.not_identifiable = {}
-        dropped, campaign.fits = campaign.fits, []
+        dropped, campaign.fits, campaign.fits_ended = campaign.fits, [], _CHANGED
         for asked in dropped:
             self._quick.drop(asked)
         if changed & _OF_DIAGNOSIS:
@@ -357,7 +364,8 @@ class AnalysisSession:
                 self._slow.drop(campaign.diagnosis.asked)
             if campaign.diagnosis.recalled is not None:
                 campaign.diagnosis.recalled.cancel()
-            campaign.diagnosis = DiagnosisOnPage()
+            mine = campaign.diagnosis
+            campaign.diagnosis = DiagnosisOnPage(ended=_ENDED.get(mine.state, mine.ended))
 
     def fit(self, key: str) -> dict[str, Any]:
         """Fit the campaign with its choice; the numbers are those of ``wheelsoil fit --choice``."""
@@ -372,7 +380,7 @@ class AnalysisSession:
         finally:
             with self.lock:
                 if asked not in campaign.fits:
-                    raise _changed_meanwhile(campaign, "fit again")
+                    raise NotReadyError.of(f"no fit: {campaign.fits_ended}", campaign.name, next_step="fit again")
                 campaign.fits.remove(asked)
         return found
 
@@ -405,9 +413,9 @@ class AnalysisSession:
         """Cancel the fits and the diagnosis of a campaign that are underway, and return the campaign's entry."""
         with self.lock:
             campaign = self.campaign(key)
-            dropped, campaign.fits = campaign.fits, []
+            dropped, campaign.fits, campaign.fits_ended = campaign.fits, [], _CANCELLED
             if campaign.diagnosis.state == "running":
-                running, campaign.diagnosis = campaign.diagnosis.asked, DiagnosisOnPage()
+                running, campaign.diagnosis = campaign.diagnosis.asked, DiagnosisOnPage(ended=_CANCELLED)
             else:
                 running = None
             entry = campaign_entry(campaign, self.files)
@@ -451,10 +459,6 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
 
 def _not_processed(run: ViewedRun) -> NotReadyError:
     return NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
-
-
-def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
-    return NotReadyError.of("the choice was changed in the meantime", campaign.name, next_step=step)
 
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:

@@ -148,7 +148,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
             "left_s": diagnosis.left_s,
             "verdict": found.get("verdict"),
             "sentence": found.get("sentence"),
-            "why": fault_line(diagnosis.faults),
+            "why": fault_line(diagnosis.faults) or diagnosis.ended or None,
         },
         "choice": campaign.choice.to_mapping(),
         "chosen": campaign.chosen,

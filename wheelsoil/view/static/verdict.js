@@ -62,7 +62,7 @@ function showLine(told, diagnosis) {
   const model = recommendedOf(diagnosis);
   if (current()) setJudged(current().key, model);
   get("recommended").hidden = !model;
-  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
+  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${progressOf(told)}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const { gain, next } = diagnosis, best = diagnosis.causes[0];
   const parts = [part("b", "", diagnosis.finding)]; // a single size stands behind it by itself
   if (best?.parameters.length && diagnosis.sizes.length === 1) parts.push(keyed(part("span", "", diagnosis.sizes[0]), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
@@ -77,6 +77,8 @@ function showLine(told, diagnosis) {
   line.replaceChildren(...parts.flatMap((each) => [each, " "]));
   line.title = diagnosis.sentence;
 }
+
+const progressOf = ({ share, left_s: left }) => (share < 0.005 ? "just begun" : `${Math.round(100 * share)} % done${left === null ? "" : `, about ${left} s left`}`);
 
 /** Mark what a part shows: the key of the quantity and its unrounded value. */
 function keyed(made, { figures }, key) {
