@@ -22,6 +22,7 @@ from processing.pipeline import shares_of
 from wheelsoil import __version__
 from wheelsoil.view import jobs
 from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
+from wheelsoil.view.changes import rows_of_difference
 from wheelsoil.view.counts import selected_of
 from wheelsoil.view.curve import checked_values, curve_of, effect_entries, over_time, soil_parameters
 from wheelsoil.view.helper import Helper, HelperEndedError
@@ -212,16 +213,25 @@ class AnalysisSession:
         return jobs.decoded(file)
 
     def compare(self, places: Sequence[tuple[str, str]]) -> dict[str, Any]:
-        """Return medians of two runs or campaigns (without a run) from all samples; see `compared`."""
-        groups = []
+        """Return medians of two runs or campaigns (without a run) from all samples, and what their diagnoses differ in.
+
+        See `compared` and `rows_of_difference`; `changes` are None of one campaign, and where `undiagnosed` names some.
+        """
+        groups, viewed = [], []
         for campaign_key, run_key in places:
             with self.lock:
                 campaign = self.campaign(campaign_key)
                 keeps = campaign.keeps()
                 runs = [_of_key(campaign.runs, run_key, "run")] if run_key else campaign.runs
                 chosen = [(run.plot_data, keeps.get(run.key)) for run in runs if run_key or run.key in keeps]
+                viewed.append((campaign.name, campaign.diagnosis.found))
             groups.append([data.kept(keep) for data, keep in chosen if data])
-        return compared(groups)
+        found = [diagnosis for _, diagnosis in viewed if diagnosis is not None]
+        two = places[0][0] != places[1][0]
+        return compared(groups) | {
+            "changes": rows_of_difference(*found) if two and len(found) == len(viewed) else None,
+            "undiagnosed": [name for name, diagnosis in viewed if two and diagnosis is None],
+        }
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
         """Return a summary of the selected samples of a run; see `wheelsoil.view.counts.selected_of`."""

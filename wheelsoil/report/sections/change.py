@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
 from daq import DataError
@@ -13,19 +12,14 @@ from wheelsoil.report.sections.overview import causes as causes_section
 from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
 from wheelsoil.report.sections.quality import quality as quality_section
-from wheelsoil.report.words import listed, number, signed
+from wheelsoil.report.words import listed
 from wheelsoil.to_json import plain
+from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_sentence
 from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
-from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name, upper
+from wheelsoil.wording.names import upper
 from wheelsoil.workflows.cause_cost import cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
-from wheelsoil.workflows.last_report import Change, changes_since
-
-_NAMES = {
-    "pull_at_slip_0.2": "pull at slip 0.2",
-    "usable_share": "usable share of the samples in motion",
-    "used_share": "used share of all samples",
-}
+from wheelsoil.workflows.last_report import changes_since
 
 
 @section("cost", "What the cause costs")
@@ -56,11 +50,11 @@ def against(inputs: ReportInputs) -> Contents:
     when = f"the {inputs.last.kind} of {inputs.last.made_at[:10]} ({inputs.last.name})"
     summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
     if beyond:
-        summary += f" {upper(listed([_sentence(change) for change in beyond[:3]]))}."
-    head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
+        summary += f" {upper(listed([change_sentence(change) for change in beyond[:3]]))}."
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
     blocks: list[Block] = [Text(summary, "warning" if beyond else "good")]
-    blocks.append(Table("Last time and now", head, [_row(change) for change in changes], note, words=head[4:]))
+    rows = [change_row(change) for change in changes]
+    blocks.append(Table("Last time and now", CHANGE_HEAD, rows, note, words=CHANGE_HEAD[4:]))
     return blocks, {
         "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
         "last": inputs.last.made_at,
@@ -77,38 +71,3 @@ def _sections(inputs: ReportInputs) -> dict[str, Any]:
         except DataError:
             continue
     return found
-
-
-def _sentence(change: Change) -> str:
-    if not isfinite(change.last):
-        return f"{_name(change)} is new"
-    if not isfinite(change.now):
-        return f"{_name(change)} is gone"
-    return f"{_name(change)} went from {number(change.last)} to {number(change.now)} {change.unit}".rstrip()
-
-
-def _name(change: Change) -> str:
-    if change.name in _NAMES:
-        return _NAMES[change.name]
-    first, _, last = change.name.partition(".")
-    if change.kind == "soil":
-        campaign, _, name = change.name.rpartition(".")
-        return f"{SOIL_LETTERS.get(name, name)} of the soil" + (f" in {campaign}" if campaign != "soil" else "")
-    if change.kind == "cause":
-        return f"{plain_name(first)}, {letter(last)}"
-    channel = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}[last.split(".")[0]]
-    return f"error of {channel} on held-out runs, calibrated soil"
-
-
-def _row(change: Change) -> list[str]:
-    halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
-    difference = signed(change.difference, "+.3g") if isfinite(change.difference) else "–"
-    verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
-    return [
-        _name(change),
-        number(change.last) + halves[0],
-        number(change.now) + halves[1],
-        difference,
-        verdict,
-        change.unit,
-    ]

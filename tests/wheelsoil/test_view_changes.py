@@ -1,0 +1,37 @@
+"""What the analyst's page says of two diagnosed campaigns: soil, causes and errors, as the report does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from diagnosis_samples import diagnosis
+
+from model.diagnosis.core.result import Diagnosis, SoilEstimate
+from wheelsoil.to_json import plain
+from wheelsoil.view.changes import rows_of_difference
+from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.diagnosis_json import diagnosis_json
+
+
+def on_page(found: Diagnosis) -> dict[str, Any]:
+    told: dict[str, Any] = plain(diagnosis_json(found) | shown_of(found))
+    return told
+
+
+def test_soils_and_causes_are_compared_with_their_intervals() -> None:
+    named = diagnosis()
+    soil = SoilEstimate("sandy", {"cohesion_pa": 4200.0, "tan_phi": 0.31}, {"cohesion_pa": 300.0, "tan_phi": 0.01})
+    none = replace(diagnosis("nothing_detectable"), soils=(soil,))
+    rows = {row[0]: row[1:] for row in rows_of_difference(on_page(named), on_page(none))}
+    assert rows["tan φ of the soil"] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.09", "yes", ""]
+    assert rows["c of the soil"][2:4] == ["−100", "no"]
+    assert rows["slip sinkage, H"][0] == "–" and rows["slip sinkage, H"][3:] == ["yes", "m"]
+    assert rows["error of drawbar pull on held-out runs, calibrated soil"][2:] == ["0", "no interval", "N"]
+    assert list(rows)[:2] == ["tan φ of the soil", "slip sinkage, H"]  # beyond their intervals first
+
+
+def test_a_barred_cause_is_not_compared() -> None:
+    told = on_page(diagnosis())
+    told["causes"][0]["barred"] = {"code": "x", "text": "x", "values": {}}
+    assert not [row for row in rows_of_difference(told, on_page(diagnosis())) if row[2].startswith("0.051")]
