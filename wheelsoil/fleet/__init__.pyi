@@ -29,5 +29,4 @@ from .running import plan_fleet as plan_fleet
 from .running import run_fleet as run_fleet
 from .store import Store as Store
 from .store import open_store as open_store
-from .store import uncollected as uncollected
 from .tables import COLUMNS as COLUMNS
