@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -81,6 +82,9 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
     html = report.html("x.json")  # plotly.js holds ids of its own
     ids = re.findall(r'id="((?:plot|data)-[^"]+)"', html)
     assert len(ids) == len(set(ids))
+    levels = [int(level) for level in re.findall(r"<h([1-6])[ >]", html)]
+    assert levels[0] == 1 and max(levels) == 5
+    assert all(below <= above + 1 for above, below in pairwise(levels)), "a heading belongs to the one above it"
 
 
 def test_every_number_is_in_the_json(plain_material):
