@@ -262,7 +262,7 @@ class AnalysisSession:
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
             reasons, roles = campaign.not_identifiable.get(choices.reading), campaign.first.vehicle.signals
             asked = campaign.ready_members(), campaign.options
-            pending = campaign.pending
+            chosen, pending = campaign.choice.effects, campaign.pending
         if reasons is None and not pending:
             reasons = self._not_identifiable(asked[0])
             with self.lock:
@@ -274,7 +274,7 @@ class AnalysisSession:
             "complete": reasons is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
-            "effects": effect_entries(base, choices.reading, reasons or {}, roles),
+            "effects": effect_entries(base, choices.reading, reasons or {}, roles, chosen),
         }
 
     def _not_identifiable(self, members: Sequence[Member]) -> dict[str, str]:
