@@ -73,7 +73,7 @@ def test_a_kept_diagnosis_stands_there_without_being_asked_for(
 ) -> None:
     monkeypatch.setattr(ViewedCampaign, "members", lambda _: ())
     helpers = Helpers()
-    known: dict[str, Any] = {"paths": (), "files": SimpleNamespace(soil=None), "lock": threading.RLock()}
+    known: dict[str, Any] = {"paths": (), "against": "", "files": SimpleNamespace(soil=None), "lock": threading.RLock()}
     session = cast(Any, SimpleNamespace(_quick=helpers, **known))
     session._put_kept = lambda *given: AnalysisSession._put_kept(session, *given)
     for _ in range(2):

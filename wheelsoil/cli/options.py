@@ -60,6 +60,15 @@ ZeroFile = Annotated[
     Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
 ]
 
+Against = Annotated[
+    str | None,
+    typer.Option(
+        "--against",
+        metavar="LAST",
+        help="An earlier report (JSON, page or folder) or a fleet's store: what has changed since.",
+    ),
+]
+
 
 Wheel = Annotated[
     str | None,

@@ -62,13 +62,7 @@ def report_command(
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
-    against: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LAST",
-            help="An earlier report (JSON, page or folder) or a fleet's store: what has changed since.",
-        ),
-    ] = None,
+    against: options.Against = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
@@ -210,6 +204,7 @@ def view_command(
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,
     token_file: options.TokenFile = None,
+    against: options.Against = None,
     browser: Annotated[bool, typer.Option(help="Open a browser if there is a display.")] = True,
 ) -> None:
     """Explore recordings in the browser: select runs and parts of them, adjust parameters, fit, diagnose.
@@ -226,5 +221,8 @@ def view_command(
 
     if soil is not None:
         known_soil(soil, None)
+    if against:
+        _last(against)
     files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, wheel=wheel)
-    serve(runs, files, host=host, port=port, token=options.page_token(token_file), browser=browser, say=say)
+    token = options.page_token(token_file)
+    serve(runs, files, host=host, port=port, token=token, browser=browser, say=say, against=against or "")

@@ -154,12 +154,13 @@ class UnknownKeyError(ConfigError):
 class AnalysisSession:
     """The campaigns on the page and the helper processes that compute; every method may be called from any thread.
 
-    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does.
+    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does. `against` is the place
+    of the last report, or of a store, with which each diagnosis is compared; empty: with nothing.
     """
 
-    def __init__(self, paths: Sequence[Path], files: Files) -> None:
+    def __init__(self, paths: Sequence[Path], files: Files, against: str = "") -> None:
         self.paths = tuple(paths)
-        self.files = files
+        self.files, self.against = files, against
         self.campaigns, self.remarks = open_campaigns(paths, files)
         self.lock = threading.RLock()
         self._started = token_hex(8)
@@ -349,7 +350,8 @@ class AnalysisSession:
             return
         with suppress(WheelsoilError):
             members, choices = campaign.members(), campaign.choice.fit_choices()
-            asked = self._quick.ask(jobs.kept_diagnosis, members, self.paths, self.files.soil, choices)
+            given = members, self.paths, self.files.soil, choices, self.against
+            asked = self._quick.ask(jobs.kept_diagnosis, *given)
             mine.recalled = asked
             asked.add_done_callback(lambda _: self._put_kept(campaign, mine, asked))
 
@@ -402,7 +404,7 @@ class AnalysisSession:
                 raise NotReadyError.of("a diagnosis is running already", next_step="wait until it has ended")
             members, choices = campaign.members(), campaign.choice.fit_choices()
             mine = campaign.diagnosis = DiagnosisOnPage("running")
-            given = members, self.paths, self.files.soil, choices
+            given = members, self.paths, self.files.soil, choices, self.against
             asked = mine.asked = self._slow.ask(jobs.diagnose_members, *given, watch=mine.watch)
             entry = campaign_entry(campaign, self.files)
 

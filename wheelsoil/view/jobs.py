@@ -19,6 +19,7 @@ from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
+from wheelsoil.view.changes import changes_since_last
 from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost_title
@@ -155,27 +156,30 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
 
 
 def diagnose_members(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices, against: str = ""
 ) -> dict[str, Any]:
     """Return the diagnosis as `diagnose --json` prints it, and what the page writes; see `diagnose_campaigns`."""
     taken = _taken(members, "diagnose")
     diagnosis = diagnose_campaigns(campaigns_of(paths, taken, soil), diagnosis_options(choices.reading))
-    return _on_page(diagnosis, taken, soil, choices)
+    return _on_page(diagnosis, taken, soil, choices, against)
 
 
 def kept_diagnosis(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices, against: str = ""
 ) -> dict[str, Any] | None:
     """Return what `diagnose_members` returns if it is kept from before; else None, without computing it."""
     taken = _taken(members, "diagnose")
     diagnosis = known_diagnosis(campaigns_of(paths, taken, soil), diagnosis_options(choices.reading))
-    return None if diagnosis is None else _on_page(diagnosis, taken, soil, choices)
+    return None if diagnosis is None else _on_page(diagnosis, taken, soil, choices, against)
 
 
-def _on_page(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices) -> dict[str, Any]:
+def _on_page(
+    diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices, against: str
+) -> dict[str, Any]:
+    """Return a diagnosis for the page; `against` is the place of the last report or of a store, if there is one."""
     shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices))
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
-    return found
+    return found | {"since": changes_since_last(against, found, taken) if against else None}
 
 
 def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices) -> CausesCost | None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 
-from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name
+from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, upper
 from wheelsoil.wording.numbers import number, signed
-from wheelsoil.workflows.last_report import Change
+from wheelsoil.workflows.last_report import Change, LastReport
 
 CHANGE_HEAD = ("quantity", "last time", "now", "difference", "beyond the intervals", "unit")
 _NAMES = {
@@ -16,8 +17,15 @@ _NAMES = {
 }
 
 
-def change_sentence(change: Change) -> str:
-    """Return what became of a quantity."""
+def change_summary(last: LastReport, changes: Sequence[Change]) -> str:
+    """Return how many quantities differ beyond their intervals, and what became of the first three."""
+    beyond = [change for change in changes if change.beyond]
+    when = f"the {last.kind} of {last.made_at[:10]} ({last.name})"
+    summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
+    return f"{summary} {upper(listed([_sentence(change) for change in beyond[:3]]))}." if beyond else summary
+
+
+def _sentence(change: Change) -> str:
     if not isfinite(change.last):
         return f"{_name(change)} is new"
     if not isfinite(change.now):

@@ -159,6 +159,8 @@ def as_named(route: Route) -> None:
         row = ["drawbar pull", "0.20", "734", "612", "error.dp.with_causes", "−140 … −90", "N"]
         told |= {"verdict": "named", "causes": told["causes"][:1]}
         told["cost"] = {"title": "With and without slip sinkage", "says": "what the wheel loses", "rows": [row]}
+        change = ["tan φ of the soil", "0.31 ± 0.02", "0.25 ± 0.02", "−0.06", "yes", ""]
+        told["since"] = {"says": "Against the report of Monday", "rows": [change]}
     route.fulfill(response=answer, json=told)
 
 
@@ -189,6 +191,9 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     assert [cell.split() for cell in cells[:4]] == [["drawbar", "pull", "(N)"], ["0.20"], ["734"], ["612"]]
     assert cells[4].split() == [figure, "−140", "…", "−90"]
     expect(page.locator("#cost-says")).to_contain_text("what the wheel loses")
+    since = page.locator("#since-table tr").last.locator("th, td")
+    expect(since).to_have_text(["tan φ of the soil", "0.31 ± 0.02", "0.25 ± 0.02", "−0.06beyond"])
+    expect(page.locator("#since-says")).to_have_text("Against the report of Monday")
     expect(page.locator("#legend")).not_to_contain_text("recommended")
     page.get_by_role("button", name="Use this model").click()
     best = told["causes"][0]["parameters"][0]

@@ -12,11 +12,9 @@ from wheelsoil.report.sections.overview import causes as causes_section
 from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
 from wheelsoil.report.sections.quality import quality as quality_section
-from wheelsoil.report.words import listed
 from wheelsoil.to_json import plain
-from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_sentence
+from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_summary
 from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
-from wheelsoil.wording.names import upper
 from wheelsoil.workflows.cause_cost import cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.last_report import changes_since
@@ -46,13 +44,9 @@ def against(inputs: ReportInputs) -> Contents:
     if inputs.last is None:
         raise DataError("no earlier report was given (--against)")
     changes = changes_since(inputs.last, _sections(inputs))
-    beyond = [change for change in changes if change.beyond]
-    when = f"the {inputs.last.kind} of {inputs.last.made_at[:10]} ({inputs.last.name})"
-    summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
-    if beyond:
-        summary += f" {upper(listed([change_sentence(change) for change in beyond[:3]]))}."
+    differs = any(change.beyond for change in changes)
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
-    blocks: list[Block] = [Text(summary, "warning" if beyond else "good")]
+    blocks: list[Block] = [Text(change_summary(inputs.last, changes), "warning" if differs else "good")]
     rows = [change_row(change) for change in changes]
     blocks.append(Table("Last time and now", CHANGE_HEAD, rows, note, words=CHANGE_HEAD[4:]))
     return blocks, {

@@ -2,11 +2,11 @@
 
 import { ask, query } from "./api.js";
 import { fixed } from "./channels.js";
-import { get, part, write } from "./dom.js";
+import { get, write } from "./dom.js";
 import { line, scale, svg, text, ticks, tickText } from "./drawing.js";
 import { campaignOf, choiceOf, on, runOf, state } from "./store.js";
 import { during } from "./talk.js";
-import { fillTable } from "./verdict.js";
+import { changeCells, fillTable } from "./verdict.js";
 
 const ROWS = [
   ["Load (kN)", "load_n", 2, 1e-3], ["Ground speed (m/s)", "speed_mps", 2], ["Greatest slip", "greatest_slip", 2],
@@ -48,11 +48,7 @@ function showChanges({ changes, undiagnosed }, names) {
   get("changes-table").hidden = !changes;
   write(get("changes-says"), undiagnosed.length ? `Causes and soils are compared once ${undiagnosed.join(" and ")} ${undiagnosed.length > 1 ? "are" : "is"} diagnosed.` : changes ? "Beyond: by more than both 95 % intervals together." : "");
   if (!changes) return;
-  fillTable(get("changes-table"), ["", ...names, "difference"], changes.map(([name, other, own, difference, beyond, unit]) => {
-    const cell = part("span", "", difference);
-    cell.append(part("small", "", { yes: "beyond", no: "within" }[beyond] ?? beyond));
-    return [unit ? `${name} (${unit})` : name, own, other, cell];
-  }));
+  fillTable(get("changes-table"), ["", ...names, "difference"], changes.map(changeCells).map(([name, other, own, difference]) => [name, own, other, difference]));
 }
 
 function draw() {

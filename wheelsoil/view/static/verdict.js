@@ -36,6 +36,7 @@ async function show() {
   showLine(told, diagnosis);
   showErrors(diagnosis);
   showCost(diagnosis);
+  showSince(diagnosis?.since);
   const rows = rowsOf(diagnosis);
   write(get("causes-count"), diagnosis ? (diagnosis.refused ? "refused" : `${rows.length}`) : "not diagnosed");
   write(get("refused"), diagnosis?.refused ?? "");
@@ -133,6 +134,21 @@ function showCost(diagnosis) {
     return [`${name} (${unit})`, slip, without, withThem, change];
   });
   fillTable(get("cost-table"), ["", "slip", "without", "with", "difference, 95 %"], rows);
+}
+
+/** What has changed since the report or campaign that the page was started with, as the report says it. */
+function showSince(told) {
+  get("since-box").hidden = !told;
+  if (!told) return;
+  write(get("since-says"), told.says);
+  fillTable(get("since-table"), told.rows.length ? ["", "last time", "now", "difference"] : [], told.rows.map(changeCells));
+}
+
+/** A row of changes: quantity, the other value, the own one, their difference and whether it is beyond the intervals. */
+export function changeCells([name, other, own, difference, beyond, unit]) {
+  const cell = part("span", "", difference);
+  cell.append(part("small", "", { yes: "beyond", no: "within" }[beyond] ?? beyond));
+  return [unit ? `${name} (${unit})` : name, other, own, cell];
 }
 
 export function fillTable(table, head, rows) {
