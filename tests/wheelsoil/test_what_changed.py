@@ -117,8 +117,11 @@ def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) ->
     assert load_last(tmp_path) == load_last(page) == load_last(tmp_path / "monday.json")
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}'])
+DAMAGED = '{"schema": "wheelsoil/report/2", "sections": {"fit": {"soils": [{"campaign": "clay"}]}}}'
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}', DAMAGED])
 def test_what_is_no_report_is_refused_with_a_next_step(tmp_path: Path, text: str) -> None:
     (tmp_path / "other.json").write_text(text)
-    with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil"):
+    with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil|is damaged"):
         load_last(tmp_path / "other.json")

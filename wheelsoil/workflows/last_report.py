@@ -120,7 +120,12 @@ def load_last(path: Path) -> LastReport:
             expected=SCHEMA,
             next_step="give the JSON file that `wheelsoil report` wrote beside its page",
         )
-    stated = tuple(stated_in(raw["sections"]))
+    try:
+        stated = tuple(stated_in(raw["sections"]))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        found = f"{type(error).__name__}: {error}"[:200]
+        step = "make it anew with `wheelsoil report`"
+        raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
     return LastReport(file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated)
 
 
@@ -173,9 +178,9 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
     shares = [share for run in runs.values() if (share := _float(run.get("usable_share"))) == share]
     if shares:
         yield Stated("data", "usable_share", sum(shares) / len(shares), nan, "")
-    samples = sum(run["samples"] for run in quality.values())
-    if samples:
-        used = sum(run["samples"] * run["used_share"] for run in quality.values())
+    sizes = [(run["samples"], run["used_share"]) for run in quality.values() if run.get("samples")]
+    if sizes:
+        used, samples = sum(count * share for count, share in sizes), sum(count for count, _ in sizes)
         yield Stated("data", "used_share", used / samples, nan, "")
 
 
