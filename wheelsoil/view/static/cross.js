@@ -56,8 +56,9 @@ function limitsOf(groups, curves, seen) {
   const drawn = curves.flatMap(({ x, y }) => y.filter((value, i) => value !== null && seen(x[i]))), [least, greatest] = drawn.length ? limits(drawn) : all.y;
   const ends = ([low, high], margin) => (high > low ? widened([low, high], margin) : [low - 1, high + 1]), [first, last] = ends(all.x, 0.03);
   const y = ends([Math.min(all.y[0], Math.max(near.y[0], least)), Math.max(all.y[1], Math.min(near.y[1], greatest))], 0.07);
-  const beyond = state.leftOut ? groups.reduce((sum, group) => sum + group.x.filter((x, i) => x !== null && group.y[i] !== null && seen(x) && !isIn(all, x, group.y[i])).length, 0) : 0;
-  return { x: isSlip() && state.part === "driving" ? [0, last] : [first, last], y, beyond };
+  const range = { x: isSlip() && state.part === "driving" ? [0, last] : [first, last], y };
+  const isBeyond = (group) => (x, i) => x !== null && group.y[i] !== null && seen(x) && !isIn(range, x, group.y[i]);
+  return { ...range, beyond: state.leftOut ? groups.reduce((sum, group) => sum + group.x.filter(isBeyond(group)).length, 0) : 0 };
 }
 
 function drawNow() {
