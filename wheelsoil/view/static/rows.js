@@ -152,10 +152,11 @@ function rowFigure(row, data, other, top, height) {
 /** A value in the line of the title, the first one left; with the name of its line where there is room, without it where there is less. */
 function value({ name, look }, i, count, title, right, top) {
   const room = right - LEFT - LETTER * title.length - 12, slot = room >= count * NAMED ? NAMED : SLOT, most = Math.max(1, Math.floor(room / slot));
-  const end = right - slot * (Math.min(count, most) - 1 - i) - 2, start = end - slot + 10, words = text("", end, top + 13, { class: "number", "text-anchor": "end" });
+  const end = right - slot * (Math.min(count, most) - 1 - i) - 2, start = end - slot + 10, isNamed = slot === NAMED;
+  const words = text("", isNamed ? end : start + 18, top + 13, { class: "number", "text-anchor": isNamed ? "end" : "start" });
   if (i >= most) return { words, parts: [] };
   const short = name.replace("laboratory", "lab."), label = text(short.length > 11 ? `${short.slice(0, 10)}…` : short, start + 18, top + 13, { class: "label" });
-  return { words, parts: [sample(look, start, top + 9, 12), ...(slot === NAMED ? [label] : []), words] };
+  return { words, parts: [sample(look, start, top + 9, 12), ...(isNamed ? [label] : []), words] };
 }
 
 /** The selected samples of the first line, where a box or a reason selected them. */

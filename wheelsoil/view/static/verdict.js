@@ -148,14 +148,14 @@ function showSince(told) {
 export function changeCells([name, other, own, difference, beyond, unit]) {
   const cell = part("span", "", difference);
   cell.append(part("small", "", { yes: "beyond", no: "within" }[beyond] ?? beyond));
-  return [unit ? `${name} (${unit})` : name, other, own, cell];
+  return [unit ? `${name} (${unit})` : name, ...[other, own].map((value) => value.replace("± ", "±\u00a0")), cell];
 }
 
 export function fillTable(table, head, rows) {
   const row = (cells, tag) => {
     const made = part("tr");
     made.append(...cells.map((cell, i) => {
-      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell : "");
+      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell.replace("N m)", "N\u00a0m)") : "");
       if (typeof cell !== "string") box.append(cell);
       return box;
     }));
