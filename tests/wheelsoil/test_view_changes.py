@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
+import pytest
 from cli_support import invoke
 from diagnosis_samples import diagnosis
 
@@ -14,7 +16,9 @@ from model.diagnosis.core.result import Diagnosis, SoilEstimate
 from wheelsoil.to_json import plain
 from wheelsoil.view.changes import changes_since_last, rows_of_difference
 from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.change_text import change_row
 from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.workflows.last_report import Change
 
 
 def on_page(found: Diagnosis) -> dict[str, Any]:
@@ -32,6 +36,13 @@ def test_soils_and_causes_are_compared_with_their_intervals() -> None:
     assert rows["slip sinkage, H"][0] == "–" and rows["slip sinkage, H"][3:] == ["yes", "m"]
     assert rows["error of drawbar pull on held-out runs, calibrated soil"][2:] == ["0", "no interval", "N"]
     assert list(rows)[:2] == ["tan φ of the soil", "slip sinkage, H"]  # beyond their intervals first
+
+
+@pytest.mark.parametrize(
+    ("difference", "written"), [(-0.0901, "−0.0901"), (999.4, "+999"), (-32974.3, "−32\u202f974"), (0.0, "0")]
+)
+def test_a_large_difference_is_written_in_full(difference: float, written: str) -> None:
+    assert change_row(Change("soil", "soil.k", "", 0.0, nan, difference, nan))[3] == written
 
 
 def test_a_barred_cause_is_not_compared() -> None:

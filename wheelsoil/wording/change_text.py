@@ -36,10 +36,14 @@ def _sentence(change: Change) -> str:
 def change_row(change: Change) -> list[str]:
     """Return a quantity with the columns of `CHANGE_HEAD`."""
     halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
-    difference = signed(change.difference, "+.3g") if isfinite(change.difference) else "–"
+    difference = _difference(change.difference) if isfinite(change.difference) else "–"
     verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
     values = [number(change.last) + halves[0], number(change.now) + halves[1]]
     return [_name(change), *values, difference, verdict, change.unit]
+
+
+def _difference(value: float) -> str:
+    return signed(value, "+.3g") if abs(value) < 999.5 else signed(value, "+,.0f").replace(",", "\u202f")
 
 
 def _name(change: Change) -> str:
