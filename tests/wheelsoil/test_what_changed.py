@@ -108,6 +108,15 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
     assert abs(gone["soil.tan_phi"].difference) < inf
 
 
+def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
+    barred = sections(0.25, (78.0, 5.0), 700.0)
+    barred["causes"]["barred"] = ["torque_zero"]
+    last = load_last(write(tmp_path / "last.json", barred))
+    assert "torque_zero.offset_nm" not in {one.name for one in changes_since(last, sections(0.25, None, 700.0))}
+    named = {one.name: one for one in changes_since(last, sections(0.25, (78.0, 5.0), 700.0))}
+    assert named["torque_zero.offset_nm"].beyond, "it was not named, and is"
+
+
 def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) -> None:
     write(tmp_path / "monday.json", sections(0.25, None, 700.0))
     with pytest.raises(ConfigError, match="no report, or several"):

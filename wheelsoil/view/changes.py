@@ -30,9 +30,10 @@ def rows_of_difference(first: Mapping[str, Any], other: Mapping[str, Any]) -> li
 
 
 def sections_of(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is compared of a diagnosis, by the sections of report.json; a barred cause is not."""
-    causes = [cause for cause in found["causes"] if "barred" not in cause]
-    return {"fit": {"soils": found["soils"]}, "causes": {"causes": causes}, "glance": {"key_figures": found["figures"]}}
+    """Return what is compared of a diagnosis, by the sections of report.json."""
+    barred = [cause["name"] for cause in found["causes"] if "barred" in cause]
+    causes = {"causes": found["causes"], "barred": barred}
+    return {"fit": {"soils": found["soils"]}, "causes": causes, "glance": {"key_figures": found["figures"]}}
 
 
 def changes_since_last(place: str, found: Mapping[str, Any], processed: Processed) -> dict[str, Any]:

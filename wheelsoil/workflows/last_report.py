@@ -160,7 +160,8 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
             yield Stated("soil", f"{where}.{name}", _float(value), _SIGMAS * sigma, "")
-    for cause in causes.get("causes") or ():
+    barred = frozenset(causes.get("barred") or ())
+    for cause in (cause for cause in causes.get("causes") or () if cause["name"] not in barred):
         for parameter in cause["parameters"]:
             low, high = map(_float, parameter["interval95"])
             unit = "" if parameter["unit"] == "1" else parameter["unit"]

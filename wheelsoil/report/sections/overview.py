@@ -310,7 +310,8 @@ def causes(inputs: ReportInputs) -> Contents:
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
     }
-    return blocks, numbers
+    barred = [cause.name for cause, why in found.stated if why is not None]
+    return blocks, numbers | ({"barred": barred} if barred else {})
 
 
 def _alone(name: str) -> str:
