@@ -106,6 +106,21 @@ def compared(
     return judged(what, ours, ratio, mark, theirs, times(ratio))
 
 
+def compared_with_start(
+    what: str,
+    ours_s: Sequence[float],
+    start_s: Sequence[float],
+    peer: str,
+    peer_s: Sequence[float],
+    most: float,
+    as_text: Callable[[float], str],
+) -> Row:
+    """Return the row of a process of ours beside what it may take: its start, and `most` times what the peer takes."""
+    allowed_s = [start + most * seconds for start, seconds in zip(start_s, peer_s, strict=True)]
+    beside = f"start of a process and {most} x {peer}"
+    return compared(what, ours_s, beside, allowed_s, as_text, at_least(1, "x"))
+
+
 def times(ratio: float) -> str:
     """Return a ratio with three digits."""
     return f"{ratio:.2f}x" if ratio < 10 else f"{ratio:.1f}x" if ratio < 100 else f"{ratio:.0f}x"

@@ -48,6 +48,8 @@ class ChannelDefinition:
         Whether a used sample must have it, where the run carries it at all.
     in_degrees : bool
         Whether an angle stays in degrees, as positions do.
+    of_wheel : bool
+        Whether each wheel has its own, not the whole vehicle.
     """
 
     role: str
@@ -56,6 +58,7 @@ class ChannelDefinition:
     key: str = ""
     required: bool = False
     in_degrees: bool = False
+    of_wheel: bool = False
 
     @property
     def name(self) -> str:
@@ -95,13 +98,15 @@ class ChannelDefinition:
 
 CHANNELS = (
     ChannelDefinition("ground_speed", (Quantity.SPEED,), Use.INPUT, "v", required=True),
-    ChannelDefinition("wheel_speed", (Quantity.ANGULAR_SPEED, Quantity.SPEED), Use.INPUT, "omega", required=True),
-    ChannelDefinition("vertical_load", (Quantity.FORCE,), Use.INPUT, "w", required=True),
-    ChannelDefinition("drawbar_pull", (Quantity.FORCE,), Use.OUTPUT, "dp", required=True),
-    ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True),
-    ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z"),
-    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA),
-    ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA),
+    ChannelDefinition(
+        "wheel_speed", (Quantity.ANGULAR_SPEED, Quantity.SPEED), Use.INPUT, "omega", required=True, of_wheel=True
+    ),
+    ChannelDefinition("vertical_load", (Quantity.FORCE,), Use.INPUT, "w", required=True, of_wheel=True),
+    ChannelDefinition("drawbar_pull", (Quantity.FORCE,), Use.OUTPUT, "dp", required=True, of_wheel=True),
+    ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True, of_wheel=True),
+    ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z", of_wheel=True),
+    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA, of_wheel=True),
+    ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA, of_wheel=True),
     ChannelDefinition("longitudinal_acceleration", (Quantity.ACCELERATION,), Use.EXTRA),
     ChannelDefinition("yaw_rate", (Quantity.ANGULAR_SPEED,), Use.EXTRA),
     ChannelDefinition("pitch", (Quantity.ANGLE,), Use.EXTRA),
@@ -111,10 +116,10 @@ CHANNELS = (
     ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
     ChannelDefinition("course", (Quantity.ANGLE,), Use.AID),
     ChannelDefinition("gnss_time", (Quantity.TIME,), Use.AID),
-    ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID),
+    ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID, of_wheel=True),
     ChannelDefinition("brake", (Quantity.PRESSURE, Quantity.RATIO), Use.AID),
-    ChannelDefinition("slip", (Quantity.RATIO,), Use.AID),
-    ChannelDefinition("transducer_status", (Quantity.RATIO,), Use.FLAG),
+    ChannelDefinition("slip", (Quantity.RATIO,), Use.AID, of_wheel=True),
+    ChannelDefinition("transducer_status", (Quantity.RATIO,), Use.FLAG, of_wheel=True),
 )
 """Every channel. A wheel speed given as a speed is that of the rim: omega = v / r. A slip is a commanded one."""
 
@@ -127,10 +132,10 @@ OUTPUTS = {channel.key: channel for channel in CHANNELS if channel.use is Use.OU
 ON_TIME_BASE = tuple(channel for channel in CHANNELS if channel.on_time_base)
 """Channels of which a processed run has values and one-sigma."""
 TRANSDUCER_ROLES = tuple(c.role for c in CHANNELS if c.quantities[0] in (Quantity.FORCE, Quantity.MOMENT))
-"""What the wheel force transducer measures: its status and its zeros are about these."""
+"""What the wheel force transducer measures; its status and its zeros apply to these."""
 REACTIONS = {key: channel for key, channel in OUTPUTS.items() if channel.role in TRANSDUCER_ROLES}
-"""Outputs that the transducer measures, by key: zero at standstill on level ground with released brakes, but for
-what the rut keeps of the pull."""
+"""Outputs that the transducer measures, by key. At standstill on level ground with released brakes they are zero,
+except for the part of the pull that the rut holds."""
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -20,14 +19,27 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from daq.channels import ROLES
 from daq.errors import ConfigError, Fault, every_error_as, nearest, shortened
-from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS, MOST_WHEELS
+from daq.vehicle_sections import (
+    Axle,
+    BriefSection,
+    Finite,
+    InstrumentedWheel,
+    NonNegative,
+    Positive,
+    Section,
+    SignalName,
+    contradictions,
+    known_roles,
+    only_the_antenna_has_a_place,
+)
+from daq.vehicle_sections import SensorSection as SensorSection
+from daq.vehicle_sections import TransducerSection as TransducerSection
+from daq.vehicle_sections import WheelSection as WheelSection
 
 SOIL_KEYS = (
     "cohesion_kpa",
@@ -48,119 +60,19 @@ ConfigT = TypeVar("ConfigT", bound=BaseModel)
 _DEEP_KEY = re.compile(rf"""(?<![\w.-])(?:["']?[\w-]+["']?[ \t]*\.[ \t]*){{{DEEPEST_KEY}}}""")
 
 
-class Section(BaseModel):
-    """A table of a file that people write: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
 LEAST_LOAD_SHARE = 0.03
-"""Of a vehicle's mass on a wheel that stands on the ground."""
+"""Least share of a vehicle's mass on a wheel that stands on the ground."""
 
 
-Axle = Annotated[int, Field(ge=1, le=30)]
-"""An axle, counted from the front, or a number of axles."""
-
-
-class VehicleSection(Section):
+class VehicleSection(BriefSection):
     """``[vehicle]``; ``axles`` counts those without an instrumented wheel, too."""
+
+    only_if_set = frozenset({"axles"})
 
     name: str = "unnamed vehicle"
     mass_kg: Positive | None = None
     standstill_brakes: Brakes = "unknown"
     axles: Axle | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_axles(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key != "axles" or value is not None}
-
-
-_SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
-
-
-_FARTHEST_M = 30.0
-
-
-class Placed(Section):
-    """What has a place on the vehicle: ISO 8855, x forward, y left, from one origin of the user's choice."""
-
-    x_m: Finite | None = None
-    y_m: Finite | None = None
-
-    @field_validator("x_m", "y_m", "z_m", check_fields=False)
-    @classmethod
-    def _on_the_vehicle(cls, value: float | None) -> float | None:
-        if value is None or abs(value) <= _FARTHEST_M:
-            return value
-        metres = value * 1e-3
-        hint = f"; {value:g} mm are {metres:.4g} m" if abs(metres) <= _FARTHEST_M else ""
-        raise ValueError(f"{value:g} m is on no vehicle: a place is within {_FARTHEST_M:g} m of the origin{hint}")
-
-    @model_validator(mode="after")
-    def _both_ways(self) -> Self:
-        if (self.x_m is None) != (self.y_m is None):
-            raise ValueError("x_m and y_m go together: x forward, y to the left, in metres; add the other one")
-        return self
-
-    @model_serializer(mode="wrap")
-    def _without_place(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key not in _WHERE or value is not None}
-
-
-_PLACE = ("x_m", "y_m", "z_m")
-_WHERE = (*_PLACE, "axle")
-
-
-class WheelSection(Placed):
-    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer. Without a place: (0, 0).
-
-    ``axle`` is counted from the front: the wheel of a rear axle runs in the rut of those before it.
-    """
-
-    radius_m: Positive
-    width_m: Annotated[float, Field(gt=0, lt=5)]
-    position: str = ""
-    axle: Axle | None = None
-    outboard_mass_kg: NonNegative = 0.0
-    outboard_inertia_kgm2: NonNegative = 0.0
-    tyre: Literal["smooth", "lugged"] | None = None
-    lug_height_m: NonNegative | None = None
-    lug_count: Annotated[int, Field(ge=0, le=10_000)] | None = None
-
-    @field_validator("radius_m")
-    @classmethod
-    def _in_metres(cls, value: float) -> float:
-        if value < _LARGEST_RADIUS_M:
-            return value
-        metres = {unit: value * factor for unit, factor in (("mm", 1e-3), ("inches", 0.0254))}
-        likely = [
-            f"{value:g} {unit} are {radius:.4g} m: write radius_m = {radius:.4g}"
-            for unit, radius in metres.items()
-            if _SMALLEST_RADIUS_M <= radius < _LARGEST_RADIUS_M
-        ]
-        hint = "; or ".join(likely) or "give the rolling radius in metres"
-        raise ValueError(f"{value:g} m is the radius of no wheel, which is below {_LARGEST_RADIUS_M:g} m; {hint}")
-
-    @model_validator(mode="after")
-    def _lugs_agree(self) -> Self:
-        height = self.lug_height_m
-        if height is not None and height >= self.radius_m:
-            raise ValueError(
-                f"lug_height_m = {height:g} is not below radius_m = {self.radius_m:g}; "
-                "give the height from the rim to the tip, in metres"
-            )
-        if self.tyre is not None and height is not None and (self.tyre == "lugged") != (height > 0):
-            raise ValueError(f'tyre = "{self.tyre}" contradicts lug_height_m = {height:g}; correct one of them')
-        if self.lug_count and not height:
-            raise ValueError(f"lug_count = {self.lug_count} needs lug_height_m; add it")
-        return self
-
-    @property
-    def tread(self) -> Literal["smooth", "lugged", ""]:
-        """Whether the wheel has lugs, as it is declared or as its lugs say; empty where neither does."""
-        if self.tyre is None and self.lug_height_m is not None:
-            return "lugged" if self.lug_height_m > 0 else "smooth"
-        return self.tyre or ""
 
 
 class BusSection(Section):
@@ -171,29 +83,6 @@ class BusSection(Section):
     interface: str | None = None
     fd: bool = False
     bitrate: int | None = None
-
-
-class SensorSection(Placed):
-    """``[sensors.<role>]``: whole delay of the sensor, and sigma of one sample in SI units.
-
-    The place is that of the antenna of ``ground_speed``, ``z_m`` above the wheel's centre; no other sensor has one.
-    """
-
-    latency_s: Finite = 0.0
-    sigma: NonNegative | None = None
-    z_m: Finite | None = None
-
-
-class TransducerSection(Section):
-    """``[transducer]``: axes of the wheel force transducer and how its zero was taken."""
-
-    frame: Literal["vehicle", "wheel"] = "vehicle"
-    side: Literal["left", "right"] = "left"
-    angle_offset_deg: Finite = 0.0
-    angle_direction: Literal[1, -1] = 1
-    zero: Literal["lifted", "spin", "none"] = "none"
-    zero_file: str = ""
-    serial: str = ""
 
 
 class LoggerSection(Section):
@@ -224,32 +113,6 @@ class HealthSection(Section):
     may_carry_unknown: tuple[str, ...] = ()
 
 
-class SignalName(Section):
-    """Value of a role in ``[signals]``: a text, or ``{signal = "...", unit = "kN", sign = -1}``.
-
-    ``signal`` is ``"Message.Signal"``, ``"can1:Message.Signal"``, or a column or topic of decoded series as its
-    file writes it. A ``-`` in front of a text is the sign. A stated unit replaces the one of the DBC or of the file.
-    """
-
-    signal: Annotated[str, Field(min_length=1)]
-    unit: str | None = None
-    sign: Literal[1, -1] = 1
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_text(cls, value: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        return {"signal": value.removeprefix("-"), "sign": -1 if value.startswith("-") else 1}
-
-    @model_serializer(mode="wrap")
-    def _as_text(self, dump: SerializerFunctionWrapHandler) -> Any:
-        return str(self) if self.unit is None else dump(self)
-
-    def __str__(self) -> str:
-        return f"-{self.signal}" if self.sign < 0 else self.signal
-
-
 class SeriesSection(Section):
     """``[series]``: how a file of decoded time series is laid out, where it does not say so itself.
 
@@ -272,10 +135,14 @@ class SeriesSection(Section):
 
 
 class VehicleConfig(Section):
-    """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need."""
+    """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need.
+
+    ``[[wheel]]`` tables are ``wheels``, and ``wheel`` is None; `for_wheel` has one of them as a single ``[wheel]``.
+    """
 
     vehicle: VehicleSection = VehicleSection()
     wheel: WheelSection | None = None
+    wheels: Annotated[tuple[InstrumentedWheel, ...], Field(validation_alias="wheel", max_length=MOST_WHEELS)] = ()
     bus: tuple[BusSection, ...] = ()
     signals: dict[str, SignalName] = Field(default_factory=dict)
     series: SeriesSection = SeriesSection()
@@ -284,42 +151,123 @@ class VehicleConfig(Section):
     logger: LoggerSection = LoggerSection()
     health: HealthSection = HealthSection()
 
+    @field_validator("wheel", mode="before")
+    @classmethod
+    def _the_only_one(cls, value: Any) -> Any:
+        return None if isinstance(value, list | tuple) else value
+
+    @field_validator("wheels", mode="before")
+    @classmethod
+    def _of_several(cls, value: Any) -> Any:
+        return value if isinstance(value, list | tuple) else ()
+
     @field_validator("signals", "sensors")
     @classmethod
     def _known_roles(cls, value: dict[str, Any]) -> dict[str, Any]:
-        unknown = [role for role in value if role not in ROLES]
-        if unknown:
-            raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
+        known_roles(value)
         return value
 
     @field_validator("sensors")
     @classmethod
     def _only_the_antenna_has_a_place(cls, value: dict[str, SensorSection]) -> dict[str, SensorSection]:
-        for role, sensor in value.items():
-            given = [key for key in _PLACE if getattr(sensor, key) is not None]
-            if given and role != "ground_speed":
-                raise ValueError(f"{role} takes no {given[0]}: only ground_speed has a place, that of its antenna")
+        only_the_antenna_has_a_place(value)
         return value
 
     @model_validator(mode="after")
     def _signals_of_a_bus(self) -> Self:
-        for role, name in self.signals.items() if self.bus else ():
-            if name.signal.count(".") != 1 or not all(name.signal.split(".")):
-                raise ValueError(f'signals.{role} = "{name}" is not "Message.Signal"')
+        of_wheels = [(f"wheel {wheel.id}: signals", wheel.signals) for wheel in self.wheels]
+        for where, signals in [("signals", self.signals), *of_wheels] if self.bus else ():
+            for role, name in signals.items():
+                if name.signal.count(".") != 1 or not all(name.signal.split(".")):
+                    raise ValueError(f'{where}.{role} = "{name}" is not "Message.Signal"')
         return self
 
     @model_validator(mode="after")
     def _axle_of_the_vehicle(self) -> Self:
-        axle, axles = self.wheel.axle if self.wheel else None, self.vehicle.axles
-        if axle is not None and axles is None:
-            raise ValueError(f"wheel.axle = {axle} needs the number of axles: add axles under [vehicle]")
-        if axles is not None and self.wheel and axle is None:
+        axles = self.vehicle.axles
+        if axles is not None and self.wheel and self.wheel.axle is None:
             raise ValueError(f"vehicle.axles = {axles} needs the wheel's: add axle under [wheel], 1 at the front")
-        if axle is not None and axles is not None and axle > axles:
-            raise ValueError(
-                f"wheel.axle = {axle} is not on a vehicle with vehicle.axles = {axles}; correct one of them"
-            )
+        single = [("wheel.axle", self.wheel.axle)] if self.wheel else []
+        for key, axle in [*single, *((f"wheel {wheel.id}: axle", wheel.axle) for wheel in self.wheels)]:
+            if axle is not None and axles is None:
+                raise ValueError(f"{key} = {axle} needs the number of axles: add axles under [vehicle]")
+            if axle is not None and axles is not None and axle > axles:
+                raise ValueError(
+                    f"{key} = {axle} is not on a vehicle with vehicle.axles = {axles}; correct one of them"
+                )
         return self
+
+    @model_validator(mode="after")
+    def _wheels_agree(self) -> Self:
+        if not self.wheels:
+            return self
+        faults = list(contradictions(self.wheels))
+        if misplaced := [role for role in self.signals if ROLES[role].of_wheel]:
+            faults.append(f"{', '.join(misplaced)} in [signals]: of one wheel, for its [wheel.signals]")
+        if self.transducer != TransducerSection():
+            faults.append("[transducer] beside several [[wheel]]: write [wheel.transducer] under its wheel")
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_in_the_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = dump(self)
+        wheels = values.pop("wheels", ())
+        return values | {"wheel": wheels} if wheels else values
+
+    @property
+    def wheel_ids(self) -> tuple[str, ...]:
+        """Of the instrumented wheels; a single ``[wheel]`` needs none."""
+        return tuple(wheel.id for wheel in self.wheels or (self.wheel,) if wheel and wheel.id)
+
+    @property
+    def each_wheel(self) -> tuple[Self, ...]:
+        """The configuration of each wheel, see `for_wheel`; of a file without several wheels the file itself."""
+        return tuple(map(self.for_wheel, self.wheel_ids)) if self.wheels else (self,)
+
+    def for_wheel(self, name: str | None = None, where: str = "vehicle.toml") -> Self:
+        """Return the configuration of one wheel, as a file with a single ``[wheel]`` gives it.
+
+        Parameters
+        ----------
+        name : str, optional
+            Its id; not needed where there is one wheel.
+        where : str
+            Name of the file, for messages.
+
+        Raises
+        ------
+        ConfigError
+            There is no such wheel, or there are several and none is named.
+        """
+        ids = self.wheel_ids
+        if name is None and len(self.wheels) > 1:
+            step = f"name one: --wheel {ids[0]}"
+            raise ConfigError.of("several wheels, and this takes one", where, ", ".join(ids), next_step=step)
+        if name is not None and name not in ids:
+            expected, step = (
+                (nearest(name, ids), f"name one of {', '.join(ids)} by --wheel")
+                if ids
+                else ("one [wheel] without an id", "omit --wheel")
+            )
+            raise ConfigError.of(f"no wheel has the id {name!r}", where, expected=expected, next_step=step)
+        if not self.wheels:
+            return self
+        wheel = next(wheel for wheel in self.wheels if name in (None, wheel.id))
+        return self.model_copy(
+            update={
+                "wheel": wheel.section,
+                "wheels": (),
+                "signals": self.signals | wheel.signals,
+                "sensors": self.sensors | wheel.sensors,
+                "transducer": wheel.transducer,
+            }
+        )
+
+    def named(self, role: str) -> str:
+        """Return a role with the id of its wheel, where that has one: ``vertical_load of FL``."""
+        return f"{role} of {self.wheel.id}" if self.wheel and self.wheel.id and ROLES[role].of_wheel else role
 
     def latency_s(self, role: str) -> float:
         """Return the declared delay of a role's sensor, 0 where none is declared."""
@@ -371,7 +319,15 @@ class TerrainConfig(Section):
     uncertainty: UncertaintySection | None = None
 
 
-class RutReading(Section):
+class OfWheel(BriefSection):
+    """What belongs to one wheel of several, by its id."""
+
+    only_if_set = frozenset({"wheel"})
+
+    wheel: str = ""
+
+
+class RutReading(OfWheel):
     """``[[run.rut]]``: the depth of the rut that the run left, by a ruler, at a time, a distance or a position."""
 
     depth_m: NonNegative
@@ -391,8 +347,10 @@ class RutReading(Section):
         return self
 
 
-class RunInfo(Section):
+class RunInfo(BriefSection):
     """``[[run]]``: what is known of one run besides its frames."""
+
+    only_if_set = frozenset({"rut"})
 
     file: str = ""
     id: str = ""
@@ -402,19 +360,15 @@ class RunInfo(Section):
     inflation_kpa: Positive | None = None
     rut: tuple[RutReading, ...] = ()
 
-    @model_serializer(mode="wrap")
-    def _without_empty_rut(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in dump(self).items() if key != "rut" or value}
-
 
 _STATIC_KEYS = (("drawbar_pull_n", "drawbar_pull_sigma_n"), ("driving_torque_nm", "driving_torque_sigma_nm"))
 """Keys of a reading and of its one-sigma."""
 
 
-class StaticTest(Section):
+class StaticTest(OfWheel):
     """``[[static]]``: what the transducer read with the wheel lifted, alone or under a known pull or torque.
 
-    Readings are raw, in the sense of the roles. A known torque is given as it is, or as a force on a lever.
+    Readings are raw, with the signs of the roles. A known torque is given as it is, or as a force on a lever.
     """
 
     test: Literal["lifted", "known_pull", "known_torque"]
@@ -469,7 +423,7 @@ class StaticTest(Section):
 
     @property
     def readings(self) -> dict[str, tuple[float, float]]:
-        """Reading and one-sigma, of the force that is known too, by channel."""
+        """Reading and its one-sigma by channel; the one-sigma includes that of the applied force."""
         return {
             channel: (reading, hypot(sigma, self.applied_share * self.applied[channel]))
             for channel, (reading, sigma) in zip(("dp", "t"), self._pairs(), strict=True)
@@ -483,13 +437,13 @@ class StaticTest(Section):
 SURE = 5.0
 """One-sigmas beyond which two readings contradict each other."""
 _LEAST, _MOST = 0.5, 1.5
-"""Shares of a known force between which a reading of it is believed."""
+"""Shares of a known force between which a reading of it is accepted."""
 _MOST_STATIC = 100
 
 
-def contradict(one: float, sigma: float, other: float, of_other: float) -> bool:
+def contradict(reading: float, sigma: float, other: float, other_sigma: float) -> bool:
     """Return whether two readings of one quantity are further apart than `SURE` one-sigmas."""
-    return abs(one - other) > SURE * hypot(sigma, of_other)
+    return abs(reading - other) > SURE * hypot(sigma, other_sigma)
 
 
 class RunsConfig(Section):
@@ -503,8 +457,8 @@ class RunsConfig(Section):
     def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:
         for (i, test), (j, other) in combinations(enumerate(static), 2):
             for channel in test.readings.keys() & other.readings.keys():
-                (a, by), (b, of_other) = test.readings[channel], other.readings[channel]
-                if test.applied == other.applied and contradict(a, by, b, of_other):
+                (a, a_sigma), (b, b_sigma) = test.readings[channel], other.readings[channel]
+                if test.applied == other.applied and contradict(a, a_sigma, b, b_sigma):
                     raise ValueError(
                         f"tests {i} and {j} contradict each other: {a:g} and {b:g} under one force, "
                         f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
@@ -591,6 +545,8 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
             what, found = f"{location} has a value that is not known", repr(item["input"])
             expected = item["ctx"]["expected"].replace("'", '"')
             faults.append(Fault(what, where, found, expected, next_step="write one of these"))
+        elif not location:
+            faults.append(Fault(message, where))
         else:
             faults.append(Fault(f"{location}: {message}", where, found=shortened(repr(item["input"]))))
     if error.error_count() > MOST_FAULTS:
@@ -601,12 +557,17 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
 def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Return the keys that are known beside the last part of `location`."""
     current: type[BaseModel] | None = kind
-    for part in location[:-1]:
+    for part, after in pairwise(location):
         if current is None or isinstance(part, int):
             continue
-        annotation = current.model_fields[part].annotation if part in current.model_fields else None
-        current = _model_in(annotation)
-    return list(current.model_fields) if current else []
+        fields = [field.annotation for name, field in current.model_fields.items() if part == _key(name, field)]
+        current = _model_in(fields[-1 if isinstance(after, int) else 0]) if fields else None
+    return list(dict.fromkeys(_key(*item) for item in current.model_fields.items())) if current else []
+
+
+def _key(name: str, field: FieldInfo) -> str:
+    """Return the key of a field in the file: ``[wheel]`` and ``[[wheel]]`` have one."""
+    return field.validation_alias if isinstance(field.validation_alias, str) else name
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:

@@ -59,6 +59,9 @@ MOST_FAULTS = 100
 MOST_RUNS = 10_000
 """Of runs.toml; a campaign has tens."""
 
+MOST_WHEELS = 60
+"""Instrumented ones in vehicle.toml, which are compared with each other."""
+
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
 

@@ -1,8 +1,8 @@
 """Unit strings of DBC files -> SI, per physical quantity.
 
 Looked up within the quantity that is expected, so that ``kN`` is a force where a force is due and ``kn`` a knot
-where a speed is; tolerant of case, spacing, spelling and of a degree sign lost to an encoding. What has two meanings
-(Hz and 1/s: turns, teeth or radians; lb and kg: mass or force) is not known on purpose.
+where a speed is; tolerant of case, spacing, spelling and of a degree sign lost to an encoding. Units with two meanings
+(Hz and 1/s: turns, teeth or radians; lb and kg: mass or force) are unknown on purpose.
 """
 
 from __future__ import annotations
@@ -146,6 +146,7 @@ _TABLE: dict[Quantity, dict[str, tuple[float, str]]] = {
         "permille": (1e-3, "‰"),
     },
 }
+"""Factor to SI and further spellings of each symbol, by quantity; the SI unit first."""
 _OFFSETS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
 _DEGREE_SIGNS = ("Â°", "°", "º", "˚", "\N{REPLACEMENT CHARACTER}")
 _DROPPED = str.maketrans("", "", " \t_·⋅*×^.-[]()\N{NO-BREAK SPACE}")

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AwareDatetime, Field, model_validator
 
-from daq.config import Finite, NonNegative, Section, VehicleConfig, load_toml, parse_toml
+from daq.config import VehicleConfig, load_toml, parse_toml
+from daq.vehicle_sections import Finite, NonNegative, Section
 
 ZERO_FILE = "zero.toml"
 """Its name where vehicle.toml gives none."""
@@ -111,16 +112,23 @@ def parse_zeros(content: bytes, where: str) -> ZeroConfig:
     return parse_toml(content.decode("utf-8", errors="replace"), ZeroConfig, where)
 
 
-def zeros_toml(zeros: ZeroConfig) -> bytes:
+def zeros_toml(zeros: ZeroConfig) -> str:
     """Return the text of zero.toml."""
     import tomli_w
 
     tables = zeros.model_dump(exclude_none=True)
-    return (_HEAD + tomli_w.dumps(tables)).encode()
+    return _HEAD + tomli_w.dumps(tables)
+
+
+def zero_file_name(vehicle: VehicleConfig) -> str:
+    """Return the name of a wheel's zero file: as vehicle.toml gives it, else the usual one, with the wheel's id."""
+    wheel = vehicle.wheel
+    usual = f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE
+    return vehicle.transducer.zero_file or usual
 
 
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
-    """Return the zero file that vehicle.toml names, by that name, for a recording to carry.
+    """Return the zero files that vehicle.toml names, by their names, for a recording to carry.
 
     Empty where vehicle.toml names none, and where there is none yet: the first one is determined from a recording that
     was made without it.
@@ -128,11 +136,10 @@ def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
     Raises
     ------
     ConfigError
-        It is there and is wrong.
+        One is there and is wrong.
     """
-    name = vehicle.transducer.zero_file
-    path = folder / name
-    if not name or not path.exists():
-        return {}
-    load_zeros(path)
-    return {name: path.read_bytes()}
+    names = [wheel.transducer.zero_file for wheel in vehicle.each_wheel if wheel.transducer.zero_file]
+    there = [name for name in names if (folder / name).exists()]
+    for name in there:
+        load_zeros(folder / name)
+    return {name: (folder / name).read_bytes() for name in there}

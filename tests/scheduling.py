@@ -13,6 +13,7 @@ from xdist.scheduler import LoadScopeScheduling
 _FIRST = ("vcan", "wheelsoil")
 """Folders whose tests wait much: others fill their gaps."""
 _TOGETHER = {
+    "test_view_page_axes.py": "view, plots",
     "test_view_page_plots.py": "view, plots",
     "test_view_page_state.py": "view, plots",
     "test_view_page_away.py": "view, plots",

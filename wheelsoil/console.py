@@ -48,13 +48,13 @@ def hanging(margin: str, text: str) -> list[str]:
 
 
 def printable_addresses(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
-    """Return a page's addresses for stderr, without a given token unless stderr is a terminal: journals keep it."""
+    """Return a page's addresses for stderr; a given token only on a terminal, because a journal would keep it."""
     secret = token is not None and not sys.stderr.isatty()
     return tuple(address.partition("#")[0] if secret else address for address in addresses)
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON (stdout); NaN becomes null, and nothing is lost where stdout takes no UTF-8."""
+    """Print a value as JSON (stdout); NaN becomes null, and what a stdout without UTF-8 cannot print is escaped."""
     print(to_json(value, escaped=not (sys.stdout.encoding or "utf-8").lower().startswith("utf")))
 
 
@@ -107,7 +107,7 @@ class _Show(Protocol):
 
 @contextmanager
 def _bar(label: str) -> Iterator[_Show | None]:
-    """Yield what moves a bar, which never goes back, with the time left; None if stderr is not a terminal."""
+    """Yield a function that moves a progress bar, forwards only; None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ from daq.arrays import BoolArray, FloatArray
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.databases import Database, messages_by_bus
 from daq.channels import ROLES, Channel, Use
-from daq.config import SignalName, VehicleConfig
+from daq.config import VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.units import Quantity, explain_unknown, find_unit
+from daq.vehicle_sections import SignalName
 
 _NAMED = 4
 """Columns of one name that a fault lists."""
@@ -40,17 +42,17 @@ _J1939 = "error or not available (J1939)"
 
 @dataclass(frozen=True)
 class NoData:
-    """Which decoded values of a signal are none.
+    """Which decoded values of a signal mean that there is no data.
 
     Attributes
     ----------
     words : mapping float -> str
-        By the value table ("not available", "SNA", "error", ...), or an extreme code outside the range of the DBC.
+        Single values, with the reason: their label in the value table ("not available", "SNA", "error", ...), or that
+        they are extreme codes outside the range of the DBC.
     above : float
-        Values from here on are none: J1939 keeps the top of every range for that.
+        All values from here on: J1939 reserves the top of every range.
     all_bits_set : float or None
-        The value of an unsigned signal with all bits set where the DBC has it as a value, as many senders use it for
-        none all the same.
+        Value of an unsigned signal with all bits set, if the DBC allows it: many senders mean no data by it.
     """
 
     words: Mapping[float, str] = field(default_factory=dict)
@@ -58,7 +60,7 @@ class NoData:
     all_bits_set: float | None = None
 
     def masks(self, values: FloatArray) -> dict[str, BoolArray]:
-        """Return where there is none, shape of `values`, by the reason."""
+        """Return where `values` mean no data, a mask of their shape for each reason that occurs."""
         found: dict[str, BoolArray] = {}
         for value, word in self.words.items():
             found[word] = found.get(word, np.zeros(len(values), np.bool_)) | (values == value)
@@ -67,14 +69,14 @@ class NoData:
         return {word: mask for word, mask in found.items() if mask.any()}
 
     def is_value(self, values: FloatArray) -> BoolArray:
-        """Return where there is one, shape of `values`."""
+        """Return where `values` are data, a mask of their shape."""
         found = values < self.above if math.isfinite(self.above) else np.ones(len(values), np.bool_)
         for value in self.words:
             found &= values != value
         return found
 
     def touches(self, low: float, high: float) -> bool:
-        """Return whether values from `low` to `high` may hold one that is none, or has all bits set."""
+        """Return whether values from `low` to `high` may include one that means no data, or has all bits set."""
         special = (*self.words, self.above, math.inf if self.all_bits_set is None else self.all_bits_set)
         return high >= self.above or any(low <= value <= high for value in special)
 
@@ -94,7 +96,7 @@ class SignalRef:
     si_factor, si_offset : float
         SI value = decoded value * si_factor + si_offset.
     no_data : NoData
-        Which decoded values are none.
+        Which decoded values mean no data.
     """
 
     role: str
@@ -200,8 +202,7 @@ def unused_validity(
 ) -> str | None:
     """Return the signal that looks like the validity of the ground speed and has no role, None where there is none.
 
-    One in the same message may be called anything with "valid" in it, one in another message of the bus must speak of
-    the speed.
+    In the same message any name with "valid" counts; in another message of the bus the name must contain "speed" too.
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ def unused_validity(
         return None
     beside = [f"{speed.message}.{name}" for name in signals.get((speed.bus, speed.message), ()) if _VALID.search(name)]
     others = [f"{m}.{name}" for (bus, m), names in signals.items() if bus == speed.bus for name in names]
-    return next((name for name in (*beside, *others) if name in beside or _SPEED_VALID.search(name)), None)
+    return next(chain(beside, filter(_SPEED_VALID.search, others)), None)
 
 
 class _Place(NamedTuple):
@@ -240,7 +241,11 @@ def _resolved(
 ) -> dict[str, SignalRef]:
     where = "vehicle.toml [signals]"
     faults = [
-        Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"')
+        _of_wheel(
+            Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"'),
+            role,
+            vehicle,
+        )
         for role in needed
         if role not in vehicle.signals
     ]
@@ -250,12 +255,18 @@ def _resolved(
             place = find(role, name)
             reference = place if isinstance(place, Fault) else _in_si(role, name, place, vehicle)
             if isinstance(reference, Fault):
-                faults.append(reference)
+                faults.append(_of_wheel(reference, role, vehicle))
             else:
                 found[role] = reference
     if faults:
         raise ConfigError(*faults)
     return found
+
+
+def _of_wheel(fault: Fault, role: str, vehicle: VehicleConfig) -> Fault:
+    """Return a fault of a role that names the wheel, where it has an id."""
+    of_wheel = vehicle.wheel and vehicle.wheel.id and ROLES[role].of_wheel
+    return replace(fault, where=f"{fault.where}, wheel {vehicle.wheel.id}") if vehicle.wheel and of_wheel else fault
 
 
 def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -> SignalRef | Fault:
@@ -273,9 +284,17 @@ def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -
             step = "add [wheel] radius_m: the radius its sender assumes"
             return Fault(what, f"vehicle.toml [signals] {role}", "no [wheel]", next_step=step)
         factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
-    at = (role, place.bus, place.message, place.signal, text)
-    no_data = replace(place.no_data, words={}) if ROLES[role].use is Use.FLAG else place.no_data
-    return SignalRef(*at, si_unit, name.sign * factor, name.sign * unit.offset, no_data)
+    return SignalRef(
+        role=role,
+        bus=place.bus,
+        message=place.message,
+        signal=place.signal,
+        unit=text,
+        si_unit=si_unit,
+        si_factor=name.sign * factor,
+        si_offset=name.sign * unit.offset,
+        no_data=replace(place.no_data, words={}) if ROLES[role].use is Use.FLAG else place.no_data,
+    )
 
 
 def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, str]]) -> _Place | Fault:
@@ -283,7 +302,7 @@ def _find_column(role: str, name: SignalName, topics: Mapping[str, Mapping[str, 
     columns = [
         _Place("", topic, column, unit, step) for topic, units in topics.items() for column, unit in units.items()
     ]
-    for spelled in (
+    for spelled in (  # as the file writes it; with the topic; without the unit
         lambda place: {place.signal},
         lambda place: {f"{place.message}.{place.signal}", f"{place.message}:{place.signal}"},
         lambda place: {plain_name(place.signal), f"{place.message}.{plain_name(place.signal)}"},
@@ -313,12 +332,12 @@ def unit_behind(header: str) -> str:
 
 
 def means_no_data(label: str) -> bool:
-    """Whether a label of a value table says that there is no value: "not available", "SNA", "error" and the like."""
+    """Whether a label of a value table means that there is no data: "not available", "SNA", "error" and the like."""
     return bool(_NO_DATA.search(label.strip()))
 
 
 def no_data_of(message: Message, signal: Signal) -> NoData:
-    """Return which decoded values of a signal are none, by what the DBC declares of it."""
+    """Return which decoded values of a signal mean no data, by what the DBC declares of it."""
     no_data = [(raw, label) for raw, label in signal.labels.items() if means_no_data(label)]
     if not signal.unit and len(no_data) < len(signal.labels):  # an enumeration: "error" is one of its values
         no_data = [(raw, label) for raw, label in no_data if _NOT_AVAILABLE.search(label.strip())]
@@ -331,10 +350,10 @@ def no_data_of(message: Message, signal: Signal) -> NoData:
     for value in (_physical(signal, raw) for raw in extremes):
         if _outside(signal, value):
             words.setdefault(value, _EXTREME)
-    whole = _physical(signal, high)
+    all_bits = _physical(signal, high)
     measured = signal.kind is RawKind.UNSIGNED and bool(signal.unit) and signal.length_bits >= _LEAST_MEASURED_BITS
-    open_ = measured and whole not in words and whole < above and high not in signal.labels
-    return NoData(words, above, whole if open_ else None)
+    allowed = measured and all_bits not in words and all_bits < above and high not in signal.labels
+    return NoData(words, above, all_bits if allowed else None)
 
 
 def _physical(signal: Signal, raw: int) -> float:
@@ -342,7 +361,7 @@ def _physical(signal: Signal, raw: int) -> float:
 
 
 def _outside(signal: Signal, value: float) -> bool:
-    """Return whether a value is beyond the range that a DBC declares; 0 to 0 is none."""
+    """Return whether a value is outside the range that a DBC declares; 0 to 0 declares none."""
     low, high = signal.minimum, signal.maximum
     return low is not None and high is not None and low < high and not low <= value <= high
 

@@ -1,7 +1,7 @@
 """Where the signals of a message lie: what reaches beyond it, and what overlaps.
 
-cantools asks this bit by bit in time that grows with the square of a signal's place; a file of one signal takes it a
-minute. Here a signal is one whole number with a bit for each of its own.
+cantools checks bit by bit, in time that grows with the square of a signal's start bit: a file with one signal can take
+it a minute. Here the bits of a signal are one integer.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from itertools import chain
 from typing import Any
 
 Placed = list[tuple[str, int]]
-"""Names with their bits."""
+"""Names of signals with their bits, as `_bits` returns them."""
 
 
 class _MisplacedError(Exception):
@@ -33,7 +33,7 @@ def misplaced(message: Any) -> str:
 def _place(
     message: Any, signals: Mapping[str, Any], tree: Sequence[Any], taken: int, outer: tuple[Placed, ...]
 ) -> tuple[int, Placed]:
-    """Place the signals of a tree beside those of the outer ones; return the bits of all, and those of the tree."""
+    """Place a tree of signals beside the `outer` ones, which take the bits `taken`; return all bits, and the tree's."""
     own: Placed = []
     for node in tree:
         name = next(iter(node)) if isinstance(node, dict) else node
@@ -41,7 +41,7 @@ def _place(
         if bits >> 8 * message.length:
             raise _MisplacedError(f"The signal {name} does not fit in message {message.name}.")
         if bits & taken:
-            other = next(signal for signal, others in chain(*outer, own) if others & bits)
+            other = next(signal for signal, its_bits in chain(*outer, own) if its_bits & bits)
             raise _MisplacedError(f"The signals {name} and {other} are overlapping in message {message.name}.")
         taken |= bits
         own.append((name, bits))

@@ -20,6 +20,7 @@ _EXTENDED = int(FrameFlag.EXTENDED)
 _NO_TRANSPORT = int(FrameFlag.ERROR | FrameFlag.REMOTE | FrameFlag.FD)
 _MANAGEMENT, _TRANSFER = 0xEC, 0xEB
 _RTS, _BAM, _ABORT = 16, 32, 255
+_SINGLE, _FIRST, _CONSECUTIVE = 0, 1, 2
 _PACKET_BYTES = 7
 _LONGEST_J1939 = 1785
 _PRIORITY = 6
@@ -60,21 +61,21 @@ class Transport:
     Parameters
     ----------
     iso : mapping bus -> mapping (identifier, extended) -> bytes
-        What may be sent by ISO-TP, and its longest message.
+        Messages that may be sent by ISO-TP, each with its largest size.
     j1939 : collection of str
         Buses with messages that are sent by J1939's transport.
 
     Attributes
     ----------
     confirmed : set of (bus, identifier, extended)
-        What is sent by ISO-TP, for a message of several frames was completed. Before that its frames may as well be
-        messages that are shorter than their database says, and a single frame is taken for none.
+        Messages that are sent by ISO-TP: one of several frames was completed. Until then a frame may as well be a plain
+        one that is shorter than its database says, so that a single frame is not taken for ISO-TP.
     """
 
     def __init__(self, iso: Mapping[str, Mapping[tuple[int, bool], int]], j1939: Collection[str]) -> None:
         self._iso, self._j1939 = iso, frozenset(j1939)
-        self._of_iso: dict[tuple[str, int, bool], _IsoTransfer] = {}
-        self._of_j1939: dict[tuple[str, int, int], _J1939Transfer] = {}
+        self._iso_transfers: dict[tuple[str, int, bool], _IsoTransfer] = {}
+        self._j1939_transfers: dict[tuple[str, int, int], _J1939Transfer] = {}
         self.confirmed: set[tuple[str, int, bool]] = set()
         self._interrupted: Counter[str] = Counter()
         self._begun_only: Counter[tuple[str, int, bool]] = Counter()
@@ -82,10 +83,10 @@ class Transport:
     def interrupted(self) -> Counter[str]:
         """Return how many transfers were begun and not completed so far, per bus.
 
-        A first frame of ISO-TP that nothing followed counts where its message is sent so elsewhere.
+        A first frame of ISO-TP that nothing followed counts only if its message is `confirmed`.
         """
-        found = self._interrupted + Counter(bus for bus, _, _ in self._of_j1939)
-        for key, transfer in self._of_iso.items():
+        found = self._interrupted + Counter(bus for bus, _, _ in self._j1939_transfers)
+        for key, transfer in self._iso_transfers.items():
             if transfer.number > 1 or key in self.confirmed:
                 found[key[0]] += 1
         for key, count in self._begun_only.items():
@@ -97,10 +98,10 @@ class Transport:
         """Yield what is complete with the frames of a batch."""
         frames = batch.frames
         classical = (frames["flags"] & _NO_TRANSPORT) == 0
-        format_ = (frames["can_id"] >> np.uint32(16)) & np.uint32(0xFF)
-        managed = ((frames["flags"] & _EXTENDED) != 0) & ((format_ == _MANAGEMENT) | (format_ == _TRANSFER))
+        pdu_format = (frames["can_id"] >> np.uint32(16)) & np.uint32(0xFF)
+        managed = ((frames["flags"] & _EXTENDED) != 0) & ((pdu_format == _MANAGEMENT) | (pdu_format == _TRANSFER))
         known = np.array(sorted({can_id for ids in self._iso.values() for can_id, _ in ids}), np.uint32)
-        chosen = classical & (managed if self._j1939 else False) | classical & np.isin(frames["can_id"], known)
+        chosen = classical & (np.isin(frames["can_id"], known) | (managed & bool(self._j1939)))
         for i in np.flatnonzero(chosen).tolist():
             frame = frames[i]
             bus, can_id = batch.buses[frame["bus"]], int(frame["can_id"])
@@ -118,17 +119,17 @@ class Transport:
         if not data:
             return None
         kind, low = data[0] >> 4, data[0] & 15
-        if kind == 0 and 0 < low < len(data) and key in self.confirmed:
+        if kind == _SINGLE and 0 < low < len(data) and key in self.confirmed:
             self._end_iso(key)
             return Payload(time_ns, *key, data[1 : 1 + low])
-        if kind == 1 and len(data) == 8:
+        if kind == _FIRST and len(data) == 8:
             self._end_iso(key)
             size = low << 8 | data[1]
             if _PACKET_BYTES < size <= self._iso[key[0]][key[1:]]:
-                self._of_iso[key] = _IsoTransfer(size, time_ns, bytearray(data[2:]))
+                self._iso_transfers[key] = _IsoTransfer(size, time_ns, bytearray(data[2:]))
             return None
-        transfer = self._of_iso.get(key)
-        if kind != 2 or transfer is None:
+        transfer = self._iso_transfers.get(key)
+        if kind != _CONSECUTIVE or transfer is None:
             return None
         if low != transfer.number & 15 or not 0 <= time_ns - transfer.time_ns <= _PATIENCE_NS:
             self._end_iso(key)
@@ -140,12 +141,12 @@ class Transport:
             if len(data) < 8:
                 self._end_iso(key)
             return None
-        del self._of_iso[key]
+        del self._iso_transfers[key]
         self.confirmed.add(key)
         return Payload(time_ns, *key, bytes(transfer.data[: transfer.size]))
 
     def _end_iso(self, key: tuple[str, int, bool]) -> None:
-        transfer = self._of_iso.pop(key, None)
+        transfer = self._iso_transfers.pop(key, None)
         if transfer is not None and transfer.number > 1:
             self._interrupted[key[0]] += 1
         elif transfer is not None:
@@ -164,7 +165,7 @@ class Transport:
                 self._end_j1939(key)
                 self._end_j1939((bus, key[2], key[1]))
             return None
-        transfer = self._of_j1939.get(key)
+        transfer = self._j1939_transfers.get(key)
         if transfer is None:
             return None
         if not 0 <= time_ns - transfer.time_ns <= _PATIENCE_NS or not 1 <= data[0] <= transfer.packets:
@@ -174,7 +175,7 @@ class Transport:
         transfer.parts[data[0]] = data[1:]  # a packet may be asked for again
         if len(transfer.parts) < transfer.packets:
             return None
-        del self._of_j1939[key]
+        del self._j1939_transfers[key]
         whole = b"".join(transfer.parts[i] for i in range(1, transfer.packets + 1))
         return Payload(time_ns, bus, transfer.can_id, True, whole[: transfer.size])
 
@@ -186,8 +187,8 @@ class Transport:
             return
         if group >> 8 & 0xFF < 0xF0:
             group |= destination
-        self._of_j1939[key] = _J1939Transfer(_PRIORITY << 26 | group << 8 | source, size, packets, time_ns)
+        self._j1939_transfers[key] = _J1939Transfer(_PRIORITY << 26 | group << 8 | source, size, packets, time_ns)
 
     def _end_j1939(self, key: tuple[str, int, int]) -> None:
-        if self._of_j1939.pop(key, None) is not None:
+        if self._j1939_transfers.pop(key, None) is not None:
             self._interrupted[key[0]] += 1

@@ -20,15 +20,16 @@ from daq.sources.reconnect import ReconnectingSource
 T = TypeVar("T")
 
 SILENCE_S = 2.0
-"""A thread without a turn for so long was held: the process was stopped, the machine slept, or a driver hung.
-A turn takes `_READ_TIMEOUT_S` and a rest."""
+"""A thread that takes no turn for so long was held up: the process was stopped, the machine slept, or a driver hung.
+A usual turn takes `_READ_TIMEOUT_S` and a rest."""
 
 _READ_TIMEOUT_S = 0.1
 _WAIT_FOR_ROOM_S = 0.1
 _FAIR_BUFFER_BYTES, _LARGE_BUFFER_BYTES = 1 << 20, 4 << 20
+"""Sizes of the kernel's buffer of a bus; a large one has room for a second of a busy bus."""
 _REST_S, _BUSY_REST_S, _SHORT_REST_S = 0.2, 0.03, 0.005
-"""How long a source rests after each reading, so that frames come by the hundred, as each reading has its price: 0.2 s
-where the kernel has room for a second of a busy bus, unless `_MANY_FRAMES` came; a flush has it fetch before."""
+"""Rests after a reading, so that one reading, which costs CPU, brings hundreds of frames: with a large buffer; with a
+fair one, or after `_MANY_FRAMES`; with a small one. A flush ends the rest."""
 _MANY_FRAMES = 3000
 _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
@@ -36,7 +37,7 @@ _OPENING_S = 60.0
 """What opening an interface may take."""
 _SILENCES_KEPT = 100
 _LAST_FETCHES_S = 2.0
-"""A source that is never empty is left then: what comes later came after the end."""
+"""Time after the end in which a source is emptied; what it still brings then was sent after the end."""
 
 
 class ByteQueue(Generic[T]):
@@ -60,7 +61,7 @@ class ByteQueue(Generic[T]):
         return self._bytes / self._limit
 
     def put(self, item: T, size: int, timeout_s: float) -> bool:
-        """Put an item of `size` bytes; say whether there was room for it within `timeout_s`."""
+        """Put an item of `size` bytes; return whether there was room for it within `timeout_s`."""
         with self._changed:
             if not self._changed.wait_for(lambda: not self._items or self._bytes + size <= self._limit, timeout_s):
                 return False
@@ -122,7 +123,7 @@ class Listener(threading.Thread):
     fetched : int
         Frames that were read so far.
     unwritten : int
-        Those of them that were never recorded, known when the recording is closed.
+        Those of them that were not recorded; counted when the recording is closed.
     silences : deque of (int, int)
         Monotonic times, ns, between which it took no turn, longer than `SILENCE_S`; taken by `HostMonitor`.
     """
@@ -193,15 +194,15 @@ class Listener(threading.Thread):
         self._wanted.wait(rest_s)
         self._wanted.clear()
 
-    def _turn(self) -> None:
-        """Note that it runs, and since when it had not."""
+    def _note_turn(self) -> None:
+        """Note the time of this turn, and a silence before it."""
         before_ns, self._turn_ns = self._turn_ns, monotonic_ns()
         self.alive_at = time.monotonic()
-        if self._turn_ns - before_ns > SILENCE_S * 1e9 and self.source.fault is None:  # that one has its own events
+        if self._turn_ns - before_ns > SILENCE_S * 1e9 and self.source.fault is None:  # a fault has its own events
             self.silences.append((before_ns, self._turn_ns))
 
     def _fetch(self, timeout_s: float) -> int:
-        self._turn()
+        self._note_turn()
         self._stamps.before_read()
         batch = self._stamps.after_read(self.source.read(timeout_s))
         if not len(batch):
@@ -212,7 +213,7 @@ class Listener(threading.Thread):
             FrameBatch(batch.frames, self._buses), self.source.name, self._stamps.realtime_minus_monotonic_ns
         )
         while not self._queue.put(arrival, batch.frames.nbytes, _WAIT_FOR_ROOM_S):
-            self._turn()
+            self._note_turn()
             if self._abandoned:
                 break
         return len(batch)

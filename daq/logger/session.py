@@ -19,7 +19,7 @@ _WAIT_S = 0.05
 _GATHER_S = 0.2
 """Frames wait this long in the queue, or until the next flush, and are written together, which takes less CPU."""
 _FETCH_S = 0.01
-"""So long before, the readers fetch what the kernel still holds."""
+"""So long before the end of that wait, the listeners fetch what the kernel still holds."""
 _MOST_AT_ONCE = 4 << 20
 _PROGRESS_EVERY_S = 1.0
 _JOIN_S = 5.0
@@ -75,19 +75,19 @@ class Session:
                 self._parts.progress(self._monitor.status())
                 report_at = now + _PROGRESS_EVERY_S
             left_s = math.inf if deadline is None else max(deadline - now, 0.0)
-            if self._round(min(_WAIT_S, left_s)):
+            if self._write_queued(min(_WAIT_S, left_s)):
                 self._gather(min(_GATHER_S, left_s, self._recorder.flush_due_s))
         return ending
 
     def _gather(self, seconds: float) -> None:
-        """Let frames come together, and have the readers fetch the last of them."""
+        """Let frames gather in the queue; at the end have the listeners fetch the newest."""
         time.sleep(max(seconds - _FETCH_S, 0.0))
         for listener in self._listeners:
             listener.hurry()
         time.sleep(max(min(seconds, _FETCH_S), 0.0))
 
-    def _round(self, wait_s: float) -> bool:
-        """Write what has come, then attend to everything else; say whether something had come."""
+    def _write_queued(self, wait_s: float) -> bool:
+        """Write what is in the queue, then do all else that is due; return whether something was in it."""
         self._queue.wait(wait_s)
         share = self._queue.share
         came = together(self._queue.take_some(_MOST_AT_ONCE))
@@ -110,22 +110,22 @@ class Session:
         return "duration" if deadline is not None and time.monotonic() >= deadline else None
 
     def _finish(self, ending: Ending) -> None:
-        """Have the sources stop, and write what they still had."""
+        """Stop the listeners, and write what they still fetched."""
         self._parts.notifier.stopping()
         self._stop.set()
         for listener in self._listeners:
             listener.hurry()
         until = time.monotonic() + _JOIN_S
         while any(listener.is_alive() for listener in self._listeners) and time.monotonic() < until:
-            self._round(0.01)
-        while self._round(0.0):
+            self._write_queued(0.01)
+        while self._write_queued(0.0):
             pass
         self._shield.run(self._monitor.conclude)
         if ending == "disk":
             self._recorder.event("disk", str(self._disk_faults[0]), "error")
 
     def _end(self, status: str) -> None:
-        """Close everything; nothing waits for anything any more."""
+        """Close everything; a thread that does not end is left behind."""
         self._stop.set()
         for listener in self._listeners:
             listener.abandon()

@@ -47,7 +47,7 @@ _MOST_REMARKS = 50
 
 
 class Notifier:
-    """Sends states to the socket that the service manager gave; without one it says nothing.
+    """Sends states to the socket that the service manager gave; without one it sends nothing.
 
     Parameters
     ----------
@@ -67,23 +67,23 @@ class Notifier:
         return cls(environment.get("NOTIFY_SOCKET", ""))
 
     def ready(self, status: str = "") -> None:
-        """Say that the service has started."""
+        """Report that the service has started."""
         self._send("READY=1", f"STATUS={status}")
 
     def alive(self) -> None:
-        """Say that the service still does its work."""
+        """Report that the service still works."""
         self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """Say in a line what it does."""
+        """Report in a line what the service does."""
         self._send(f"STATUS={text}")
 
     def stopping(self) -> None:
-        """Say that the service is about to end."""
+        """Report that the service is about to end."""
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -130,7 +130,7 @@ class LogSummary:
         Frames that the kernel lost, of the buses that count them.
     losses : dict of str to int
         Everything that was lost: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` (the rolling counter
-        jumped), ``wrapped.<bus>.<message>`` (gaps in which it may have gone round unseen) and
+        jumped), ``wrapped.<bus>.<message>`` (gaps so long that it may have wrapped around) and
         ``missing.<bus>.<message>`` (against the learned rate).
     ended_by : str
         ``"duration"``, ``"signal"`` (see `signal_number`), ``"stop"`` or ``"disk"``: it is full, or failed.
@@ -242,7 +242,7 @@ class SessionMonitor:
         self._recorder.note_losses({bus: n for bus, n in drops.items() if n is not None}, self.losses())
 
     def losses(self) -> dict[str, int]:
-        """Return the counts of lost frames by cause; see `daq.logger.session_monitor.LogSummary`."""
+        """Return the counts of lost frames by cause; see `LogSummary`."""
         lost = dict(self._report.losses) if self._report else {}
         for bus, status in self._host_monitor.buses().items():
             lost |= {f"kernel.{bus}": status.kernel_drops or 0, f"queue.{bus}": status.queue_drops}

@@ -43,16 +43,15 @@ class OtherFormat:
     advice: str = ""
 
 
-LOG_FORMATS = (
-    LogFormat("candump -L text", (".log", ".candump"), read_candump),
-    LogFormat("Vector BLF", (".blf",), read_blf),
-    LogFormat("Vector ASC", (".asc",), read_asc),
-    LogFormat("PEAK TRC", (".trc",), read_trc),
-    LogFormat("MF4 (ASAM MDF 4)", (".mf4",), read_mf4),
-    LogFormat("CSV", (".csv",), read_frame_table),
-    LogFormat("BusMaster text", (".log", ".txt"), read_busmaster),
-)
-_CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER = LOG_FORMATS
+_CANDUMP = LogFormat("candump -L text", (".log", ".candump"), read_candump)
+_BLF = LogFormat("Vector BLF", (".blf",), read_blf)
+_ASC = LogFormat("Vector ASC", (".asc",), read_asc)
+_TRC = LogFormat("PEAK TRC", (".trc",), read_trc)
+_MF4 = LogFormat("MF4 (ASAM MDF 4)", (".mf4",), read_mf4)
+_CSV = LogFormat("CSV", (".csv",), read_frame_table)
+_BUSMASTER = LogFormat("BusMaster text", (".log", ".txt"), read_busmaster)
+LOG_FORMATS = (_CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER)
+"""Every format; a suffix that several have means the first of them, unless the content says otherwise."""
 LOG_SUFFIXES = tuple(dict.fromkeys(suffix for known in LOG_FORMATS for suffix in known.suffixes))
 """Suffixes of logs; each may be followed by ``.gz``, except for MF4."""
 

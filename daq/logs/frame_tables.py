@@ -73,10 +73,6 @@ _FORMS = {"time": ("s", "ms", "us", "ns", ""), "id": ("hex", "dec"), "data": ("h
 _EXAMPLE = "time=Time,id=MessageID:dec,data=Message"
 
 
-def _hex_columns(*names: str) -> tuple[Column, ...]:
-    return tuple(Column(name, "hex") for name in names)
-
-
 PYTHON_CAN = FrameColumns(
     Column("timestamp", "s"),
     Column("arbitration_id", "hex"),
@@ -86,7 +82,7 @@ PYTHON_CAN = FrameColumns(
 SAVVYCAN = FrameColumns(
     Column("Time Stamp", "us"),
     Column("ID", "hex"),
-    _hex_columns(*(f"D{i}" for i in range(1, 9))),
+    tuple(Column(f"D{i}", "hex") for i in range(1, 9)),
     {"extended": "Extended", "direction": "Dir", "bus": "Bus", "length": "LEN"},
 )
 CSS_ELECTRONICS = FrameColumns(

@@ -66,7 +66,10 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
 
 
 def frames_apart(path: str) -> Iterator[tuple[int, dict[str, int], list[str], FrameArray]]:
-    """Yield pieces of the frames, with the buses so far, and how many frames and other records the file states."""
+    """Yield, for `answers`: frames and other records that the file states, the buses so far, a piece of the frames.
+
+    The counts are the same each time; the first piece is empty.
+    """
     import asammdf
 
     report = LogReport(path, "MF4")

@@ -1,4 +1,4 @@
-"""Decoded topics of a recording: physical values as fixed-size messages beside the raw frames, for people."""
+"""Decoded topics of a recording: physical values as fixed-size messages beside the raw frames, for viewers."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ NAVSATFIX_DTYPE = fixed_message_dtype(
 )
 _NO_FIX, _FIX, _SERVICE_GPS = -1, 0, 1
 _SLACK = 1.2
+"""Up to so many times the rate, all samples are kept."""
 
 _SAME_FIX_NS = 100_000_000
 
@@ -277,7 +278,7 @@ class DecodedWriter:
         self._write_position(decoded)
 
     def _write_position(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
-        """Join each latitude to the longitude of its own fix, which may travel in another message."""
+        """Join each latitude to the longitude closest in time: that of its fix, which may travel in another message."""
         found = {role: decoded.get(reference.key) for role, reference in self._position.items()}
         latitude, longitude = found.get("latitude"), found.get("longitude")
         if latitude is None or longitude is None or not len(latitude) or not len(longitude):
@@ -285,13 +286,13 @@ class DecodedWriter:
         after = np.clip(np.searchsorted(longitude.time_ns, latitude.time_ns), 1, max(len(longitude) - 1, 1))
         before = after - 1
         after = np.minimum(after, len(longitude) - 1)
-        late = latitude.time_ns - longitude.time_ns[before] < longitude.time_ns[after] - latitude.time_ns
-        nearest = np.where(late, before, after)
-        rows = np.abs(longitude.time_ns[nearest] - latitude.time_ns) < _SAME_FIX_NS
+        before_is_closer = latitude.time_ns - longitude.time_ns[before] < longitude.time_ns[after] - latitude.time_ns
+        closest = np.where(before_is_closer, before, after)
+        rows = np.abs(longitude.time_ns[closest] - latitude.time_ns) < _SAME_FIX_NS
         in_si = {role: self._position[role].to_si(channel) for role, channel in found.items() if channel is not None}
         self._writer.decoded.write_position(
             self._position["latitude"].bus,
             latitude.time_ns[rows],
             np.degrees(in_si["latitude"].values[rows]),
-            np.degrees(in_si["longitude"].values[nearest[rows]]),
+            np.degrees(in_si["longitude"].values[closest[rows]]),
         )

@@ -39,7 +39,7 @@ class Gap:
     to_ns: int
 
     def note(self) -> Note:
-        """Return what is to be said of it."""
+        """Return it as a note."""
         length_s = (self.to_ns - self.from_ns) * 1e-9
         code = RecordingCode.PARTS_OVERLAP if length_s < 0 else RecordingCode.PARTS_APART
         return Note(code, values={"before": self.before, "after": self.after, "length_s": abs(length_s)})
@@ -53,9 +53,9 @@ class RunRecording:
     parts : sequence of Recording
         One at least.
     missing : sequence of Loss
-        Parts that should be there and cannot be read.
+        Parts that are absent or unreadable.
     unreadable : sequence of Path
-        Those of them that are there.
+        Files of the unreadable ones.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class RunRecording:
         Parameters
         ----------
         path : str or Path
-            Any part. The others are found by their names (`part_path`) and held to the run's id.
+            Any part. The others are found by their names (`part_path`) and must have the run's id.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class RunRecording:
 
     @cached_property
     def gaps(self) -> tuple[Gap, ...]:
-        """Where a part does not take up where the one before it left off, because the logger had died."""
+        """Times between two parts that were not recorded: the logger died, and the later part was begun anew."""
         filled = [(part, span) for part in self.parts if part.has_raw_frames and (span := part.time_range_ns)]
         return tuple(
             Gap(part_number(before.path)[1], part_number(after.path)[1], before_ns[1], after_ns[0])
@@ -158,7 +158,7 @@ class RunRecording:
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
-        """Attached files by name; a later part's hold."""
+        """Attached files by name; of several with one name the last part's."""
         return {name: data for part in self.parts for name, data in part.attachments.items()}
 
     @cached_property
@@ -253,7 +253,7 @@ class RunRecording:
                     yield batch if batch.buses == self.buses else FrameBatch(renumbered(batch, self.buses), self.buses)
 
     def _sessions(self) -> list[list[Recording]]:
-        """Return the parts that one life of a logger wrote, together."""
+        """Return the parts in groups, one for each session of the logger."""
         return [list(parts) for _, parts in groupby(self.parts, _session)]
 
 
@@ -262,13 +262,13 @@ def _session(part: Recording) -> str:
 
 
 def _session_losses(parts: Sequence[Recording]) -> dict[str, int]:
-    """Return the last count, which is since the session began."""
+    """Return the counts of the last ``losses`` record, which are since the session began."""
     last = next((part.metadata[LOSSES] for part in reversed(parts) if LOSSES in part.metadata), {})
     return {key: int(count) for key, count in last.items() if count.isdecimal()}
 
 
 def _session_drops(parts: Sequence[Recording]) -> dict[str, int]:
-    """Return the most that is known: from the last part's totals, from all parts, from the last ``losses`` record."""
+    """Return the larger of what the last part (else all parts) states at its end, and of `_session_losses`."""
     ended = [part.metadata.get(RUN_END, {}) for part in parts]
     known = _counts(ended[-1], "total_drops.") or total(_counts(values, "drops.") for values in ended)
     lost = _session_losses(parts)
@@ -293,7 +293,7 @@ def _run_id(part: Recording) -> str | None:
 
 
 def _belongs(part: Recording, number: int, run_id: str | None) -> bool:
-    """Return whether nothing that a file says speaks against its being this part of the run."""
+    """Return whether a file may be this part of the run: it states no other run, and no other number."""
     stated = part.metadata.get(RUN_START, {}).get("part")
     own_id = _run_id(part)
     right_id = own_id is None or run_id is None or own_id == run_id
@@ -313,6 +313,6 @@ def _gaps(first: Path, parts: Mapping[int, Recording], unreadable: Collection[in
 
 
 def _renamed(part: Recording) -> list[Loss]:
-    """Return what comes before a part that does not have a part's name any more."""
+    """Return the part before a renamed part, whose place among the others its name does not show."""
     before = part.metadata.get(RUN_START, {}).get("continues")
     return [Loss(f"{before} is missing, which {part.path.name} continues", 0, 0)] if before else []

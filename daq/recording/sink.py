@@ -104,14 +104,14 @@ class DiskFile:
                 self._cut_back()
 
     def sync(self) -> None:
-        """Have the operating system put on the disk what was written (fsync), and wait for it."""
+        """Have the operating system write all that it still holds of the file to the disk (fsync), and wait."""
         self._join()
         self._fsync()
         self._raise_sync_error()
 
     @property
     def syncing(self) -> bool:
-        """Whether what `begin_sync` began is under way."""
+        """Whether an fsync of `begin_sync` is under way."""
         return self._syncing is not None and self._syncing.is_alive()
 
     def begin_sync(self) -> None:
@@ -179,7 +179,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(path: Path) -> None:
-    """Have the name of a new file or folder survive a power cut; where its folder cannot be synced nothing is done."""
+    """Sync the folder of a new file or folder, so that its name survives a power cut; a failure is ignored."""
     with contextlib.suppress(OSError):
         folder = os.open(path.parent, os.O_RDONLY)
         try:
@@ -280,6 +280,7 @@ class McapSink:
             self.give_up()
             raise
         self._noted = self.file.position
+        """Bytes written of records that the summary knows."""
 
     def add_schema(self, name: str, text: str) -> int:
         """Add a ros2msg schema, or return the id of the one that is there."""
@@ -305,7 +306,7 @@ class McapSink:
         self._noted = self.file.position
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
-        """Write messages as one chunk, behind the definitions they need that no chunk has had yet."""
+        """Write messages as one chunk, which begins with those of their definitions that no chunk has yet."""
         groups = list(groups)
         if not groups:
             return
@@ -386,17 +387,17 @@ class McapSink:
             self.file.close()
 
     def give_up(self) -> None:
-        """Close the file and take it away: for one that could not even be begun."""
+        """Close and delete the file: for one that could not even be begun."""
         self.file.close()
         self.path.unlink(missing_ok=True)
 
     @contextmanager
     def _written_and_noted(self, *record: bytes | memoryview) -> Iterator[None]:
-        """Write a record in parts, then have it noted for the summary; Ctrl-C between the two shows at `finish`."""
-        missed = self.file.position - self._noted
+        """Write a record in parts; the block notes it for the summary. If Ctrl-C prevents that, `finish` sees it."""
+        not_noted = self.file.position - self._noted
         self.file.write(*record)
         yield
-        self._noted = self.file.position - missed
+        self._noted = self.file.position - not_noted
 
     def _summary(self) -> bytes:
         data_end = serialized(DataEnd(0))

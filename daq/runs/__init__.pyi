@@ -4,6 +4,7 @@ from .open import campaign_folders as campaign_folders
 from .open import holds_runs as holds_runs
 from .open import is_run_file as is_run_file
 from .open import known_beside as known_beside
+from .open import one_wheel as one_wheel
 from .open import open_runs as open_runs
 from .open import readable as readable
 from .run import LENIENT_KEY as LENIENT_KEY

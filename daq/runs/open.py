@@ -246,6 +246,23 @@ class Collected:
             raise type(self.errors[0])(*faults) from None
 
 
+def one_wheel(runs: Sequence[Run], wheel: str | None) -> list[Run]:
+    """Return runs of one wheel: of that named, else of the only one; of a single ``[wheel]`` they are the same.
+
+    Raises
+    ------
+    ConfigError
+        See `daq.runs.run.Run.for_wheel`; of all runs at once.
+    """
+    collected = Collected()
+    found: list[Run] = []
+    for run in runs:
+        with collected.catch():
+            found.append(run.for_wheel(wheel) if wheel is not None or run.vehicle.wheels else run)
+    collected.stop_if_any()
+    return found
+
+
 def is_recording(path: Path) -> bool:
     """Return whether a file begins like an MCAP file, or is called one; of a run in parts the first need not be there.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain
@@ -16,8 +16,8 @@ from daq.can.databases import Database, load_database, load_for_vehicle, message
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.channels import ROLES, Channel
-from daq.config import RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
-from daq.errors import DatabaseError, Fault, RecordingError, nearest
+from daq.config import OfWheel, RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.errors import ConfigError, DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.notes import Note, RecordingCode
 from daq.recording import RunRecording
@@ -51,7 +51,7 @@ class Configuration:
     vehicle_source : str
         Where `vehicle` was read, for messages.
     static : tuple of StaticTest
-        Beside `runs`.
+        Of the same runs.toml as `runs`.
     """
 
     vehicle: VehicleConfig | None = None
@@ -63,14 +63,21 @@ class Configuration:
     static: tuple[StaticTest, ...] = ()
 
     def over(self, other: Configuration) -> Configuration:
-        """Return this configuration, completed by `other` where it says nothing."""
+        """Return this configuration; what it lacks (vehicle, terrain, or all of runs.toml) is from `other`."""
         vehicle, terrain = (self if self.vehicle else other), (self if self.terrain else other)
         carried = {name: data for name, data in vehicle.attachments.items() if name != TERRAIN_FILE}
         if TERRAIN_FILE in terrain.attachments:
             carried[TERRAIN_FILE] = terrain.attachments[TERRAIN_FILE]
-        listing, source = (self if self.runs is not None or self.static else other), vehicle.vehicle_source
-        own = (vehicle.vehicle, vehicle.databases, terrain.terrain, listing.runs, carried, source)
-        return Configuration(*own, listing.static)
+        listing = self if self.runs is not None or self.static else other
+        return Configuration(
+            vehicle=vehicle.vehicle,
+            databases=vehicle.databases,
+            terrain=terrain.terrain,
+            runs=listing.runs,
+            attachments=carried,
+            vehicle_source=vehicle.vehicle_source,
+            static=listing.static,
+        )
 
     @property
     def lenient(self) -> bool:
@@ -143,7 +150,7 @@ class Run:
     vehicle_source : str
         Where `vehicle` was read, for messages.
     static : tuple of StaticTest
-        Of the folder's runs.toml: of all its runs.
+        Of the folder's runs.toml; they hold for all its runs.
     """
 
     id: str
@@ -158,6 +165,51 @@ class Run:
     vehicle_source: str = VEHICLE_FILE
     series: Series | None = None
     static: tuple[StaticTest, ...] = ()
+
+    def for_wheel(self, name: str | None = None) -> Run:
+        """Return the run of one wheel: its configuration, and the rut readings and static tests of it.
+
+        Parameters
+        ----------
+        name : str, optional
+            Its id; not needed where the vehicle has one wheel.
+
+        Raises
+        ------
+        ConfigError
+            There is no such wheel, or there are several and none is named, or a reading does not say of which it is.
+        """
+        vehicle = with_commanded_slip(self.vehicle.for_wheel(name, self.vehicle_source))
+        ids = self.vehicle.wheel_ids
+        unclear = [
+            fault for readings in (self.info.rut, self.static) for fault in _of_no_wheel(readings, ids, self.path)
+        ]
+        if unclear:
+            raise ConfigError(*dict.fromkeys(unclear))
+        own = ("", vehicle.wheel.id if vehicle.wheel else "")
+        rut = tuple(reading for reading in self.info.rut if reading.wheel in own)
+        static = tuple(test for test in self.static if test.wheel in own)
+        return replace(self, vehicle=vehicle, info=self.info.model_copy(update={"rut": rut}), static=static)
+
+    def by_wheel(self) -> dict[str, Run]:
+        """Return the run of each wheel by its id, of a single ``[wheel]`` under its id or an empty text.
+
+        Raises
+        ------
+        ConfigError
+            See `for_wheel`; also where the recording was made with fewer wheels than the vehicle has.
+        """
+        ids = self.vehicle.wheel_ids
+        carried = _carried_vehicle(self.recording) if len(ids) > 1 else None
+        made_with = carried.wheel_ids or ("one [wheel]",) if carried else ids
+        if len(made_with) < len(ids):
+            raise ConfigError.of(
+                f"the recording was made with {', '.join(made_with)}, and {self.vehicle_source} has more wheels",
+                self.path,
+                ", ".join(ids),
+                next_step=f"name the wheel that it has: --wheel {ids[0]}; or omit --vehicle",
+            )
+        return {name: self.for_wheel(name or None) for name in ids or ("",)}
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -181,8 +233,8 @@ class Run:
     ) -> Iterator[dict[str, Channel]]:
         """Yield the channels of some roles piece by piece, in bounded memory; see `channels`, also for its errors.
 
-        The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
-        is empty, so that every role is known even where no frame ever came.
+        Raw frames are decoded, and only the signals of these roles; decoded topics are not read. The first piece is
+        empty, so that every role is known even where no frame ever came.
 
         Parameters
         ----------
@@ -321,6 +373,28 @@ def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunR
     )
 
 
+def _of_no_wheel(readings: Iterable[OfWheel], ids: Sequence[str], path: Path) -> Iterator[Fault]:
+    """Yield what is wrong with the wheels that readings of runs.toml are of."""
+    where = f"{RUNS_FILE}, {path.name}"
+    for reading in readings:
+        if reading.wheel and reading.wheel not in ids:
+            what = f"a reading is of wheel {reading.wheel!r}, which vehicle.toml does not have"
+            expected = nearest(reading.wheel, ids) if ids else "no wheel: its [wheel] has no id"
+            yield Fault(what, where, expected=expected, next_step="correct it")
+        elif not reading.wheel and len(ids) > 1:
+            what, expected = "a reading does not say of which wheel it is", f'wheel = "{ids[0]}" or another'
+            yield Fault(what, where, expected=expected, next_step="add it to each [[run.rut]] and [[static]]")
+
+
+def _carried_vehicle(recording: RunRecording | None) -> VehicleConfig | None:
+    """Return the vehicle.toml in a recording; None where there is none that can be read."""
+    content = recording.attachments.get(VEHICLE_FILE) if recording else None
+    try:
+        return parse_toml(content.decode(errors="replace"), VehicleConfig, VEHICLE_FILE) if content else None
+    except ConfigError:
+        return None
+
+
 def _attached_databases(
     vehicle: VehicleConfig, carried: Mapping[str, bytes], where: str, *, lenient: bool
 ) -> dict[str, tuple[Database, ...]]:
@@ -350,7 +424,7 @@ def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
 
 
 def _names(vehicle: VehicleConfig, channel: str) -> list[str]:
-    """Return the DBCs of a bus that vehicle.toml may describe in several sections."""
+    """Return the DBCs of a bus; vehicle.toml may describe it in several sections."""
     return [name for bus in vehicle.bus if bus.channel == channel for name in bus.dbc]
 
 

@@ -33,7 +33,7 @@ def write_frame(path: str | Path, frame: pd.DataFrame) -> Path:
     Parameters
     ----------
     frame : pandas.DataFrame
-        Shape (n, columns), as `to_frame` of a channel or a processed run gives it; its index is left out.
+        Shape (n, columns), as `to_frame` of a channel or a processed run gives it; its index is not written.
     """
     columns = {name: frame[name].to_numpy() for name in frame.columns}
     columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}
@@ -54,7 +54,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     blocks : iterable of mapping str -> array, shape (n,)
         One at least, all with the same columns. Numbers, truth values or text.
     units : mapping str -> str, optional
-        A column without one has none.
+        Of the columns that have one.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     ConfigError
         If the suffix is none of the three, or the file cannot be made there.
     DataError
-        If columns differ in length, or a unit is of no column.
+        If columns differ in length, or there is a unit for a column that does not exist.
     HardwareError
         If the disk fails or is full.
     """
@@ -93,7 +93,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
 
 @contextlib.contextmanager
 def draft_of(target: Path) -> Iterator[Path]:
-    """Give a file beside `target` to write, which takes its place when all is written; else nothing is left of it."""
+    """Give a file to write that replaces `target` at the end of the block; after an error it is deleted instead."""
     target = target.resolve()  # a link stays one
     draft = target.with_name(f".wheelsoil-{os.getpid()}{target.suffix}")
     try:
@@ -104,12 +104,12 @@ def draft_of(target: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, text: str, errors: str = "replace") -> None:
-    """Write a text as UTF-8: the file takes its place when all is written, so that an older one is not lost.
+    """Write a text as UTF-8; an older file is replaced only when all is written.
 
     Parameters
     ----------
     errors : str
-        What becomes of half a character, as names of files have that are no UTF-8; see `str.encode`.
+        How a surrogate is written, which stands for a byte of a file name that is not UTF-8; see `str.encode`.
 
     Raises
     ------

@@ -38,18 +38,23 @@ class SeriesFormat:
     read: Reader
 
 
+_MATLAB = SeriesFormat("MATLAB", (".mat",), b"MATLAB", apart("daq.series.readers.matlab:read_mat"))
+_HDF5 = SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", apart("daq.series.readers.matlab:read_hdf5"))
+_BAG = SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", read_bag)
+_MDF = SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", apart("daq.series.readers.mdf:read_mdf"))
+_TEXT = SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited)
 SERIES_FORMATS = (
     SeriesFormat("Parquet", (".parquet", ".pq"), b"PAR1", read_parquet),
-    SeriesFormat("MATLAB", (".mat",), b"MATLAB", apart("daq.series.readers.matlab:read_mat")),
-    SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", apart("daq.series.readers.matlab:read_hdf5")),
+    _MATLAB,
+    _HDF5,
     SeriesFormat("TDMS", (".tdms",), b"TDSm", read_tdms),
     SeriesFormat("RPC III", (".rsp", ".rpc", ".tim", ".drv"), b"FORMAT", read_rpc3),
     SeriesFormat("ROS 1 bag", (".bag",), b"#ROSBAG", read_bag),
-    SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", read_bag),
-    SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", apart("daq.series.readers.mdf:read_mdf")),
-    SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited),
+    _BAG,
+    _MDF,
+    _TEXT,
 )
-_, _MATLAB, _HDF5, _, _, _, _BAG, _MDF, _TEXT = SERIES_FORMATS
+"""Every format. A file is of the one whose first bytes it has; a text without any is `_TEXT`."""
 SERIES_SUFFIXES = tuple(suffix for known in SERIES_FORMATS for suffix in known.suffixes)
 BAG_METADATA = "metadata.yaml"
 """In the folder of a ROS 2 bag."""

@@ -80,9 +80,9 @@ class AdapterClock:
         self._last_stamp_ns = self._last_arrival_ns = self._stamp_since_ns = self._last_ns = 0
         self._window_from_ns = self._window_above_ns = 0
 
-    def arrived_ns(self) -> int:
-        """Return the monotonic time now, and see whether the host's clock was set; to be asked after each reading."""
-        return self._clock.observe()
+    def observe(self) -> None:
+        """Check whether the host's clock was set; to be called after each reading."""
+        self._clock.observe()
 
     def realtime_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
         """Return CLOCK_REALTIME at the moment each frame was stamped.
@@ -92,7 +92,7 @@ class AdapterClock:
         stamps_ns : int64 array, shape (n,)
             As the adapter says; 0 where it says nothing.
         arrived_ns : int64 array, shape (n,)
-            Monotonic times of `arrived_ns`.
+            Monotonic times at which the frames were fetched.
         """
         if not len(stamps_ns):
             return stamps_ns
@@ -302,7 +302,7 @@ class PythonCanSource(_OpenBus):
             self._failed = HardwareError(_gone(self.name, error))
             if not messages:
                 raise self._failed from None
-        self._clock.arrived_ns()
+        self._clock.observe()
         stamps = [round((message.timestamp or 0.0) * 1e6) * 1000 for message in messages]
         times = self._clock.realtime_ns(np.array(stamps, np.int64), np.array(arrived_ns, np.int64))
         frames = frames_from_messages(messages, times)

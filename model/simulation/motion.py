@@ -25,12 +25,13 @@ Knots = FloatArray
 
 @dataclass(frozen=True)
 class VehicleSetup:
-    """The vehicle around the instrumented (rear) wheel; the defaults are the paper's 3.6 t vehicle.
+    """The vehicle around an instrumented wheel; the defaults are the rear wheel of the paper's 3.6 t vehicle.
 
     Attributes
     ----------
     mass_kg, static_load_n : of the empty vehicle, and the share of it on the instrumented wheel
     added_load_share : share of an added mass that the instrumented wheel carries
+    load_transfer : 1 of a rear wheel, which gains load when the vehicle accelerates, -1 of a front wheel
     outboard_mass_kg, outboard_inertia_kgm2 : on the soil side of the transducer
     unsprung_mass_kg, body_frequency_hz, damping_ratio, contact_stiffness_n_per_m : float
         Of the quarter vehicle that rides over the road; the stiffness is that of soil and tyre in series.
@@ -43,6 +44,7 @@ class VehicleSetup:
     added_load_share: float = 0.4
     centre_of_gravity_height_m: float = 0.9
     wheelbase_m: float = 2.7
+    load_transfer: float = 1.0
     outboard_mass_kg: float = 75.0
     outboard_inertia_kgm2: float = 8.0
     unsprung_mass_kg: float = 110.0
@@ -56,8 +58,8 @@ class VehicleSetup:
 class WheelLoad:
     """Load between wheel and soil, positive up on the wheel, stretch after stretch of a run.
 
-    A rear wheel gains load m a h/(2 L) when the vehicle accelerates. The road acts through a linear quarter
-    vehicle, so that the load swings at body and wheel frequency and rests at standstill.
+    A rear wheel gains load m a h/(2 L) when the vehicle accelerates, a front wheel loses it. The road acts through a
+    linear quarter vehicle, so that the load swings at body and wheel frequency and rests at standstill.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ class WheelLoad:
     def __init__(self, setup: VehicleSetup, rate_hz: float, added_load_kg: float, rng: np.random.Generator) -> None:
         self._static_n = static_load_n(setup, added_load_kg)
         mass = setup.mass_kg + added_load_kg
-        self._n_per_mps2 = mass * (setup.centre_of_gravity_height_m / (2 * setup.wheelbase_m))
+        self._n_per_mps2 = setup.load_transfer * mass * (setup.centre_of_gravity_height_m / (2 * setup.wheelbase_m))
         self._road = RoadLoad(setup, self._static_n, rate_hz)
         self._rng = rng
 

@@ -152,6 +152,7 @@ def virtual_stretches(
     elapsed_s: float,
     rng: np.random.Generator,
     ring: np.random.Generator,
+    own: np.random.Generator | None = None,
     campaign_s: float | None = None,
     faults: Faults = (),
     stretch_s: float = STRETCH_S,
@@ -171,6 +172,9 @@ def virtual_stretches(
         Everything random of this run. Every noise has its own stream: switching one off leaves the others as they are.
     ring : numpy.random.Generator
         Draws the errors of the toothed ring; pass one in the same state for every run of a vehicle.
+    own : numpy.random.Generator, optional
+        What is random of this wheel alone, where `rng` is of several wheels on one drive: road, transducer, stamps,
+        standstills. The drive, the phase of the wheel-speed messages and the GNSS fixes are of all.
     campaign_s : from the start to the end of the campaign; by default it ends with this run
     faults : sequence of (measurement effect, its parameters)
         What the sensors get wrong, in any order; they follow each other by their `stage`.
@@ -190,6 +194,8 @@ def virtual_stretches(
         The soil cannot carry the wheel.
     """
     driving, road, loads, wheel, fixes, stamps, standing = rng.spawn(7)
+    if own is not None:
+        road, loads, stamps, standing = own.spawn(4)
     vehicle, radius = setup.vehicle, model.wheel.radius_m
     circumstances = Circumstances(
         info,

@@ -9,7 +9,19 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import NAMES, RESULTS, BenchmarkError, in_own_process, main, run
-from benchmarks.table import Mark, Row, at_least, at_most, compared, judged, page, rate_of, times, with_verdict
+from benchmarks.table import (
+    Mark,
+    Row,
+    at_least,
+    at_most,
+    compared,
+    compared_with_start,
+    judged,
+    page,
+    rate_of,
+    times,
+    with_verdict,
+)
 from benchmarks.timing import command_cost, cpu_seconds, side_by_side
 
 ROOT = Path(__file__).parents[2]
@@ -96,6 +108,11 @@ def test_a_ratio_above_one_means_that_we_are_faster() -> None:
     assert (slower.ratio, slower.reached) == ("0.50x", False)
     assert compared("read", [0.2], "peer", [0.1], as_text).line().endswith("| 0.50x | stated | - |")
     assert [times(ratio) for ratio in (0.876, 9.64, 85.4, 162.2)] == ["0.88x", "9.64x", "85.4x", "162x"]
+
+
+def test_a_process_of_ours_may_take_its_start_and_a_multiple_of_the_peer() -> None:
+    row = compared_with_start("read", [2.0, 2.0], [0.5, 0.7], "peer", [1.0, 2.0], 1.5, lambda s: f"{s:.2f} s")
+    assert row == Row("read", "2.00 s", "start of a process and 1.5 x peer: 2.85 s", "1.43x", ">= 1x", True)
 
 
 def test_the_page_counts_marks_that_are_set() -> None:

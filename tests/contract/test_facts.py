@@ -14,7 +14,7 @@ ROOMS = ("daq", "processing", "model", "wheelsoil")
 _ASKS = ("startswith", "endswith", "removeprefix", "removesuffix", "partition", "rpartition", "split", "find", "index")
 _WORDS = re.compile(r"[^\W\d_]{2,}[:,.]? |^[A-Z][a-z]+:")
 """What only a sentence or a label has: a word with a space behind it, or a heading."""
-_NAMES = {"three decimals", "by sigma"}
+_NAMES = {"three decimals", "by sigma", "percent change"}
 """Values of a declared `Literal`."""
 _IN_SCRIPTS = re.compile(
     r"""\.(?:startsWith|endsWith|includes|indexOf|split|replace|replaceAll)\(\s*(["'])((?:(?!\1).)*)\1|[!=]==\s*(["'])((?:(?!\3).)*)\3"""

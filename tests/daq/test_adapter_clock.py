@@ -121,7 +121,8 @@ def test_setting_the_host_does_not_move_an_adapter_of_its_own_clock() -> None:
             if at > MONOTONIC_NS + 15 * SECOND and host.offset_ns == OFFSET_NS:
                 host.offset_ns -= 3600 * SECOND
             host.now_ns = int(at)
-            arrived.append(adapter.arrived_ns())
+            adapter.observe()
+            arrived.append(host.now_ns)
         stamps = sent[start : start + 10] - MONOTONIC_NS + SECOND
         frames = np.zeros(10, CLASSIC_DTYPE)
         frames["time_ns"] = adapter.realtime_ns(stamps, np.array(arrived))

@@ -88,13 +88,14 @@ def written(folder: Path, text: str) -> Situation:
     return gather(folder / "vehicle.toml", folder, 0.1, free_port())
 
 
-def with_zero(folder: Path, ready: Situation, age_h: float | None, content: bytes = b"") -> Situation:
+def with_zero(folder: Path, ready: Situation, age_h: float | None, content: str = "") -> Situation:
     taken = datetime.now(UTC) - timedelta(hours=age_h or 0)
     channels = {"WFT_Forces.Fx": ChannelZero(offset=1.0, offset_sigma=0.1, unit="N")}
     one = Determination(
         time_utc=taken, recording="z.mcap", sha256="0", method="standstill", frame="vehicle", channels=channels
     )
-    (folder / "zero.toml").write_bytes(content if age_h is None else zeros_toml(ZeroConfig(zero=(one,))))
+    text = content if age_h is None else zeros_toml(ZeroConfig(zero=(one,)))
+    (folder / "zero.toml").write_text(text, encoding="utf-8")
     return replace(ready, vehicle_file=folder / "vehicle.toml")
 
 
@@ -213,7 +214,7 @@ CASES = [
     Case("zero", "pass", "1.0 h old", lambda folder, ready: naming_zero(with_zero(folder, ready, 1.0))),
     Case("zero", "warn", "48.0 h old", lambda folder, ready: naming_zero(with_zero(folder, ready, 48.0))),
     Case("zero", "warn", "no determination", lambda folder, ready: with_zero(folder, ready, None)),
-    Case("zero", "fail", "unknown key", lambda folder, ready: with_zero(folder, ready, None, b"x = 1")),
+    Case("zero", "fail", "unknown key", lambda folder, ready: with_zero(folder, ready, None, "x = 1")),
     Case("service", "pass", "watchdog", lambda *_: judged_unit([ROOT / "deploy" / "wheelsoil-log.service"])),
     Case("service", "warn", "not installed", lambda folder, _: judged_unit([folder / "wheelsoil-log.service"])),
     Case("service", "warn", "lacks Type=notify", lambda folder, _: judged_unit([poor_unit(folder)])),

@@ -155,7 +155,7 @@ def test_the_zero_file_is_in_the_key(folder: Path, tmp_path: Path) -> None:
     from daq import ZeroConfig
 
     zero = tmp_path / "zero.toml"
-    zero.write_bytes(zeros_toml(ZeroConfig()))
+    zero.write_text(zeros_toml(ZeroConfig()), encoding="utf-8")
     assert name_of(folder, zero=zero).shared != name_of(folder).shared
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
 from model.diagnosis.core.plot_data import PlotData, WheelOrders
-from model.diagnosis.core.result import Candidate, Diagnosis
+from model.diagnosis.core.result import BarredCause, Candidate, Diagnosis
 from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report
@@ -81,6 +82,9 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
     html = report.html("x.json")  # plotly.js holds ids of its own
     ids = re.findall(r'id="((?:plot|data)-[^"]+)"', html)
     assert len(ids) == len(set(ids))
+    levels = [int(level) for level in re.findall(r"<h([1-6])[ >]", html)]
+    assert levels[0] == 1 and max(levels) == 5
+    assert all(below <= above + 1 for above, below in pairwise(levels)), "a heading belongs to the one above it"
 
 
 def test_every_number_is_in_the_json(plain_material):
@@ -124,6 +128,15 @@ def test_a_refused_set_is_not_drawn_as_the_explanation(plain_material):
         assert blocks[0].text.startswith("Best of the library, refused: slip sinkage. Reason: something that the lib")
     [drawing] = [one for one in section(built(plain_material, found), "causes").blocks if isinstance(one, Drawing)]
     assert drawing.title.startswith("Drawbar pull: residual −"), drawing.title
+
+
+def test_a_cause_that_a_rule_bars_is_marked_in_the_json(plain_material):
+    found = diagnosis("one_of")
+    peak = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.3})
+    grounds = replace(found.grounds, kept_back=(BarredCause(found.causes[0], peak),))
+    numbers = section(built(plain_material, replace(found, grounds=grounds)), "causes").numbers
+    assert numbers["barred"] == ["slip_sinkage"]
+    assert "barred" not in section(built(plain_material, found), "causes").numbers
 
 
 def test_each_step_says_the_odds_that_it_is_expected_to_give(plain_material):

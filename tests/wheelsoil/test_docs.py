@@ -17,9 +17,8 @@ from model.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
-BLOCKS = dict(
-    zip((VehicleConfig, TerrainConfig, RunsConfig), re.findall(r"```toml\n(.*?)```", PAGE, re.S), strict=True)
-)
+VEHICLE, WHEELS, TERRAIN, RUNS = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+BLOCKS: dict[type[BaseModel], str] = {VehicleConfig: VEHICLE, TerrainConfig: TERRAIN, RunsConfig: RUNS}
 
 
 @pytest.mark.parametrize("kind", BLOCKS)
@@ -30,6 +29,10 @@ def test_the_reference_is_a_valid_file_that_shows_every_key(kind: type[BaseModel
         for model in _models(section.annotation):
             for key in model.model_fields:
                 assert key in PAGE, f"{model.__name__}.{key} is not in docs/configuration.md"
+
+
+def test_the_example_of_several_wheels_is_a_valid_file() -> None:
+    assert parse_toml(WHEELS, VehicleConfig, "docs/configuration.md").wheel_ids == ("FL",)
 
 
 def _models(annotation: object) -> list[type[BaseModel]]:

@@ -18,10 +18,13 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.to_json import plain
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.view.medians import compared
+from wheelsoil.wording.cost_text import cost_rows
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
 from wheelsoil.wording.figures import figure_value, recording_figures
-from wheelsoil.workflows.key_figures import figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
+from wheelsoil.workflows.fit import wheel_of
+from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
 from wheelsoil.workflows.traction import traction_of
 
 GATE = ("named", "nothing_detectable")
@@ -54,6 +57,12 @@ def material(campaign) -> ReportInputs:
     return material_of(processed_of(campaign))
 
 
+def cost(material: ReportInputs) -> CausesCost:
+    """Return what the named cause costs on the material's runs."""
+    fit = material.fit
+    return cost_of_verdict(diagnosis(), material.fitted, wheel_of(material.vehicle), fit.soil, fit.options.reading)
+
+
 def required(verdict: str) -> set[str]:
     """Return what every surface has to show of a verdict."""
     errors = {f"error.{channel}.calibrated_soil" for channel in ("dp", "t")}
@@ -70,6 +79,10 @@ def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) 
     expected = {key: (one.value, figure_value(one)) for key, one in figures_of_diagnosis(found).items()}
     for key, one in figures_of_traction(traction_of(material.fitted)).items():
         expected[key] = (one.value, figure_value(one))
+    in_json = set(expected)
+    found_cost = cost(material) if verdict == "named" else None
+    costs = [figure_of_cost(each) for each in found_cost.costs] if found_cost else []
+    expected |= {one.key: (one.value, figure_value(one)) for one in costs}
     report = build_report(replace(material, diagnosed=found))
     page = Keyed(report.html("report.json")).found
     notebook = Keyed(diagnosis_html(found)).found
@@ -81,15 +94,29 @@ def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) 
     with recording_figures() as terminal:
         diagnosis_lines(found, material.vehicle, verbose=True)
     assert all(value == expected[key][0] for key, value in terminal.items())
-    viewed = {key: (one["value"], one["text"]) for key, one in shown_of(found)["figures"].items()}
+    viewed = {key: (one["value"], one["text"]) for key, one in shown_of(found, found_cost)["figures"].items()}
     assert all(shown == expected[key] for key, shown in viewed.items())
     written = json.loads(json.dumps(report.numbers()))["sections"]["glance"]["key_figures"]
-    assert {key: one["value"] for key, one in written.items()} == {key: value for key, (value, _) in expected.items()}
+    assert {key: one["value"] for key, one in written.items()} == {key: expected[key][0] for key in in_json}
     wanted = required(verdict)
     shown_in_report = page.keys() | ({key for key in wanted if key.startswith("error.t")} & written.keys())
     for name, surface in {"notebook": notebook, "terminal": terminal, "view": viewed, "json": written}.items():
         assert wanted <= surface.keys(), (name, wanted - surface.keys())
     assert wanted | set(GROUND) <= shown_in_report, wanted | set(GROUND) - shown_in_report
+    assert {one.key for one in costs} <= page.keys() & viewed.keys()
+
+
+def test_the_page_has_the_table_of_cost_of_the_report(material: ReportInputs) -> None:
+    found = cost(material)
+    table = cost_rows(found)
+    shown = shown_of(diagnosis(), found)["cost"]
+    assert [row[:4] + row[5:] for row in shown["rows"]] == [row[:4] + row[5:] for row in table]
+    pull, efficiency = table[0], table[2]
+    assert pull[0] == "drawbar pull" and pull[1] == "0.20" and pull[-1] == "N" and efficiency[-1] == "%"
+    written = [figure_value(cell) for row in (pull, efficiency) for cell in row if isinstance(cell, KeyFigure)]
+    assert all(text.startswith("−") for text in written) and "%" not in written[1]
+    assert found.costs[0].difference95[0] < found.costs[0].difference < 0
+    assert "kN" in shown["says"] and shown["title"] == "With and without slip sinkage"
 
 
 def test_the_page_and_the_json_of_diagnose_have_the_values_of_the_report(material: ReportInputs) -> None:

@@ -86,12 +86,21 @@ def test_a_curve_holds_the_last_minute_and_gives_what_is_new(steps_s: list[float
 
 def test_the_highest_slip_is_that_of_the_run() -> None:
     live, low = LiveSlip(), _ramp(latency_s={})
-    live.take(low | {"session_s": 2.0, "run": {"since_s": 2.0}})
+    live.take(low | {"session_s": 2.0, "run": {"id": "run-1", "since_s": 2.0}})
     assert live.highest_slip == pytest.approx(0.2)
-    live.take({"session_s": 300.0, "run": {"since_s": 300.0}})
+    live.take({"session_s": 300.0, "run": {"id": "run-1", "since_s": 300.0}})
     assert live.highest_slip == pytest.approx(0.2), "minutes later, too"
-    live.take({"session_s": 301.0, "run": {"since_s": 0.5}})
+    live.take({"session_s": 301.0, "run": {"id": "run-2", "since_s": 0.5}})
     assert live.highest_slip is None, "of a new run nothing is known"
+
+
+def test_a_clock_that_steps_begins_no_run_and_a_run_of_a_moment_is_one() -> None:
+    live, low = LiveSlip(), _ramp(latency_s={})
+    live.take(low | {"session_s": 2.0, "run": {"id": "run-1", "since_s": 2.0}})
+    live.take({"session_s": 3.0, "run": {"id": "run-1", "since_s": 9.0}})  # the file's time was set 6 s on
+    assert live.highest_slip == pytest.approx(0.2)
+    live.take({"session_s": 3.1, "run": {"id": "", "since_s": 0.1}})  # between runs
+    assert live.highest_slip is None
 
 
 @pytest.mark.parametrize(("samples", "reached"), [(4, 0.2), (14, 1.0)])
@@ -105,17 +114,17 @@ def test_only_a_slip_that_was_held_is_reached(first: int, samples: int, reached:
             role: {name: row[begin : begin + 5] for name, row in trace.items()}
             for role, trace in whole["traces"].items()
         }
-        live.take({"setup": whole["setup"], "traces": part, "session_s": 2.0, "run": {"since_s": 2.0}})
+        live.take({"setup": whole["setup"], "traces": part, "session_s": 2.0, "run": {"id": "run-1", "since_s": 2.0}})
     assert live.highest_slip == pytest.approx(reached)
 
 
 def test_what_a_run_lost_is_not_what_the_one_before_it_lost() -> None:
     live, losses = LiveSlip(), {"kernel.can0": 17, "counter.can0.WFT": 3, "wrapped.can0.WFT": 1}
-    live.take({"session_s": 2.0, "run": {"since_s": 2.0}, "losses": losses})
+    live.take({"session_s": 2.0, "run": {"id": "run-1", "since_s": 2.0}, "losses": losses})
     assert live.lost_frames == 20
-    live.take({"session_s": 301.0, "run": {"since_s": 0.5}, "losses": losses})
+    live.take({"session_s": 301.0, "run": {"id": "run-2", "since_s": 0.5}, "losses": losses})
     assert live.lost_frames == 0
-    live.take({"session_s": 302.0, "run": {"since_s": 1.5}, "losses": losses | {"kernel.can0": 19}})
+    live.take({"session_s": 302.0, "run": {"id": "run-2", "since_s": 1.5}, "losses": losses | {"kernel.can0": 19}})
     assert live.lost_frames == 2
 
 

@@ -9,7 +9,7 @@ from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS, Soil
 from model.wheel_soil.stresses import speed_ratio
-from wheelsoil.view.curve import SLIPS, Base, curve_of, over_time
+from wheelsoil.view.curve import SLIPS, Base, curve_of, effect_entries, over_time
 
 WHEEL = Wheel(0.47, 0.318)
 CLAY = SOILS["clay"]
@@ -45,6 +45,17 @@ def test_an_effect_moves_it_by_its_size(key: str, values: dict[str, float], chan
     assert set(values) == set(EFFECTS[key].parameter_keys().values())
     with_it, without = (curve_of(base(), (key,), "balanced", own) for own in (values, {}))
     np.testing.assert_allclose(with_it["drawbar_pull_n"] - without["drawbar_pull_n"], change_n, rtol=1e-9)
+
+
+def test_an_effect_of_an_undeclared_role_is_listed_only_where_it_is_chosen_and_cannot_be_identified() -> None:
+    [key] = [key for key, effect in EFFECTS.items() if effect.needs.roles == ("pitch",)]
+
+    def entries(roles: tuple[str, ...], chosen: tuple[str, ...]) -> dict[str, dict[str, object]]:
+        return {entry["key"]: entry for entry in effect_entries(base(), "balanced", {}, roles, chosen)}
+
+    assert key not in entries((), ()) and entries(("pitch",), ())[key]["can"]
+    entry = entries((), (key,))[key]
+    assert not entry["can"] and entry["why_not"] == "vehicle.toml declares no pitch" and entry["parameters"]
 
 
 def test_the_soil_in_front_of_the_wheel_has_the_weight_of_its_soil() -> None:

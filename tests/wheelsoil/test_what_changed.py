@@ -108,6 +108,15 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
     assert abs(gone["soil.tan_phi"].difference) < inf
 
 
+def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
+    barred = sections(0.25, (78.0, 5.0), 700.0)
+    barred["causes"]["barred"] = ["torque_zero"]
+    last = load_last(write(tmp_path / "last.json", barred))
+    assert "torque_zero.offset_nm" not in {one.name for one in changes_since(last, sections(0.25, None, 700.0))}
+    named = {one.name: one for one in changes_since(last, sections(0.25, (78.0, 5.0), 700.0))}
+    assert named["torque_zero.offset_nm"].beyond, "it was not named, and is"
+
+
 def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) -> None:
     write(tmp_path / "monday.json", sections(0.25, None, 700.0))
     with pytest.raises(ConfigError, match="no report, or several"):
@@ -117,15 +126,11 @@ def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) ->
     assert load_last(tmp_path) == load_last(page) == load_last(tmp_path / "monday.json")
 
 
-def test_a_store_is_refused_with_what_shows_its_changes(tmp_path: Path) -> None:
-    (tmp_path / "store.json").write_text("{}")
-    with pytest.raises(ConfigError, match="store of a fleet") as refused:
-        load_last(tmp_path)
-    assert "wheelsoil fleet report" in str(refused.value)
+DAMAGED = '{"schema": "wheelsoil/report/2", "sections": {"fit": {"soils": [{"campaign": "clay"}]}}}'
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "wheelsoil/fit/1"}', DAMAGED])
 def test_what_is_no_report_is_refused_with_a_next_step(tmp_path: Path, text: str) -> None:
     (tmp_path / "other.json").write_text(text)
-    with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil"):
+    with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil|is damaged"):
         load_last(tmp_path / "other.json")

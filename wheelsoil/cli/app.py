@@ -67,6 +67,8 @@ COMMANDS: dict[str, Entry] = {
 }
 """Every subcommand, in the order of a test campaign."""
 
+_PREFIX = "Value error, "
+"""Of the library that checks values, before the message of typer."""
 BROKEN_PIPE_EXIT = 141
 INTERRUPTED_EXIT = 130
 
@@ -107,6 +109,9 @@ class LazyGroup(typer.core.TyperGroup):
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
+        except typer.BadParameter as error:
+            error.message = error.message.removeprefix(_PREFIX)
+            raise
         except WheelsoilError as error:
             raise SystemExit(_report(error)) from None
         except KeyboardInterrupt:

@@ -11,9 +11,11 @@ import typer
 
 from daq import ConfigError, VehicleConfig
 from wheelsoil.cli import options
+from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
 if TYPE_CHECKING:
+    from daq.runs import Run
     from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
 
@@ -33,6 +35,7 @@ def diagnose_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.WheelFiles = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -102,6 +105,7 @@ def diagnose_command(
         option = "--paired" if paired else "--error-of-form"
         raise ConfigError.of(f"{option} is of single-wheel tables", next_step="give --table FILE.csv")
     paths = runs or []
+    options.refuse_wheel_of_a_table(tables, wheel)
     if tables and plan:
         raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
     if tables:
@@ -112,8 +116,9 @@ def diagnose_command(
         if paired:
             _compare(benches, settings, json=json)
         else:
-            show = _shown(VehicleConfig(wheel=read[0].wheel_section), verbose=verbose, json=json)
-            _diagnose(benches, settings, output, show, force=force)
+            alone = PerWheel({"": []}, json=json)
+            show = _shown(alone, VehicleConfig(wheel=read[0].wheel_section), verbose=verbose)
+            alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
     files = Files(
         options.one_file(vehicle),
@@ -123,6 +128,7 @@ def diagnose_command(
         soil,
         lenient_dbc=lenient_dbc,
         accept_implausible=accept_implausible,
+        wheel=wheel,
     )
     if plan:
         if zero or choice:
@@ -132,11 +138,17 @@ def diagnose_command(
         _print_plan(found, target, json=json)
         return
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
-    processed = options.processed_for("diagnose", paths, files, by_hand)
-    vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
-    show = _shown(processed[0][0].vehicle if len(vehicles) == 1 else None, verbose=verbose, json=json)
-    campaigns = campaigns_of(paths, processed, soil)
-    _diagnose(campaigns, replace(settings, average=output is not None), output, show, force=force)
+    per_wheel = PerWheel(files.runs_of_wheels(paths, say), json=json)
+    settings = replace(settings, average=output is not None)
+
+    def work(of_wheel: list[Run]) -> None:
+        processed = options.processed_for("diagnose", of_wheel, files, by_hand)
+        vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
+        show = _shown(per_wheel, processed[0][0].vehicle if len(vehicles) == 1 else None, verbose=verbose)
+        target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
+        _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
+
+    per_wheel.each(work)
 
 
 def _diagnose(
@@ -197,7 +209,7 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _shown(vehicle: VehicleConfig | None, *, verbose: bool, json: bool) -> Callable[[Diagnosis], None]:
+def _shown(wheels: PerWheel, vehicle: VehicleConfig | None, *, verbose: bool) -> Callable[[Diagnosis], None]:
     """Return what prints a diagnosis; `vehicle` is None where the runs are of several."""
 
     def show(diagnosis: Diagnosis) -> None:
@@ -205,13 +217,14 @@ def _shown(vehicle: VehicleConfig | None, *, verbose: bool, json: bool) -> Calla
         from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
         width = terminal_width()
-        if json:
-            print_json(diagnosis_json(diagnosis))
-        else:
+
+        def print_text() -> None:
             from wheelsoil.report import checks_of
 
             lines = diagnosis_lines(diagnosis, vehicle, width, checks=checks_of(diagnosis), verbose=verbose)
             print("\n".join(lines))
+
+        wheels.show(lambda: diagnosis_json(diagnosis), print_text)
         for line in stages_lines(diagnosis, width):
             say(line)
 

@@ -149,7 +149,8 @@ def _duration(seconds: float) -> str:
 @fleet_app.command("status")
 def fleet_status(store: StoreUrl, json: options.Json = False) -> None:
     """Report what a store holds: campaigns and their verdicts, rows, what failed and why, what it took."""
-    from wheelsoil.fleet import holdings_of, open_store, uncollected
+    from wheelsoil.fleet import holdings_of, open_store
+    from wheelsoil.fleet.store import uncollected
 
     with uncollected():
         holdings = holdings_of(open_store(store))

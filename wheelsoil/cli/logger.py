@@ -97,6 +97,12 @@ def log_command(
         float | None, typer.Option(min=0.0, metavar="S", help="How long (default: until Ctrl-C).")
     ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Start no run until the status page does.")] = False,
+    wheel: Annotated[
+        str | None,
+        typer.Option(
+            "--wheel", metavar="ID", help="Of several [[wheel]], that on the status page (default: the first)."
+        ),
+    ] = None,
     terrain: options.Terrain = None,
     run_id: options.RunId = None,
     direction: options.DirectionOption = options.Direction.out,
@@ -135,17 +141,17 @@ def log_command(
         raise ConfigError.of("--wait begins between runs, where no file is named", out, next_step=step)
     info = options.run_info("", run_id or "", direction, pass_number, added_load, inflation)
     token = options.page_token(page_token_file)
-    zero_file = known.vehicle.transducer.zero_file
-    if zero_file and zero_file not in known.attachments:
-        say(
-            f"{zero_file} does not exist yet: the recording contains no zero, and `process` fails until the file exists"
-        )
+    shown = known.vehicle.for_wheel(wheel or next(iter(known.vehicle.wheel_ids), None), str(vehicle))
+    for zero_file in (each.transducer.zero_file for each in known.vehicle.each_wheel):
+        if zero_file and zero_file not in known.attachments:
+            what = "does not exist yet: the recording contains no zero, and `process` fails until the file exists"
+            say(f"{zero_file} {what}")
     with (
         _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as (panel, addresses),
         _status(panel, addresses) as progress,
     ):
         summary = log(
-            known.vehicle,
+            shown,
             out,
             duration_s=duration,
             run=info,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from daq.runs import Configuration, Run
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.runs import Check, Files
 
 Runs = Annotated[
     list[Path],
@@ -58,6 +58,25 @@ RunsFile = Annotated[
 ]
 ZeroFile = Annotated[
     Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
+]
+
+Against = Annotated[
+    str | None,
+    typer.Option(
+        "--against",
+        metavar="LAST",
+        help="An earlier report (JSON, page or folder) or a fleet's store: what has changed since.",
+    ),
+]
+
+
+Wheel = Annotated[
+    str | None,
+    typer.Option("--wheel", metavar="ID", help="One of several [[wheel]] in vehicle.toml (default: each in turn)."),
+]
+OneWheel = Annotated[
+    str | None,
+    typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]]."),
 ]
 
 
@@ -430,18 +449,29 @@ def refuse_two_sources(
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 
-def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
-    """Open and process runs as a choice says, and print what makes them implausible (stderr).
+def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
+    """Check that --wheel is not given with --table, where --where chooses; raises ConfigError."""
+    if table and wheel is not None:
+        raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
+
+
+def processed_for(
+    purpose: str, opened: Sequence[Run], files: Files, choice: Choice, check: Check | None = None
+) -> list[tuple[Run, ProcessedRun]]:
+    """Process the runs of one wheel as a choice says, and print what makes them implausible (stderr).
 
     Parameters
     ----------
     purpose : "fit", "diagnose", ...
         Of the processing: what a run must hold.
+    check : callable, optional
+        See `wheelsoil.workflows.runs.open_and_process`.
     """
     from wheelsoil.workflows.grading import doubted_runs
-    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.workflows.runs import process_runs
 
-    processed = open_and_process(runs, choice.process_options(purpose), files, choice=choice)
+    options, accept = choice.process_options(purpose), files.accept_implausible
+    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept, check=check)
     for text in doubted_runs(run for _, run in processed):
         say_folded(text)
     return processed

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daq import ConfigError, Fault
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
+
+if TYPE_CHECKING:
+    from wheelsoil.workflows.diagnosis import Processed
+    from wheelsoil.workflows.last_report import LastReport
 
 
 class Format(StrEnum):
@@ -44,6 +49,7 @@ def report_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.WheelFiles = None,
+    wheel: options.OneWheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -56,13 +62,7 @@ def report_command(
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LAST",
-            help="An earlier report (JSON, page or folder): what has changed since.",
-        ),
-    ] = None,
+    against: options.Against = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
@@ -77,14 +77,14 @@ def report_command(
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
     fault has cost a section or the diagnosis.
     """
-    from wheelsoil.workflows.last_report import load_last
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of, report_of_tables
     from wheelsoil.workflows.runs import Files
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
-    last = load_last(against) if against else None
+    options.refuse_wheel_of_a_table(tables, wheel)
+    last = _last(against) if against else None
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = options.chosen(
@@ -110,6 +110,7 @@ def report_command(
             soil,
             lenient_dbc=lenient_dbc,
             accept_implausible=accept_implausible,
+            wheel=wheel,
         )
         report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose, last=last)
     page, numbers = report.print(target, browser) if browser else report.write(target)
@@ -134,6 +135,34 @@ def report_command(
     if report.failed:
         say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
         raise typer.Exit(1)
+
+
+def _last(place: str) -> LastReport | Callable[[Processed], LastReport]:
+    """Return the last report, or what finds the last campaign in a store.
+
+    Raises
+    ------
+    ConfigError
+        There is no such report or store.
+    """
+    from wheelsoil.workflows.last_report import load_last, store_meant
+
+    url = store_meant(place)
+    if url is None:
+        return load_last(Path(place))
+
+    from wheelsoil.fleet import last_campaign, open_store
+    from wheelsoil.wording.store_text import damage_lines
+
+    store = open_store(url)
+
+    def find(processed: Processed) -> LastReport:
+        found, damaged = last_campaign(store, processed)
+        for line in damage_lines(url, damaged):
+            say(line)
+        return found
+
+    return find
 
 
 def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:
@@ -163,6 +192,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 def view_command(
     runs: options.Runs,
     vehicle: options.Vehicle = None,
+    wheel: options.OneWheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -174,6 +204,7 @@ def view_command(
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,
     token_file: options.TokenFile = None,
+    against: options.Against = None,
     browser: Annotated[bool, typer.Option(help="Open a browser if there is a display.")] = True,
 ) -> None:
     """Explore recordings in the browser: select runs and parts of them, adjust parameters, fit, diagnose.
@@ -190,5 +221,8 @@ def view_command(
 
     if soil is not None:
         known_soil(soil, None)
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
-    serve(runs, files, host=host, port=port, token=options.page_token(token_file), browser=browser, say=say)
+    if against:
+        _last(against)
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, wheel=wheel)
+    token = options.page_token(token_file)
+    serve(runs, files, host=host, port=port, token=token, browser=browser, say=say, against=against or "")

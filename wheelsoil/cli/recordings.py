@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, moment, number
-from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, configuration, pairs
+from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, Wheel, configuration, pairs
 from wheelsoil.console import check_output, counting, print_json, print_pairs, print_table, progress, say, say_folded
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wheelsoil.workflows.recordings import FileFacts
 
 _SHOWN_IDS = 20
+_IF_ANY = ("balance", "wheels")
 _LOSS_KINDS = {
     "kernel": "not read in time",
     "queue": "dropped by the logger",
@@ -97,6 +98,7 @@ def export_command(
 def info_command(
     runs: Runs,
     vehicle: Vehicle = None,
+    wheel: Wheel = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,
     lenient_dbc: LenientDbc = False,
@@ -109,13 +111,18 @@ def info_command(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List the contents of a recording, log or series: every message and signal, rates, gaps, losses, attachments."""
-    from daq.runs import open_runs
+    """List the contents of a recording, log or series: every message and signal, rates, gaps, losses, attachments.
+
+    With --wheel only that wheel's runs are checked for what is implausible; the list is of the whole file.
+    """
+    from daq.runs import one_wheel, open_runs
     from wheelsoil.workflows.recordings import file_facts
     from wheelsoil.workflows.runs import doubts_of
 
     given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
     opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
+    if wheel is not None:
+        one_wheel(opened, wheel)
     facts = []
     for run in opened:
         with counting(f"reading {run.path.name}", "frames") as watch:
@@ -128,8 +135,11 @@ def info_command(
                 print()
             _print(recording, None if all_ids else _SHOWN_IDS)
     for run, recording in zip(opened, facts, strict=True):
-        for text in [] if recording.recording_now else doubts_of(run):
-            say_folded(f"{recording.file}: {text}")
+        names: list[str | None] = [wheel] if wheel else [*run.vehicle.wheel_ids]
+        for name in [] if recording.recording_now else names or [None]:
+            of_wheel = f", wheel {name}" if name else ""
+            for text in doubts_of(run, name):
+                say_folded(f"{recording.file}{of_wheel}: {text}")
     for run, recording in zip(opened, facts, strict=True):
         if recording.recording_now:
             say(f"{recording.file}: still being recorded; the part written so far was read")
@@ -141,7 +151,7 @@ def _as_json(facts: FileFacts) -> dict[str, Any]:
     from wheelsoil.to_json import plain
     from wheelsoil.wording.notes import note_text
 
-    known: dict[str, Any] = {name: value for name, value in plain(facts).items() if name != "balance" or value}
+    known: dict[str, Any] = {name: value for name, value in plain(facts).items() if name not in _IF_ANY or value}
     return known | {
         "gaps": [{**plain(gap), "text": note_text(gap.note())} for gap in facts.gaps],
         "recording_now": facts.recording_now,
@@ -193,6 +203,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("sha256", facts.sha256),
         ("run", run),
         ("vehicle", facts.vehicle),
+        ("wheels", ", ".join(facts.wheels)),
         ("terrain", facts.terrain),
         ("start", moment(facts.start_ns) if facts.start_ns is not None else ""),
         ("duration", f"{facts.duration_s:.2f} s" if facts.start_ns is not None else ""),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +10,7 @@ import typer
 
 from daq import OUTPUTS, number
 from wheelsoil.cli import options
+from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.console import (
     check_output,
     computing,
@@ -23,6 +24,7 @@ from wheelsoil.console import (
 )
 
 if TYPE_CHECKING:
+    from daq.runs import Run
     from model.fit import CampaignFit
     from processing import ProcessedRun
     from wheelsoil.workflows.sinkage import SinkageFacts
@@ -39,6 +41,7 @@ def process_command(
         ),
     ] = None,
     vehicle: options.Vehicle = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -59,25 +62,45 @@ def process_command(
     json: options.Json = False,
 ) -> None:
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
-    from wheelsoil.wording.notes import texts_of
-    from wheelsoil.wording.run_summary import summary_table
-    from wheelsoil.workflows.runs import Files, open_and_process
+    from wheelsoil.workflows.runs import Files, process_runs
 
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
-    files = Files(vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible)
-    processed = open_and_process(runs, by_hand.process_options(rate_hz=rate), files, choice=by_hand)
+    settings = by_hand.process_options(rate_hz=rate)
+    files = Files(
+        vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+    )
+    opened = files.runs_of_wheels(runs, say)
+    found: list[tuple[str, ProcessedRun]] = []
+    wheels = PerWheel(opened, json=json)
+
+    def work(of_wheel: list[Run]) -> None:
+        done = process_runs(of_wheel, settings, zero=zero, choice=by_hand, accept_implausible=accept_implausible)
+        found.extend((wheels.wheel, run) for _, run in done)
+
+    try:
+        wheels.each(work)
+    finally:
+        if found:
+            _show_processed(found, target, json=json)
+
+
+def _show_processed(found: Sequence[tuple[str, ProcessedRun]], target: Path | None, *, json: bool) -> None:
+    from wheelsoil.wording.notes import texts_of
+    from wheelsoil.wording.run_summary import summary_table
+
     if target:
-        _write(target, [run for _, run in processed])
+        _write(target, found)
     if json:
-        print_json([_as_json(run) for _, run in processed])
+        print_json([({"wheel": wheel} if wheel else {}) | _as_json(run) for wheel, run in found])
         return
-    for i, (_, run) in enumerate(processed):
+    for i, (wheel, run) in enumerate(found):
         if i:
             print()
-        print_pairs(summary_table(run))
+        print_pairs([*([("wheel", wheel)] if wheel else []), *summary_table(run)])
+        name = f"{run.run.id}, wheel {wheel}" if wheel else run.run.id
         for text in texts_of(run.quality.notes):
-            say_folded(f"{run.run.id}: {text}")
+            say_folded(f"{name}: {text}")
 
 
 def _as_json(run: ProcessedRun) -> dict[str, Any]:
@@ -96,24 +119,26 @@ def _as_json(run: ProcessedRun) -> dict[str, Any]:
     }
 
 
-def _write(target: Path, processed: list[ProcessedRun]) -> None:
+def _write(target: Path, found: Sequence[tuple[str, ProcessedRun]]) -> None:
     from daq.series import write_blocks
     from processing import units_of
 
-    units = {name: unit for run in processed for name, unit in units_of(run).items()}
-    write_blocks(target, _blocks(processed, units), units)
+    units = {name: unit for _, run in found for name, unit in units_of(run).items()}
+    write_blocks(target, _blocks(found, units), units)
     say(f"wrote {target}")
 
 
-def _blocks(processed: list[ProcessedRun], names: Iterable[str]) -> Iterator[dict[str, Any]]:
+def _blocks(found: Sequence[tuple[str, ProcessedRun]], names: Iterable[str]) -> Iterator[dict[str, Any]]:
     import numpy as np
 
     from processing import block_of
 
-    for run in processed:
+    for wheel, run in found:
         for start in range(0, len(run), _BLOCK_ROWS):
             columns = block_of(run, names, slice(start, start + _BLOCK_ROWS))
-            yield {"run": np.full(len(columns["time_ns"]), run.run.id), **columns}
+            count = len(columns["time_ns"])
+            of_wheel = {"wheel": np.full(count, wheel)} if wheel else {}
+            yield {"run": np.full(count, run.run.id), **of_wheel, **columns}
 
 
 def fit_command(
@@ -122,6 +147,7 @@ def fit_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -144,12 +170,13 @@ def fit_command(
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage, relative to the measured one.
     """
-    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table
+    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, one_terrain
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.runs import Files
     from wheelsoil.workflows.tables import read_bench
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
+    options.refuse_wheel_of_a_table(table, wheel)
     by_hand = options.chosen(
         choice,
         sinkage=sinkage,
@@ -160,17 +187,36 @@ def fit_command(
     )
     choices = by_hand.fit_choices(load_model(model) if model else None)
     files = Files(
-        vehicle, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible
+        vehicle,
+        terrain,
+        runs_file,
+        zero,
+        soil,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+        wheel=wheel,
     )
     if table is not None:
         wheel_test = read_bench(table, files, rename=rename, where=where)
         with computing("fitting"):
             fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, choices, wheel_test.terrain)
-    else:
-        processed = options.processed_for(choices.purpose, runs or (), files, by_hand)
+        _show_fit_of_table(fit, json=json)
+        return
+    wheels = PerWheel(files.runs_of_wheels(runs or (), say), json=json)
+
+    def work(of_wheel: list[Run]) -> None:
+        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain)
         with computing("fitting"):
-            fit = fit_runs(processed, choices, soil)
-    comparison = _sinkages(fit) if table is not None else None
+            found = fit_runs(processed, choices, soil)
+        wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
+
+    wheels.each(work)
+
+
+def _show_fit_of_table(fit: CampaignFit, *, json: bool) -> None:
+    from wheelsoil.workflows.fit import fit_as_json
+
+    comparison = _sinkages(fit)
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))
         return
@@ -235,6 +281,7 @@ def sinkage_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
+    wheel: options.Wheel = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
     min_speed: options.MinSpeed = None,
@@ -253,18 +300,25 @@ def sinkage_command(
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
 
     options.refuse_two_sources(runs or (), table, None, [*(rename or ()), *(where or ())], "evaluate")
+    options.refuse_wheel_of_a_table(table, wheel)
     if table is not None:
         facts = _sinkage_of_table(table, rename, where, vehicle)
-    else:
-        files = Files(
-            vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible
-        )
-        by_hand = options.chosen(None, min_speed=min_speed)
-        facts = sinkage_of_runs(options.processed_for("sinkage", runs or (), files, by_hand))
-    if json:
-        print_json(sinkage_as_json(facts))
-    else:
-        print_sinkage(facts)
+        if json:
+            print_json(sinkage_as_json(facts))
+        else:
+            print_sinkage(facts)
+        return
+    files = Files(
+        vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+    )
+    by_hand = options.chosen(None, min_speed=min_speed)
+    wheels = PerWheel(files.runs_of_wheels(runs or (), say), json=json)
+
+    def work(of_wheel: list[Run]) -> None:
+        found = sinkage_of_runs(options.processed_for("sinkage", of_wheel, files, by_hand))
+        wheels.show(lambda: sinkage_as_json(found), lambda: print_sinkage(found))
+
+    wheels.each(work)
 
 
 def _sinkage_of_table(

@@ -201,6 +201,13 @@ def simulate_command(
     ] = None,
     radius: Annotated[float, typer.Option(metavar="M", help="Wheel radius.")] = 0.47,
     width: Annotated[float, typer.Option(metavar="M", help="Wheel width.")] = 0.318,
+    wheels: Annotated[
+        int, typer.Option("--wheels", metavar="N", help="Instrumented wheels: 1 (rear left), 2 (left) or 4.")
+    ] = 1,
+    faulty_wheel: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="Sensor effects are of this wheel only: FL, FR, RL or RR. [default: of all]"),
+    ] = None,
     draw_soil: Annotated[
         bool, typer.Option("--draw-soil", help="Draw the true soil from the laboratory's uncertainty.")
     ] = False,
@@ -247,6 +254,8 @@ def simulate_command(
     from wheelsoil.simulation.campaign import simulate_campaign
     from wheelsoil.simulation.options import SimulationOptions
 
+    if live is not None and wheels > 1:
+        raise ConfigError.of("--live sends one wheel", found=f"--wheels {wheels}", next_step="omit one of the two")
     options = SimulationOptions(
         soil=soil,
         effects=_effects(effect or []),
@@ -258,6 +267,8 @@ def simulate_command(
         pass_number=tuple(pass_number) if pass_number else (1,),
         inflation_kpa=tuple(inflation or ()),
         wheel=Wheel(radius, width),
+        wheels=wheels,
+        faulty_wheel=faulty_wheel or "",
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
         tilt_deg=tilt,
@@ -302,7 +313,7 @@ def _warn_of_inactive_effects(options: SimulationOptions) -> None:
 
     for name in options.effects:
         needs = EFFECTS[name].needs
-        if needs.several_passes and set(options.pass_number) == {1}:
+        if needs.several_passes and set(options.pass_number) == {1} and options.wheels == 1:
             say(f"{name} acts from the second pass on, but every run is a first pass: add --pass-number 2")
         if needs.roles:
             say(f"{name} cannot be diagnosed from this campaign: no signal for {', '.join(needs.roles)} is simulated")

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.options import Json, LenientDbc, Vehicle
+from wheelsoil.cli.options import Json, LenientDbc, OneWheel, Vehicle
 from wheelsoil.console import print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
-    from daq import Note, Quantity
+    from daq import Note, Quantity, WheelSection
     from processing.transducer_zero import Drift
     from wheelsoil.workflows.zero import Found
 
@@ -27,6 +27,7 @@ def zero_command(
         ),
     ],
     vehicle: Vehicle = None,
+    wheel: OneWheel = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Append to this file (default: beside vehicle.toml)."),
@@ -55,16 +56,22 @@ def zero_command(
     Appends to zero.toml; `log` attaches it if vehicle.toml names it, and `process` subtracts it. With two or more
     recordings the drift between them is printed. The exit code is 1 beyond --max-drift, or if that is not comparable.
     """
-    from daq.runs import open_runs
+    from daq.runs import one_wheel, open_runs
     from wheelsoil.wording.notes import texts_of
     from wheelsoil.workflows.zero import all_compared, append, check_place, drifts, find_zeros, too_far, zero_path
 
     most = _limits(max_drift)
-    first = open_runs(recordings[:1], vehicle=vehicle, lenient_dbc=lenient_dbc)[0]
+    first = one_wheel(open_runs(recordings[:1], vehicle=vehicle, lenient_dbc=lenient_dbc), wheel)[0]
     target = zero_path(first, vehicle, output)
     check_place(target)
     found = find_zeros(
-        recordings, vehicle=vehicle, from_s=from_s, to_s=to_s, on_ground=on_ground, lenient_dbc=lenient_dbc
+        recordings,
+        vehicle=vehicle,
+        wheel=wheel,
+        from_s=from_s,
+        to_s=to_s,
+        on_ground=on_ground,
+        lenient_dbc=lenient_dbc,
     )
     rows, remarks = drifts(found)
     append(target, found)
@@ -82,7 +89,7 @@ def zero_command(
     say(f"wrote {target}")
     usual = zero_path(first, vehicle, None)
     if not first.vehicle.transducer.zero_file or target.resolve() != usual.resolve():
-        say(f"  {_to_do(target, usual.parent)}")
+        say(f"  {_to_do(target, usual.parent, first.vehicle.wheel)}")
     for row in beyond:
         say(f"{row.channel}: {row.part} moved by {row.change:+.4g} {row.unit}, beyond --max-drift {max_drift}")
     if unknown:
@@ -91,10 +98,11 @@ def zero_command(
         raise typer.Exit(1)
 
 
-def _to_do(written: Path, folder: Path) -> str:
+def _to_do(written: Path, folder: Path, wheel: WheelSection | None) -> str:
     """Return the next step if vehicle.toml, in a folder, does not name the written file."""
     put = "" if written.resolve().parent == folder.resolve() else "put it beside vehicle.toml, and "
-    line = f'{put}add under [transducer] of vehicle.toml: zero_file = "{written.name}"'
+    section = f"[wheel.transducer] of wheel {wheel.id} in" if wheel and wheel.id else "[transducer] of"
+    line = f'{put}add under {section} vehicle.toml: zero_file = "{written.name}"'
     return f"vehicle.toml does not name it, so `log` does not attach it and `process` does not subtract it; {line}"
 
 

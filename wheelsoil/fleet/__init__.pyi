@@ -1,5 +1,6 @@
 from .campaign_task import FleetOptions as FleetOptions
 from .changes import Change as Change
+from .earlier_campaign import last_campaign as last_campaign
 from .engines import is_open_to_others as is_open_to_others
 from .holdings import Holdings as Holdings
 from .holdings import holdings_of as holdings_of
@@ -28,5 +29,4 @@ from .running import plan_fleet as plan_fleet
 from .running import run_fleet as run_fleet
 from .store import Store as Store
 from .store import open_store as open_store
-from .store import uncollected as uncollected
 from .tables import COLUMNS as COLUMNS

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, open_runs
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, one_wheel, open_runs
 from model import one_thread, processes
 from processing import LOOK
 from wheelsoil import __version__
@@ -134,7 +134,7 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         benches = tuple(read_benches([Path(source.path)], files))
         return _Opened(content_of(source, _hashes(facts), options), facts, benches=benches)
     omissions: list[str] = []
-    runs = tuple(open_runs([source.path], left_out=omissions.append))
+    runs = tuple(one_wheel(open_runs([source.path], left_out=omissions.append), None))
     facts = facts | facts_of(file for run in runs for file in run.files)
     chosen = source.folder / CHOICE_FILE
     described = [{name: hashlib.sha256(data).hexdigest() for name, data in run.attachments.items()} for run in runs]

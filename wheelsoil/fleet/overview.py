@@ -83,15 +83,15 @@ class Overview:
 
     @property
     def headline(self) -> str:
-        """What matters most, in a sentence."""
+        """The most important finding, in a sentence: wrong transducers, else named causes."""
         wrong = [passport for passport in self.pooled.passports if passport.decision != "nothing"]
         if wrong:
-            if len(alike := set(map(_channels, wrong))) > 1:
+            if len(errors := set(map(_channels, wrong))) > 1:
                 each = "; ".join(f"{passport.sensor}: {_channels(passport)}" for passport in wrong)
                 return f"{len(wrong)} transducers are wrong. {each}."
             serials = " and ".join(passport.sensor for passport in wrong)
-            are = "s {} are" if len(wrong) > 1 else " {} is"
-            return f"Transducer{are.format(serials)} wrong: {alike.pop()}."
+            subject = f"Transducers {serials} are" if len(wrong) > 1 else f"Transducer {serials} is"
+            return f"{subject} wrong: {errors.pop()}."
         by_campaigns = [error for error in self.pooled.named if error.is_transducers]
         if by_campaigns:
             effects = " and ".join(dict.fromkeys(plain_name(error.effect) for error in by_campaigns))
@@ -153,7 +153,12 @@ class Overview:
             rows=[_cells(row, folder) for row in self.campaigns.head(_MOST_ROWS).to_dict("records")],
             bars=[(plain_name(family), a, b, (a + b) / max(self.done, 1)) for family, (a, b) in bars],
             passports=[
-                (passport, _line(passport), passport_drawing(passport), trend_drawings(passport))
+                (
+                    passport,
+                    passport_line(passport, *_days(passport)),
+                    passport_drawing(passport),
+                    trend_drawings(passport),
+                )
                 for passport in self.pooled.passports
             ],
             named=list(named_lines(self.pooled.named)),
@@ -258,12 +263,9 @@ def _channels(passport: Passport) -> str:
 
 
 def _days(passport: Passport) -> tuple[str, str]:
+    """Return the first and the last day of a transducer's trends; "" without any."""
     years = [point.years for trend in passport.trends.values() for point in trend.points]
     return (day_of(min(years)), day_of(max(years))) if years else ("", "")
-
-
-def _line(passport: Passport) -> str:
-    return passport_line(passport, *_days(passport))
 
 
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,14 +17,18 @@ from processing import ProcessedRun, Segment
 from wheelsoil import __version__
 from wheelsoil.fleet.roots import Source
 from wheelsoil.fleet.tables import SAMPLES_HZ, schema_of
+from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.grading import grade_of
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import traction_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+_SIGMAS = 1.959964
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
         "runs": [_run(run, done) for run, done in found.processed],
         "notes": list(_notes(found)),
         "fits": list(_fits(found.fit)),
-        "coefficients": list(_coefficients(found.fit)),
+        "coefficients": [*_coefficients(found.fit), *_soils(found.diagnosis)],
         "diagnoses": [] if found.diagnosis is None else [_diagnosis(found.diagnosis)],
         "causes": [] if found.diagnosis is None else list(_causes(found.diagnosis)),
         "gains": [] if found.diagnosis is None else list(_gains(found.diagnosis)),
@@ -226,6 +230,15 @@ def _coefficients(fit: CampaignFit | None) -> Iterator[dict[str, Any]]:
         for estimate in model.estimates:
             lower, upper = estimate.interval
             yield _estimate(estimate.name, estimate.unit, estimate.value, lower, upper) | {"model": model.name}
+
+
+def _soils(found: Diagnosis | None) -> Iterator[dict[str, Any]]:
+    """Yield the soil as the diagnosis calibrated it: with the causes of a `named` verdict, else without any."""
+    model = MODELS["named"] if found and found.verdict == "named" else CALIBRATED_SOIL
+    for soil in found.soils if found else ():
+        for name, value in soil.values.items():
+            half = _SIGMAS * soil.sigmas.get(name, nan)
+            yield _estimate(name, SOIL_UNITS.get(name) or "1", value, value - half, value + half) | {"model": model}
 
 
 def _estimate(name: str, unit: str, value: float, lower: float, upper: float) -> dict[str, Any]:

@@ -23,7 +23,6 @@ _PATIENCE_S = 5.0
 _MAX_GAP_S = 1.0
 """Speeds are not interpolated over a longer gap; a GNSS receiver at 1 Hz is just accepted."""
 _MIN_SPEED_MPS = 0.5
-_SAME_START_S = 1.0
 _HELD_S, _HELD_SAMPLES = 0.5, 3
 """A slip counts as reached when it was held this long: at starting, a GNSS receiver's delay looks like 100 %."""
 _NOTHING = np.empty((0, 2))
@@ -68,6 +67,7 @@ class LiveSlip:
         self.pull, self.slip = Curve(), Curve()
         self.highest_slip: float | None = None
         self.lost_frames = self._lost_before = 0
+        self._run: str | None = None
         self._run_start_s = -np.inf
         self._waiting: FloatArray = _NOTHING
         self._speeds: dict[str, FloatArray] = {"wheel_speed": _NOTHING, "ground_speed": _NOTHING}
@@ -90,11 +90,11 @@ class LiveSlip:
 
     def _begin(self, snapshot: Mapping[str, Any], lost: int) -> None:
         """Forget the highest slip and what was lost where a new run began, or the time between runs."""
-        now_s, since_s = snapshot.get("session_s"), (snapshot.get("run") or {}).get("since_s")
-        if now_s is None or since_s is None or abs(now_s - since_s - self._run_start_s) < _SAME_START_S:
+        run, now_s = snapshot.get("run") or {}, snapshot.get("session_s")
+        if now_s is None or "id" not in run or run["id"] == self._run:
             return
-        self._lost_before = lost if np.isfinite(self._run_start_s) else 0
-        self._run_start_s, self.highest_slip = now_s - since_s, None
+        self._lost_before = 0 if self._run is None else lost
+        self._run, self._run_start_s, self.highest_slip = run["id"], now_s - run["since_s"], None
 
     def _compute_slip(self, radius_m: float, min_speed_mps: float) -> None:
         """Compute the slip of the samples up to which both speeds are known."""

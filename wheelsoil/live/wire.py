@@ -59,7 +59,7 @@ def command_from(body: bytes) -> Command | str:
 
 
 def _item(value: Any) -> Any:
-    """Return a numpy number as a Python one, anything else as text: a snapshot must never stop the logger."""
+    """Return a numpy value or enumeration member as Python has it, else a text: no snapshot may stop the logger."""
     for method in ("tolist", "value"):
         if hasattr(value, method):
             found = getattr(value, method)

@@ -11,6 +11,7 @@ from wheelsoil.wording.names import listed as listed
 from wheelsoil.wording.names import named_with_unit as named_with_unit
 from wheelsoil.wording.numbers import measured as measured
 from wheelsoil.wording.numbers import number as number
+from wheelsoil.wording.numbers import signed as signed
 
 _FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
 _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
@@ -24,12 +25,6 @@ def form_name(text: str) -> str:
 def count(value: int) -> str:
     """Return a whole number with thin spaces between thousands."""
     return f"{value:,}".replace(",", "\u202f")
-
-
-def signed(value: float, form: str) -> str:
-    """Return a number in a format of Python with a proper minus, and no sign before zero."""
-    text = f"{value:{form}}"
-    return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("+-")
 
 
 def interval(low: float, high: float, digits: int = 3) -> str:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ValidationError
 
 from daq import (
     SOIL_KEYS,
+    STANDARD_GRAVITY_MPS2,
     Channel,
     ConfigError,
     FloatArray,
@@ -46,9 +47,19 @@ from model.simulation import (
 from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_terrain
 from processing import LEVEL_DEG
 from wheelsoil import __version__
-from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.options import LAYOUTS, SimulationOptions
 from wheelsoil.simulation.ruts import drawn_rebound_m, rut_readings, slips_read
-from wheelsoil.simulation.vehicle import DBC_FILES, frame_batches, vehicle_config, virtual_frames
+from wheelsoil.simulation.vehicle import (
+    AXLES,
+    DBC_FILES,
+    axle_of,
+    config_of_wheels,
+    frame_batches,
+    frames_of_wheels,
+    side_of,
+    vehicle_config,
+    virtual_frames,
+)
 
 Format = Literal["mcap", "candump", "both"]
 
@@ -91,6 +102,38 @@ def simulated_setup(options: SimulationOptions) -> VirtualSetup:
             position_noise_m=k * gnss.position_noise_m,
         ),
     )
+
+
+def setup_of_wheel(options: SimulationOptions, wheel: str) -> VirtualSetup:
+    """Return the vehicle, its driver and its sensors as they are at one wheel, by its id; empty: the only one.
+
+    What the rear wheels do not carry at rest, and of an added load, the front wheels do.
+    """
+    setup = simulated_setup(options)
+    if not wheel:
+        return setup
+    rear = setup.vehicle
+    front = replace(
+        rear,
+        static_load_n=0.5 * rear.mass_kg * STANDARD_GRAVITY_MPS2 - rear.static_load_n,
+        added_load_share=0.5 - rear.added_load_share,
+        load_transfer=-rear.load_transfer,
+    )
+    transducer = replace(setup.transducer, side=side_of(wheel))
+    return replace(setup, vehicle=front if axle_of(wheel) == 1 else rear, transducer=transducer)
+
+
+def simulated_vehicle(options: SimulationOptions) -> VehicleConfig:
+    """Return vehicle.toml."""
+    if options.wheels == 1:
+        return vehicle_config(simulated_setup(options), options.wheel, BUS)
+    setups = {wheel: setup_of_wheel(options, wheel) for wheel in LAYOUTS[options.wheels]}
+    return config_of_wheels(setups, options.wheel, _buses(options))
+
+
+def _buses(options: SimulationOptions) -> dict[str, str]:
+    """Return the bus of each wheel's transducer: three messages at 1 kHz fill half of one."""
+    return {wheel: f"{BUS[:-1]}{number}" for number, wheel in enumerate(LAYOUTS[options.wheels])}
 
 
 def _quieter(setup: TransducerSetup, factor: float) -> TransducerSetup:
@@ -184,13 +227,15 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
     return whole(simulated_stretches(options, index))
 
 
-def simulated_stretches(options: SimulationOptions, index: int) -> Iterator[VirtualRun]:
-    """Yield one run of a campaign, stretch by stretch; it does not depend on the others.
+def simulated_stretches(options: SimulationOptions, index: int, wheel: str = "") -> Iterator[VirtualRun]:
+    """Yield one run of a campaign at one wheel, stretch by stretch; it does not depend on the others.
 
     Parameters
     ----------
     index : int
         From 0; loads and directions alternate.
+    wheel : str
+        Id of one of several, which share the drive and the GNSS fixes.
 
     Raises
     ------
@@ -204,17 +249,23 @@ def simulated_stretches(options: SimulationOptions, index: int) -> Iterator[Virt
     )
     interval_s = options.duration_s + _BETWEEN_RUNS_S
     elapsed_s = index * interval_s
+    info = _info(options, index)
+    number = LAYOUTS[options.wheels].index(wheel)
+    if wheel:
+        passages = (info.pass_number - 1) * AXLES + axle_of(wheel)
+        info = info.model_copy(update={"pass_number": passages})
     return virtual_stretches(
-        simulated_setup(options),
+        setup_of_wheel(options, wheel),
         model,
         {key: value for effect, values in acting for key, value in effect.keyed(values).items()},
-        _info(options, index),
+        info,
         start_ns=_start_ns(options, elapsed_s),
         elapsed_s=elapsed_s,
         rng=_stream(options, 2 + index),
-        ring=_stream(options, 1),
+        ring=_stream(options, 0, 7, number) if number else _stream(options, 1),
+        own=_stream(options, 0, 6, index, number) if wheel else None,
         campaign_s=(options.runs - 1) * interval_s + options.duration_s,
-        faults=_measurement_effects(options),
+        faults=_measurement_effects(options) if options.faulty_wheel in ("", wheel) else (),
     )
 
 
@@ -222,7 +273,7 @@ def _stream(options: SimulationOptions, *number: int) -> np.random.Generator:
     """Return an independent stream: 0 the soil, (0, 0) the stance, (0, 1) and (0, 2) the lifted wheel before and after.
 
     (0, 3) is the rebound of ruts, (0, 4, run) their readings, (0, 5) the set of a model file, 1 the toothed ring,
-    from 2 on the runs.
+    from 2 on the runs; (0, 6, run, wheel) is what is of one of several wheels alone, (0, 7, wheel) its ring.
     """
     return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=number))
 
@@ -280,7 +331,9 @@ def _info(options: SimulationOptions, index: int) -> RunInfo:
 def campaign_frames(options: SimulationOptions) -> Iterator[tuple[RunInfo, Iterator[FrameBatch]]]:
     """Yield each run with its frames, which are calculated as they are taken."""
     for index in range(options.runs):
-        yield _info(options, index), frame_batches(simulated_stretches(options, index), BUS)
+        wheels = {wheel: simulated_stretches(options, index, wheel) for wheel in LAYOUTS[options.wheels]}
+        stretches = (dict(zip(wheels, runs, strict=True)) for runs in zip(*wheels.values(), strict=True))
+        yield _info(options, index), frames_of_wheels(stretches, _buses(options))
 
 
 def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
@@ -325,7 +378,7 @@ def simulate_campaign(
         The files cannot be written.
     """
     _check_folder(folder, force=force)
-    vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
+    vehicle = simulated_vehicle(options)
     carried = {
         "vehicle.toml": to_toml(vehicle),
         "terrain.toml": to_toml(options.terrain),
@@ -342,13 +395,13 @@ def simulate_campaign(
         paths = [folder / f"{run.id}{suffix}" for suffix in suffixes]
         info = run.model_copy(update={"file": paths[0].name})
         counted = _Counted(batches)
-        _write_run(paths, info, counted, carried, vehicle if decoded else None)
+        _write_run(paths, info, counted, carried, vehicle, decoded=decoded)
         infos.append(info.model_copy(update={"rut": simulated_ruts(options, index)}))
         files += paths
         entries.append({"file": paths[0].name, "frames": counted.frames, "frames_sha256": counted.hash.hexdigest()})
     for lifted in lifted_runs(options):
         paths = [folder / f"{lifted.info.id}{suffix}" for suffix in suffixes]
-        _write_run(paths, lifted.info, frame_batches([lifted], BUS), carried, vehicle if decoded else None)
+        _write_run(paths, lifted.info, frame_batches([lifted], BUS), carried, vehicle, decoded=decoded)
         files += paths
     (folder / "runs.toml").write_bytes(runs_toml(infos))
     (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
@@ -400,16 +453,18 @@ def _write_run(
     info: RunInfo,
     batches: Iterable[FrameBatch],
     carried: dict[str, bytes],
-    vehicle: VehicleConfig | None,
+    vehicle: VehicleConfig,
+    *,
+    decoded: bool,
 ) -> None:
-    """Write one run into each of its files, or none where that fails; with a vehicle, also its decoded topics."""
+    """Write one run into each of its files, or none where that fails."""
     from daq.logs import write_candump
     from daq.recording import Recording
 
     try:
         for path in paths:
             if path.suffix == ".mcap":
-                _write_recording(path, info, batches, carried, vehicle)
+                _write_recording(path, info, batches, carried, vehicle, decoded=decoded)
                 batches = Recording.open(path).frame_batches()
             else:
                 write_candump(batches, path)
@@ -420,18 +475,24 @@ def _write_run(
 
 
 def _write_recording(
-    path: Path, info: RunInfo, batches: Iterable[FrameBatch], carried: dict[str, bytes], vehicle: VehicleConfig | None
+    path: Path,
+    info: RunInfo,
+    batches: Iterable[FrameBatch],
+    carried: dict[str, bytes],
+    vehicle: VehicleConfig,
+    *,
+    decoded: bool,
 ) -> None:
     from daq.can import Decoder
     from daq.recording import DecodedWriter, RecordingWriter
 
-    databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
+    databases = {bus.channel: tuple(load_database(carried[name], name) for name in bus.dbc) for bus in vehicle.bus}
     decoder = Decoder(databases)
     # the same command repeats what a crash would lose, so the size of a chunk is not limited
     with RecordingWriter(
         path, run=info, attachments=carried, overwrite=True, flush_every_s=None, sync_every_s=None
     ) as writer:
-        topics = DecodedWriter(writer, vehicle, databases) if vehicle else None
+        topics = DecodedWriter(writer, vehicle, databases) if decoded else None
         for batch in batches:
             writer.write_frames(batch)
             if topics:
@@ -450,6 +511,8 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
             "rate_hz": TRUTH_RATE_HZ,
             "quadrature": asdict(TRUTH_QUADRATURE),
             "wheel": asdict(options.wheel),
+            **({"wheels": list(LAYOUTS[options.wheels])} if options.wheels > 1 else {}),
+            **({"faulty_wheel": options.faulty_wheel} if options.faulty_wheel else {}),
             "soil": asdict(soil),
             **asdict(true_stance(options)),
             "effect": [{"name": name, "parameters": dict(values)} for name, values in options.effects.items()],

@@ -21,6 +21,8 @@ from model.wheel_soil import LABORATORY_SPREAD, SOILS, Reading, Soil, Wheel, soi
 from wheelsoil.workflows.fit import presets_near
 from wheelsoil.workflows.model_files import load_model
 
+LAYOUTS: dict[int, tuple[str, ...]] = {1: ("",), 2: ("FL", "RL"), 4: ("FL", "FR", "RL", "RR")}
+"""Instrumented wheels by their number: ids of front and rear, left and right; a single one is the rear left."""
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
 LONGEST_RUN_S = 86_400.0
 
@@ -48,6 +50,10 @@ class SimulationOptions:
         Number of the pass over the track, used in turn.
     inflation_kpa : tuple of float
         Tyre pressures stated in runs.toml, used in turn; if empty, the usual pressure acts and none is stated.
+    wheels : 1, 2 or 4
+        Instrumented ones, see `LAYOUTS`; two and more are written as ``[[wheel]]``.
+    faulty_wheel : str
+        Id of the only one whose sensors the measurement effects are of; empty: those of all.
     draw_soil : bool
         Draw the true soil from the laboratory's uncertainty instead of using the values of terrain.toml.
     wheel_axes : bool
@@ -85,6 +91,8 @@ class SimulationOptions:
     pass_number: tuple[int, ...] = (1,)
     inflation_kpa: tuple[float, ...] = ()
     wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
+    wheels: int = 1
+    faulty_wheel: str = ""
     draw_soil: bool = False
     wheel_axes: bool = False
     tilt_deg: float | None = None
@@ -109,6 +117,7 @@ class SimulationOptions:
             faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
         if not self.pass_number:
             faults.append(Fault("no pass number is given", next_step="give at least one, e.g. 1"))
+        faults += self._faults_of_wheels()
         if self.start.tzinfo is None:
             faults.append(Fault("the start has no time zone", found=str(self.start), next_step="add Z for UTC"))
         for name, values in self.effects.items():
@@ -116,6 +125,24 @@ class SimulationOptions:
         if faults:
             raise ConfigError(*faults)
         _ = self.laboratory_soil  # raises for an unknown soil
+
+    def _faults_of_wheels(self) -> list[Fault]:
+        if self.wheels not in LAYOUTS:
+            expected = ", ".join(map(str, LAYOUTS))
+            return [Fault("number of instrumented wheels is out of range", found=str(self.wheels), expected=expected)]
+        faults = []
+        if self.faulty_wheel and self.faulty_wheel not in LAYOUTS[self.wheels]:
+            expected = ", ".join(filter(None, LAYOUTS[self.wheels])) or "none: there is one wheel"
+            faults.append(Fault(f"no wheel is called {self.faulty_wheel!r}", expected=expected))
+        alone = [name for name, given in (("rut readings", self.rut), ("the lifted wheel", self.lifted)) if given]
+        if self.wheels > 1 and alone:
+            step = "omit them, or simulate one wheel"
+            faults.append(
+                Fault(
+                    f"{' and '.join(alone)} are simulated of one wheel", found=f"{self.wheels} wheels", next_step=step
+                )
+            )
+        return faults
 
     def _bounds(self) -> list[tuple[str, float, bool, str]]:
         loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
@@ -180,6 +207,8 @@ class SimulationOptions:
         words += [word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")]
         if self.wheel != default.wheel and not self.model_file:
             words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
+        words += ["--wheels", f"{self.wheels}"] if self.wheels > 1 else []
+        words += ["--faulty-wheel", self.faulty_wheel] if self.faulty_wheel else []
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
         words += [] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]
         words += [] if self.brakes is None else ["--brakes", self.brakes]

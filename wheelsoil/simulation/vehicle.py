@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from math import hypot
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,15 +30,19 @@ from model.wheel_soil import Wheel
 
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
 BITRATE = 1_000_000
+AXLES = 2
 FRAME_TIME_S = 110e-6
 """Approximate bus time of one frame of the transducer."""
 
-_SIGNALS = {
+_OF_THE_WHEEL = {
     "vertical_load": "WFT_Forces.Fz",
     "drawbar_pull": "WFT_Forces.Fx",
     "driving_torque": "WFT_Moments.My",
     "wheel_angle": "WFT_Wheel.Angle",
-    "wheel_speed": "WheelSpeeds.RearLeft",
+}
+_SPEED_SIGNALS = {"": "RearLeft", "FL": "FrontLeft", "FR": "FrontRight", "RL": "RearLeft", "RR": "RearRight"}
+"""Signal of a wheel's speed, by its id."""
+_OF_THE_VEHICLE = {
     "ground_speed": "GNSS_2.Speed",
     "ground_speed_valid": "GNSS_3.SpeedValid",
     "latitude": "GNSS_1.Latitude",
@@ -76,8 +82,10 @@ _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
         ),
     ),
 }
-"""Messages of each sensor, and the channel in each signal."""
+"""Messages of each sensor, and the channel in each signal; of several wheels each speed in the signal of its own."""
 
+_FRONT, _RIGHT = ("FL", "FR"), ("FR", "RR")
+_HALF_TRACK_M = 0.9
 _CONSTANT = {"Solution": 1.0}
 _NOT_AVAILABLE = "Not available"
 _HEADER_BITS = 47  # of a frame with an 11-bit identifier, gap to the next one included
@@ -86,7 +94,96 @@ _STUFFING = 1.1  # bits on the wire per bit of the frame, about
 
 def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
     """Return vehicle.toml: the known data of the vehicle and the declared ones of its sensors."""
-    vehicle, transducer, gnss = setup.vehicle, setup.transducer, setup.gnss
+    signals = _OF_THE_WHEEL | {"wheel_speed": f"WheelSpeeds.{_SPEED_SIGNALS['']}"} | _OF_THE_VEHICLE
+    return VehicleConfig(
+        vehicle=_vehicle(setup, None),
+        wheel=_wheel_section(setup, wheel, f"rear {setup.transducer.side}"),
+        bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
+        signals={role: SignalName.model_validate(text) for role, text in signals.items()},
+        sensors=_sensors(setup),
+        transducer=_transducer(setup),
+    )
+
+
+def config_of_wheels(setups: Mapping[str, VirtualSetup], wheel: Wheel, buses: Mapping[str, str]) -> VehicleConfig:
+    """Return vehicle.toml with several ``[[wheel]]``; setups and buses of the transducers are by the wheels' ids.
+
+    Wheel speeds and GNSS are on the first bus.
+    """
+    first = next(iter(buses.values()))
+    any_setup = next(iter(setups.values()))
+    return VehicleConfig.model_validate(
+        {
+            "vehicle": _vehicle(any_setup, AXLES),
+            "bus": [
+                BusSection(channel=bus, dbc=DBC_FILES if bus == first else DBC_FILES[:1], bitrate=BITRATE)
+                for bus in buses.values()
+            ],
+            "signals": _OF_THE_VEHICLE,
+            "sensors": _sensors(any_setup),
+            "wheel": [
+                _wheel_section(setup, wheel, "").model_dump()
+                | _place(name, setup.vehicle.wheelbase_m)
+                | {
+                    "id": name,
+                    "signals": {role: f"{buses[name]}:{signal}" for role, signal in _OF_THE_WHEEL.items()}
+                    | {"wheel_speed": f"WheelSpeeds.{_SPEED_SIGNALS[name]}"},
+                    "transducer": _transducer(setup),
+                }
+                for name, setup in setups.items()
+            ],
+        }
+    )
+
+
+def axle_of(wheel: str) -> int:
+    """Return the axle of a wheel by its id, from 1 at the front."""
+    return 1 if wheel in _FRONT else 2
+
+
+def side_of(wheel: str) -> Literal["left", "right"]:
+    """Return the side of a wheel by its id."""
+    return "right" if wheel in _RIGHT else "left"
+
+
+def _place(wheel: str, wheelbase_m: float) -> dict[str, Any]:
+    front, side = wheel in _FRONT, side_of(wheel)
+    return {
+        "position": f"{'front' if front else 'rear'} {side}",
+        "axle": axle_of(wheel),
+        "x_m": wheelbase_m if front else 0.0,
+        "y_m": _HALF_TRACK_M if side == "left" else -_HALF_TRACK_M,
+    }
+
+
+def _vehicle(setup: VirtualSetup, axles: int | None) -> VehicleSection:
+    name, brakes = "virtual test vehicle", setup.stance.brakes
+    return VehicleSection(name=name, mass_kg=setup.vehicle.mass_kg, standstill_brakes=brakes, axles=axles)
+
+
+def _wheel_section(setup: VirtualSetup, wheel: Wheel, position: str) -> WheelSection:
+    return WheelSection(
+        radius_m=wheel.radius_m,
+        width_m=wheel.width_m,
+        position=position,
+        outboard_mass_kg=setup.vehicle.outboard_mass_kg,
+        outboard_inertia_kgm2=setup.vehicle.outboard_inertia_kgm2,
+    )
+
+
+def _transducer(setup: VirtualSetup) -> TransducerSection:
+    transducer = setup.transducer
+    return TransducerSection(
+        frame=transducer.frame,
+        side=transducer.side,
+        angle_offset_deg=transducer.angle_offset_deg,
+        angle_direction=transducer.angle_direction,
+        zero=transducer.zero,
+    )
+
+
+def _sensors(setup: VirtualSetup) -> dict[str, SensorSection]:
+    transducer, gnss = setup.transducer, setup.gnss
     sigmas = {
         "vertical_load": hypot(transducer.load_noise_n, transducer.white_noise_n),
         "drawbar_pull": hypot(transducer.drawbar_pull_noise_n, transducer.white_noise_n),
@@ -98,31 +195,10 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
     delays = {role: transducer.latency_s + place * FRAME_TIME_S for role, place in on_bus.items()}
     delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
     delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
-    return VehicleConfig(
-        vehicle=VehicleSection(
-            name="virtual test vehicle", mass_kg=vehicle.mass_kg, standstill_brakes=setup.stance.brakes
-        ),
-        wheel=WheelSection(
-            radius_m=wheel.radius_m,
-            width_m=wheel.width_m,
-            position=f"rear {transducer.side}",
-            outboard_mass_kg=vehicle.outboard_mass_kg,
-            outboard_inertia_kgm2=vehicle.outboard_inertia_kgm2,
-        ),
-        bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
-        signals={role: SignalName.model_validate(text) for role, text in _SIGNALS.items()},
-        sensors={
-            role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
-            for role, delay in delays.items()
-        },
-        transducer=TransducerSection(
-            frame=transducer.frame,
-            side=transducer.side,
-            angle_offset_deg=transducer.angle_offset_deg,
-            angle_direction=transducer.angle_direction,
-            zero=transducer.zero,
-        ),
-    )
+    return {
+        role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
+        for role, delay in delays.items()
+    }
 
 
 def virtual_frames(run: SensedRun, bus: str = "can0") -> FrameBatch:
@@ -131,12 +207,25 @@ def virtual_frames(run: SensedRun, bus: str = "can0") -> FrameBatch:
 
 
 def frame_batches(stretches: Iterable[SensedRun], bus: str = "can0") -> Iterator[FrameBatch]:
-    """Encode a run, stretch by stretch, as frames of a bus that transmits one frame at a time.
+    """Encode the run of one wheel, stretch by stretch; see `frames_of_wheels`."""
+    return frames_of_wheels(({"": run} for run in stretches), {"": bus})
+
+
+def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mapping[str, str]) -> Iterator[FrameBatch]:
+    """Encode the run of a vehicle, stretch by stretch, as frames of buses that each transmit one frame at a time.
+
+    Parameters
+    ----------
+    stretches : iterable of mapping wheel -> SensedRun
+        By the wheels' ids; a single wheel has an empty one. Wheel speeds are stamped, and GNSS is taken, as the first
+        wheel has them.
+    buses : mapping wheel -> bus
+        Of its transducer; wheel speeds and GNSS are on that of the first.
 
     Yields
     ------
     FrameBatch
-        In time order; a time stamp is the host time at the end of the frame.
+        In time order on each bus; a time stamp is the host time at the end of the frame.
 
     Raises
     ------
@@ -144,32 +233,54 @@ def frame_batches(stretches: Iterable[SensedRun], bus: str = "can0") -> Iterator
         A value is outside the range of its signal.
     """
     messages = {m.name: m for name in DBC_FILES for m in load_database(shipped_dbc(name)).messages}
+    first = next(iter(buses))
+    speeds = {_SPEED_SIGNALS[wheel]: wheel for wheel in buses}
     encoders = [
-        _Encoder(messages[name], signals, sensor, bus) for sensor, layout in _LAYOUT.items() for name, signals in layout
+        (wheel, "transducer", _Encoder(messages[name], signals, bus))
+        for wheel, bus in buses.items()
+        for name, signals in _LAYOUT["transducer"]
     ]
-    line = _Line()
-    for run in stretches:
-        for encoder in encoders:
-            encoder.take(run)
+    encoders += [
+        (first, "wheel_speed", _Encoder(messages[name], speeds, buses[first])) for name, _ in _LAYOUT["wheel_speed"]
+    ]
+    encoders += [(first, "gnss", _Encoder(messages[name], signals, buses[first])) for name, signals in _LAYOUT["gnss"]]
+    lines = {bus: _Line() for bus in buses.values()}
+
+    def sent(before_ns: int | None) -> FrameBatch:
+        ready = [
+            line.one_at_a_time(merge([e.released(before_ns) for _, _, e in encoders if e.bus == bus]))
+            for bus, line in lines.items()
+        ]
+        return ready[0] if len(ready) == 1 else merge(ready)
+
+    for runs in stretches:
+        for wheel, sensor, encoder in encoders:
+            encoder.take(_speeds(runs) if sensor == "wheel_speed" else runs[wheel].sensors[sensor])
         # a sensor's stamps never decrease, so that no frame comes any more before the earliest of their last ones
-        known_ns = min(encoder.last_ns for encoder in encoders)
-        yield line.one_at_a_time(merge([encoder.released(known_ns) for encoder in encoders]))
-    yield line.one_at_a_time(merge([encoder.released(None) for encoder in encoders]))
+        yield sent(min(encoder.last_ns for _, _, encoder in encoders))
+    yield sent(None)
+
+
+def _speeds(runs: Mapping[str, SensedRun]) -> dict[str, Channel]:
+    """Return the wheel speeds by the wheels' ids, with the stamps of the first: they travel in one message."""
+    speeds = {wheel: run.sensors["wheel_speed"]["wheel_speed"] for wheel, run in runs.items()}
+    time_ns = next(iter(speeds.values())).time_ns
+    return {wheel: replace(channel, time_ns=time_ns) for wheel, channel in speeds.items()}
 
 
 class _Encoder:
     """Encodes one message of a run, stretch after stretch, and holds its frames until their turn comes."""
 
-    def __init__(self, message: Message, signals: Mapping[str, str], sensor: str, bus: str) -> None:
-        self._message, self._signals, self._sensor, self._bus = message, signals, sensor, bus
+    def __init__(self, message: Message, signals: Mapping[str, str], bus: str) -> None:
+        self._message, self._signals, self.bus = message, signals, bus
         self._count = 0
         self._held = FrameBatch.empty((bus,))
         self.last_ns = np.iinfo(np.int64).min
         """Of the last frame that came."""
 
-    def take(self, run: SensedRun) -> None:
-        """Encode a stretch."""
-        message, channels = self._message, run.sensors[self._sensor]
+    def take(self, channels: Mapping[str, Channel]) -> None:
+        """Encode a stretch; the channels are those of the sensor."""
+        message = self._message
         time_ns = channels[next(iter(self._signals.values()))].time_ns
         values = {name: _in_unit(message.by_name[name], channels[quantity]) for name, quantity in self._signals.items()}
         for name, signal in message.by_name.items():
@@ -177,7 +288,7 @@ class _Encoder:
                 values.setdefault(name, rolling_counter(len(time_ns), signal, self._count))
             elif name not in values:
                 values[name] = np.full(len(time_ns), _filler(signal))
-        encoded = encode(message, values, time_ns, self._bus)
+        encoded = encode(message, values, time_ns, self.bus)
         if encoded.saturated:
             raise DataError(
                 *(

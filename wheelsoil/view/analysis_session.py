@@ -22,6 +22,7 @@ from processing.pipeline import shares_of
 from wheelsoil import __version__
 from wheelsoil.view import jobs
 from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
+from wheelsoil.view.changes import rows_of_difference
 from wheelsoil.view.counts import selected_of
 from wheelsoil.view.curve import checked_values, curve_of, effect_entries, over_time, soil_parameters
 from wheelsoil.view.helper import Helper, HelperEndedError
@@ -34,6 +35,13 @@ from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
 from wheelsoil.workflows.runs import Files
 
 _TRIES = 3
+
+_ENDED = {
+    "running": "it was cancelled because the choice was changed",
+    "done": "the choice was changed since the last diagnosis",
+}
+_CHANGED, _CANCELLED = "the choice was changed in the meantime", "it was cancelled"
+"""Why a diagnosis by its state, or a fit, ended without a result."""
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "max_gap_s", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""
@@ -146,12 +154,13 @@ class UnknownKeyError(ConfigError):
 class AnalysisSession:
     """The campaigns on the page and the helper processes that compute; every method may be called from any thread.
 
-    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does.
+    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does. `against` is the place
+    of the last report, or of a store, with which each diagnosis is compared; empty: with nothing.
     """
 
-    def __init__(self, paths: Sequence[Path], files: Files) -> None:
+    def __init__(self, paths: Sequence[Path], files: Files, against: str = "") -> None:
         self.paths = tuple(paths)
-        self.files = files
+        self.files, self.against = files, against
         self.campaigns, self.remarks = open_campaigns(paths, files)
         self.lock = threading.RLock()
         self._started = token_hex(8)
@@ -205,16 +214,25 @@ class AnalysisSession:
         return jobs.decoded(file)
 
     def compare(self, places: Sequence[tuple[str, str]]) -> dict[str, Any]:
-        """Return medians of two runs or campaigns (without a run) from all samples; see `compared`."""
-        groups = []
+        """Return medians of two runs or campaigns (without a run) from all samples, and what their diagnoses differ in.
+
+        See `compared` and `rows_of_difference`; `changes` are None of one campaign, and where `undiagnosed` names some.
+        """
+        groups, viewed = [], []
         for campaign_key, run_key in places:
             with self.lock:
                 campaign = self.campaign(campaign_key)
                 keeps = campaign.keeps()
                 runs = [_of_key(campaign.runs, run_key, "run")] if run_key else campaign.runs
                 chosen = [(run.plot_data, keeps.get(run.key)) for run in runs if run_key or run.key in keeps]
+                viewed.append((campaign.name, campaign.diagnosis.found))
             groups.append([data.kept(keep) for data, keep in chosen if data])
-        return compared(groups)
+        found = [diagnosis for _, diagnosis in viewed if diagnosis is not None]
+        two = places[0][0] != places[1][0]
+        return compared(groups) | {
+            "changes": rows_of_difference(*found) if two and len(found) == len(viewed) else None,
+            "undiagnosed": [name for name, diagnosis in viewed if two and diagnosis is None],
+        }
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
         """Return a summary of the selected samples of a run; see `wheelsoil.view.counts.selected_of`."""
@@ -245,7 +263,7 @@ class AnalysisSession:
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
             reasons, roles = campaign.not_identifiable.get(choices.reading), campaign.first.vehicle.signals
             asked = campaign.ready_members(), campaign.options
-            pending = campaign.pending
+            chosen, pending = campaign.choice.effects, campaign.pending
         if reasons is None and not pending:
             reasons = self._not_identifiable(asked[0])
             with self.lock:
@@ -257,7 +275,7 @@ class AnalysisSession:
             "complete": reasons is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
-            "effects": effect_entries(base, choices.reading, reasons or {}, roles),
+            "effects": effect_entries(base, choices.reading, reasons or {}, roles, chosen),
         }
 
     def _not_identifiable(self, members: Sequence[Member]) -> dict[str, str]:
@@ -332,7 +350,8 @@ class AnalysisSession:
             return
         with suppress(WheelsoilError):
             members, choices = campaign.members(), campaign.choice.fit_choices()
-            asked = self._quick.ask(jobs.kept_diagnosis, members, self.paths, self.files.soil, choices)
+            given = members, self.paths, self.files.soil, choices, self.against
+            asked = self._quick.ask(jobs.kept_diagnosis, *given)
             mine.recalled = asked
             asked.add_done_callback(lambda _: self._put_kept(campaign, mine, asked))
 
@@ -349,7 +368,7 @@ class AnalysisSession:
         if not changed:
             return
         campaign.not_identifiable = {}
-        dropped, campaign.fits = campaign.fits, []
+        dropped, campaign.fits, campaign.fits_ended = campaign.fits, [], _CHANGED
         for asked in dropped:
             self._quick.drop(asked)
         if changed & _OF_DIAGNOSIS:
@@ -357,7 +376,8 @@ class AnalysisSession:
                 self._slow.drop(campaign.diagnosis.asked)
             if campaign.diagnosis.recalled is not None:
                 campaign.diagnosis.recalled.cancel()
-            campaign.diagnosis = DiagnosisOnPage()
+            mine = campaign.diagnosis
+            campaign.diagnosis = DiagnosisOnPage(ended=_ENDED.get(mine.state, mine.ended))
 
     def fit(self, key: str) -> dict[str, Any]:
         """Fit the campaign with its choice; the numbers are those of ``wheelsoil fit --choice``."""
@@ -372,7 +392,7 @@ class AnalysisSession:
         finally:
             with self.lock:
                 if asked not in campaign.fits:
-                    raise _changed_meanwhile(campaign, "fit again")
+                    raise NotReadyError.of(f"no fit: {campaign.fits_ended}", campaign.name, next_step="fit again")
                 campaign.fits.remove(asked)
         return found
 
@@ -384,7 +404,7 @@ class AnalysisSession:
                 raise NotReadyError.of("a diagnosis is running already", next_step="wait until it has ended")
             members, choices = campaign.members(), campaign.choice.fit_choices()
             mine = campaign.diagnosis = DiagnosisOnPage("running")
-            given = members, self.paths, self.files.soil, choices
+            given = members, self.paths, self.files.soil, choices, self.against
             asked = mine.asked = self._slow.ask(jobs.diagnose_members, *given, watch=mine.watch)
             entry = campaign_entry(campaign, self.files)
 
@@ -405,9 +425,9 @@ class AnalysisSession:
         """Cancel the fits and the diagnosis of a campaign that are underway, and return the campaign's entry."""
         with self.lock:
             campaign = self.campaign(key)
-            dropped, campaign.fits = campaign.fits, []
+            dropped, campaign.fits, campaign.fits_ended = campaign.fits, [], _CANCELLED
             if campaign.diagnosis.state == "running":
-                running, campaign.diagnosis = campaign.diagnosis.asked, DiagnosisOnPage()
+                running, campaign.diagnosis = campaign.diagnosis.asked, DiagnosisOnPage(ended=_CANCELLED)
             else:
                 running = None
             entry = campaign_entry(campaign, self.files)
@@ -451,10 +471,6 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
 
 def _not_processed(run: ViewedRun) -> NotReadyError:
     return NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
-
-
-def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
-    return NotReadyError.of("the choice was changed in the meantime", campaign.name, next_step=step)
 
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:

@@ -87,13 +87,17 @@ class ViewedRun:
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis: its state, how far it is, its result, and the pending answers: of it, and whether it is kept."""
+    """A diagnosis: its state, how far it is, its result, and the pending answers: of it, and whether it is kept.
+
+    `ended` says what became of the one before, where that was cancelled or no longer holds.
+    """
 
     state: DiagnosisState = "none"
     asked: Future[dict[str, Any]] | None = None
     recalled: Future[dict[str, Any] | None] | None = None
     found: dict[str, Any] | None = None
     faults: tuple[Fault, ...] = ()
+    ended: str = ""
     share: float = 0.0
     began_s: float | None = None
     ends_s: float = 0.0
@@ -133,6 +137,8 @@ class ViewedCampaign:
         Number of choices since the page was opened.
     fits : list of Future
         Pending fits.
+    fits_ended : str
+        Why the last ones that were pending got no answer.
     medians : mapping run's key ("": all runs) -> (kept parts, load in N, ground speed in m/s)
         The last medians of the used samples, NaN if there are none, and the parts they were computed from.
     """
@@ -150,6 +156,7 @@ class ViewedCampaign:
     not_identifiable: dict[str, dict[str, str]] = field(default_factory=dict)
     chosen: int = 0
     fits: list[Future[dict[str, Any]]] = field(default_factory=list)
+    fits_ended: str = ""
     medians: dict[str, tuple[Keeps, float, float]] = field(default_factory=dict)
 
     @property

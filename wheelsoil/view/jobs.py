@@ -19,12 +19,15 @@ from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
+from wheelsoil.view.changes import changes_since_last
 from wheelsoil.view.medians import medians_of
 from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
+from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost_title
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import finding_of, reduction_in, refusal_words, size_text, statements_of
+from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -32,8 +35,8 @@ from wheelsoil.workflows.diagnosis import (
     diagnosis_options,
     known_diagnosis,
 )
-from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
-from wheelsoil.workflows.key_figures import figures_of_diagnosis
+from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
+from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis
 from wheelsoil.workflows.runs import process_runs
 
 _UNIT_WEIGHT_N_M3 = float(Conditions.unit_weight_n_m3)
@@ -153,30 +156,47 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
 
 
 def diagnose_members(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices, against: str = ""
 ) -> dict[str, Any]:
-    """Return the diagnosis as `diagnose --json` prints it, with its sentences; see `diagnose_campaigns` for errors."""
-    campaigns = campaigns_of(paths, _taken(members, "diagnose"), soil)
-    return _on_page(diagnose_campaigns(campaigns, diagnosis_options(choices.reading)))
+    """Return the diagnosis as `diagnose --json` prints it, and what the page writes; see `diagnose_campaigns`."""
+    taken = _taken(members, "diagnose")
+    diagnosis = diagnose_campaigns(campaigns_of(paths, taken, soil), diagnosis_options(choices.reading))
+    return _on_page(diagnosis, taken, soil, choices, against)
 
 
 def kept_diagnosis(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices, against: str = ""
 ) -> dict[str, Any] | None:
     """Return what `diagnose_members` returns if it is kept from before; else None, without computing it."""
-    campaigns = campaigns_of(paths, _taken(members, "diagnose"), soil)
-    diagnosis = known_diagnosis(campaigns, diagnosis_options(choices.reading))
-    return None if diagnosis is None else _on_page(diagnosis)
+    taken = _taken(members, "diagnose")
+    diagnosis = known_diagnosis(campaigns_of(paths, taken, soil), diagnosis_options(choices.reading))
+    return None if diagnosis is None else _on_page(diagnosis, taken, soil, choices, against)
 
 
-def _on_page(diagnosis: Diagnosis) -> dict[str, Any]:
-    found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown_of(diagnosis))
-    return found
+def _on_page(
+    diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices, against: str
+) -> dict[str, Any]:
+    """Return a diagnosis for the page; `against` is the place of the last report or of a store, if there is one."""
+    shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices))
+    found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
+    return found | {"since": changes_since_last(against, found, taken) if against else None}
 
 
-def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return what the page writes of a diagnosis: its sentences, and its key figures as text and unrounded."""
+def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices) -> CausesCost | None:
+    """Return what the causes cost; None where none is named, or the model has no answer."""
+    first, runs = taken[0][0], whole_runs(run for _, run in taken)
+    wheel, laboratory = wheel_of(first.vehicle, first.vehicle_source), known_soil(soil, first.terrain)
+    try:
+        return cost_of_verdict(diagnosis, runs, wheel, laboratory, choices.reading)
+    except DataError:
+        return None
+
+
+def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, Any]:
+    """Return what the page writes of a diagnosis: its sentences, its key figures as text and unrounded, its cost."""
     figures = figures_of_diagnosis(diagnosis)
+    rows = cost_rows(cost) if cost else []
+    figures |= {cell.key: cell for row in rows for cell in row if isinstance(cell, KeyFigure)}
     _, *others = statements_of(diagnosis)
     return {
         "finding": finding_of(diagnosis),
@@ -191,6 +211,12 @@ def shown_of(diagnosis: Diagnosis) -> dict[str, Any]:
         "figures": {
             key: {"value": figure.value, "text": figure_value(figure), "unit": figure.unit, "model": figure.model}
             for key, figure in figures.items()
+        },
+        "cost": cost
+        and {
+            "title": cost_title(cost),
+            "says": f"{cost_meaning(cost)} {cost_note(cost)}",
+            "rows": [[cell.key if isinstance(cell, KeyFigure) else cell for cell in row] for row in rows],
         },
     }
 

@@ -123,7 +123,9 @@ def _options(files: Files) -> list[str]:
         "--zero": files.zero,
     }
     found = [part for name, path in named.items() if path for part in (name, str(path.resolve()))]
-    return [*found, *(["--soil", files.soil] if files.soil else []), *(["--lenient-dbc"] if files.lenient_dbc else [])]
+    wheel = ["--wheel", files.wheel] if files.wheel else []
+    soil = ["--soil", files.soil] if files.soil else []
+    return [*found, *wheel, *soil, *(["--lenient-dbc"] if files.lenient_dbc else [])]
 
 
 def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
@@ -146,7 +148,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
             "left_s": diagnosis.left_s,
             "verdict": found.get("verdict"),
             "sentence": found.get("sentence"),
-            "why": fault_line(diagnosis.faults),
+            "why": fault_line(diagnosis.faults) or diagnosis.ended or None,
         },
         "choice": campaign.choice.to_mapping(),
         "chosen": campaign.chosen,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from daq import ConfigError
-from daq.series import draft_of
+from daq.series import write_whole
 from wheelsoil.view.campaigns import ViewedCampaign
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.workflows.recordings import sha256_of
@@ -31,14 +31,13 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     path = _target(campaign.folder, name)
     if path.name.lower() in _OURS or (replace_it and _is_another(path)):
         raise ConfigError.of("this file is not a choice", path, next_step="choose another name")
-    text = complete(campaign).to_toml().encode("utf-8", "replace")
+    text = complete(campaign).to_toml()
     try:
         if replace_it:
-            with draft_of(path) as draft:
-                draft.write_bytes(text)
+            write_whole(path, text)
         else:
             with path.open("xb") as file:
-                file.write(text)
+                file.write(text.encode(errors="replace"))
     except FileExistsError:
         raise ConfigError.of("the file exists already", path, next_step="choose another name, or replace it") from None
     except OSError as error:

@@ -154,6 +154,7 @@ def serve(
     token: str | None,
     browser: bool,
     say: Callable[[str], None],
+    against: str = "",
 ) -> None:
     """Open the recordings and serve the page until Ctrl-C or SIGTERM.
 
@@ -169,6 +170,8 @@ def serve(
         Open a browser if there is a display.
     say : callable
         Prints the addresses and the skipped files.
+    against : str
+        See `AnalysisSession`.
 
     Raises
     ------
@@ -186,7 +189,7 @@ def serve(
         before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         signal.signal(signal.SIGTERM, _end)
         try:
-            session = AnalysisSession(paths, files)
+            session = AnalysisSession(paths, files, against)
             try:
                 _print_addresses(session.remarks, printable_addresses(addresses, token), say)
                 if browser and _has_display():

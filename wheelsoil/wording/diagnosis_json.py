@@ -68,12 +68,12 @@ def next_run_json(run: NextRun) -> dict[str, Any]:
 
 
 def _reason(why: Note) -> dict[str, Any]:
-    """Return why a probable family is not named, or what leaves data unexplained where lack of fit does not."""
+    """Return a reason (of a family that is not named, of data that stay unexplained) as code, sentence and values."""
     return {"code": str(why.code), "text": note_text(why), "values": dict(why.values)}
 
 
 def _laboratory(found: Diagnosis) -> dict[str, Any]:
-    """Return what the laboratory has wrong, and what it may have wrong in place of a named cause."""
+    """Return laboratory values that the runs refute, and those whose error may replace a named cause."""
     return {
         "refuted": [vars(refuted) for refuted in found.grounds.refuted_soil],
         "in_place_of": [{"family": rival.family, **vars(rival.soil)} for rival in found.grounds.soil_instead],
@@ -81,10 +81,10 @@ def _laboratory(found: Diagnosis) -> dict[str, Any]:
 
 
 def _form_errors(found: Diagnosis) -> dict[str, Any]:
-    """Return what a table's verdict takes for the error of form, and what another one would change.
+    """Return the error of form that the verdict of a table assumes, and what a different one would change.
 
-    `turned`: the verdicts of half and twice of it, where they differ; `adequate_at`: the one at which an unexplained
-    table has an adequate explanation.
+    `turned`: the verdicts with half and with twice this error, if they differ; `adequate_at`: the error with which an
+    unexplained table would have an adequate explanation.
     """
     turned = found.grounds.form_matters
     code, values = (turned.code, turned.values) if turned else (None, {})
@@ -99,7 +99,7 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
 
 
 def _further(family: str, found: Diagnosis) -> dict[str, Any]:
-    """Return a family that probably acts beside the named ones, and what bars its name; None: its probability."""
+    """Return a family that probably acts beside the named ones; `barred` is None where only its probability bars it."""
     chances = {candidate.name: candidate.probability for candidate in found.candidates}
     why = found.not_identifiable.get(family)
     return {"name": family, "probability": chances.get(family), "barred": None if why is None else _reason(why)}
@@ -134,12 +134,10 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
     def scores(found: dict[str, Scores]) -> dict[str, Any]:
         pull = found.get("dp")
         top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
-        likelihood = next(
-            (score.log_likelihood for score in found.values()), float("nan")
-        )  # of a run, all its channels
+        of_a_run = next((score.log_likelihood for score in found.values()), float("nan"))  # each channel has the same
         return {
             **top,
-            "log_likelihood_of_a_run": likelihood,
+            "log_likelihood_of_a_run": of_a_run,
             "channels": {channel: vars(s) for channel, s in found.items()},
         }
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
-from wheelsoil.wording.names import chance, effect_name, plain_name
+from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _CONDITIONS = {
@@ -25,7 +25,6 @@ _CONDITIONS = {
     "body_pitch_rad": "the pitch of the body",
     "outboard_mass_kg": "the outboard weight along a slope (an accelerometer takes it off)",
 }
-_ROW_UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
 
 
 def _inputs(v: Values) -> str:
@@ -64,7 +63,7 @@ def _of_campaign(v: Values) -> str:
 def _outliers(v: Values) -> str:
     return (
         f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "
-        "sigma, are left out: look at the ground speed and the forces there"
+        "sigma, are excluded: check the ground speed and the forces there"
     )
 
 
@@ -102,16 +101,12 @@ def _other_form(v: Values) -> str:
     return f"by itself, {v['campaign']} asks for {plain_name(v['family'])} as {v['form']} instead ({nats})"
 
 
-def _repeats(v: Values) -> str:
-    factor, unit = _ROW_UNITS[v["channel"]]
-    usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
-    return f"{OUTPUTS[v['channel']].name}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
-
-
-def _stated(v: Values) -> str:
-    factor, unit = _ROW_UNITS[v["channel"]]
-    usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
-    return f"{OUTPUTS[v['channel']].name}: one-sigma {factor * v['scatter']:.2g} {unit} by the table; {usual}"
+def _scatter(v: Values, template: str) -> str:
+    """Return what is known of a channel's scatter, by a template of it, beside the error of form of a right model."""
+    factor, unit = page_unit(v["channel"])
+    scatter, form = (f"{factor * v[name]:.2g} {unit}" for name in ("scatter", "form_scale"))
+    known = f"{OUTPUTS[v['channel']].name}: {template.format(scatter)}"
+    return f"{known}; a right model may have an error of form of {form}"
 
 
 def _form_decides(v: Values) -> str:
@@ -146,7 +141,7 @@ def _without_gate(v: Values) -> str:
 
 
 def _unseen(v: Values) -> str:
-    factor, unit = _ROW_UNITS[v["channel"]]
+    factor, unit = page_unit(v["channel"])
     errors: Mapping[str, Any] = v["errors"]
     words = ", ".join(f"{effect_name(key)} {factor * error:.2g}" for key, error in errors.items())
     return (
@@ -171,36 +166,35 @@ def _terrains(v: Values) -> str:
     )
 
 
-def _no_better(v: Mapping[str, Any]) -> str:
+def _no_better(v: Values) -> str:
     return (
         f"held-out runs or conditions are not predicted well enough: the log score rises by {v['nats']:.2g} nats, "
         f"less than {v['least']:g}, and no error falls for certain"
     )
 
 
-def _more_than_noise(v: Mapping[str, Any]) -> str:
-    channel = OUTPUTS[v["channel"]]
-    factor, unit = (1e3, "mm") if channel.unit == "m" else (1.0, channel.unit_text)
+def _more_than_noise(v: Values) -> str:
+    factor, unit = page_unit(v["channel"])
     error, expected = (f"{factor * v[which]:.3g} {unit}" for which in ("error", "expected"))
     return (
-        f"no cause is detected, but the held-out error of {channel.name} is {error}, "
+        f"no cause is detected, but the held-out error of {OUTPUTS[v['channel']].name} is {error}, "
         f"where soil and noise give {expected}"
     )
 
 
-def _worse(v: Mapping[str, Any]) -> str:
+def _worse(v: Values) -> str:
     return (
         f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
         f"({v['low']:.0f} to {v['high']:.0f})"
     )
 
 
-def _cancel(v: Mapping[str, Any]) -> str:
+def _cancel(v: Values) -> str:
     families = " and ".join(plain_name(f) for f in v["families"])
     return f"{families} cancel each other, and what remains is explained as well without {plain_name(v['without'])}"
 
 
-def _peak(v: Mapping[str, Any]) -> str:
+def _peak(v: Values) -> str:
     return (
         "its probability is "
         f"{chance(v['probability'])} where the stress peak lies ahead of the wheel's bottom, as it does on most soils"
@@ -236,7 +230,7 @@ STEP_KEYS: dict[str, str] = {
     StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
     StepCode.LIFTED_ZERO: "`wheelsoil zero RECORDING`, and zero_file in vehicle.toml",
 }
-"""Where what a step gives is written."""
+"""Key of a file under which the result of a step is written."""
 
 SENTENCES: dict[str, Sentence] = {
     StepCode.LIKE_OTHERS: "one more run like the others",
@@ -320,8 +314,8 @@ SENTENCES: dict[str, Sentence] = {
         "prior scales in N and N m are stated for a wheel under 10 kN; here {share:.3g} of them (median load "
         "{load_n:.3g} N)"
     ),
-    DiagnosisCode.REPEATS_SCATTER: _repeats,
-    DiagnosisCode.SCATTER_STATED: _stated,
+    DiagnosisCode.REPEATS_SCATTER: lambda v: _scatter(v, "repeats scatter by {}"),
+    DiagnosisCode.SCATTER_STATED: lambda v: _scatter(v, "one-sigma {} by the table"),
     DiagnosisCode.REPEATS_MIXED: _mixed_repeats,
     DiagnosisCode.LIKELIEST_SET: _likeliest,
     DiagnosisCode.WITHOUT_GATE: _without_gate,

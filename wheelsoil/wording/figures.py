@@ -30,16 +30,24 @@ def recording_figures() -> Iterator[dict[str, float]]:
 
 
 def figure_value(figure: KeyFigure) -> str:
-    """Return the value of a figure as text, without its unit; a percentage has its sign."""
+    """Return the value of a figure as text, without its unit; a percentage has its sign, a change in percent none."""
     if (keys := _written.get()) is not None:
         keys[figure.key] = figure.value
+    return _written_as(figure, figure.value)
+
+
+def _written_as(figure: KeyFigure, value: float) -> str:
+    """Return a value by the rule of a figure."""
     if figure.digits == "probability":
-        return chance(figure.value)
+        return chance(value)
+    if figure.digits in ("change", "percent change"):
+        text = number(100 * value if figure.digits == "percent change" else value, 2)
+        return f"+{text}" if value > 0 and text != "0" else text
     if figure.digits == "percent":
-        return f"{100 * figure.value:.0f} %".replace("-", "−") if isfinite(figure.value) else "–"
+        return f"{100 * value:.0f} %".replace("-", "−") if isfinite(value) else "–"
     if figure.digits == "three decimals":
-        return f"{figure.value:.3f}".replace("-", "−") if isfinite(figure.value) else "–"
-    return measured(figure.value, figure.sigma) if figure.digits == "by sigma" else number(figure.value)
+        return f"{value:.3f}".replace("-", "−") if isfinite(value) else "–"
+    return measured(value, figure.sigma) if figure.digits == "by sigma" else number(value)
 
 
 def figure_text(figure: KeyFigure) -> str:
@@ -52,8 +60,7 @@ def figure_interval(figure: KeyFigure, joint: str = " to ") -> str:
     low, high = figure.interval95
     if not (isfinite(low) and isfinite(high)):
         return "–"
-    written = [measured(end, figure.sigma) if figure.digits == "by sigma" else number(end) for end in (low, high)]
-    return joint.join(written)
+    return joint.join(_written_as(figure, end) for end in (low, high))
 
 
 def figure_html(figure: KeyFigure) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 WRAPPED = "wrapped"
-"""Kind of a count of gaps in which a rolling counter may have gone round unseen."""
+"""Kind of a count of gaps so long that a rolling counter may have wrapped around."""
 
 
 def losses_as_texts(losses: Mapping[str, int]) -> dict[str, str]:
     """Return what was lost, by the keys of the ``losses`` of a recording or of a logger's summary.
 
-    The count of a rolling counter that may have gone round more often is the least: "at least 63".
+    What a rolling counter that may have wrapped around counts is a lower bound: "at least 63".
     """
     return {
         key: f"{'at least ' if _is_least(key, losses) else ''}{count:,}"

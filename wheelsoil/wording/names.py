@@ -51,6 +51,15 @@ SOIL_LETTERS = {
 }
 """The textbook's letters of the soil's parameters."""
 
+SOIL_UNITS = {
+    "cohesion_pa": "Pa",
+    "tan_phi": "",
+    "shear_modulus_m": "m",
+    "sinkage_exponent": "",
+    "cohesive_modulus": "N/m^(n+1)",
+    "frictional_modulus": "N/m^(n+2)",
+}
+"""Units of the soil's parameters; "" for a plain number."""
 
 LABORATORY = "Wong, laboratory soil"
 """Wong's model with the soil of terrain.toml."""
@@ -85,7 +94,7 @@ def letter(name: str) -> str:
 
 
 def named_with_unit(name: str) -> tuple[str, str]:
-    """Return "drawbar pull noise", "N" of ``drawbar_pull_noise_n``; no unit where the name ends in none."""
+    """Return "drawbar pull noise", "N" of ``drawbar_pull_noise_n``; "" as the unit where the name ends in none."""
     plain, _, last = name.rpartition("_")
     known = plain and last in _UNITS
     return (plain if known else name).replace("_", " "), _UNITS[last] if known else ""
@@ -116,7 +125,7 @@ def family_of(key: str) -> str:
 
 
 def parameter_name(key: str, name: str) -> str:
-    """Return the name of a cause's parameter; of a combination, what it is made of."""
+    """Return the name of a cause's parameter; of a total, with its summands: "p = m1 + m2"."""
     return EFFECTS[key].spelled(name) if key in EFFECTS else name
 
 

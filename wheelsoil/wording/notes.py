@@ -44,21 +44,21 @@ def step_text(run: NextRun) -> str:
 
 
 def odds_text(nats: float) -> str:
-    """Return a logarithm of odds as odds: "33 : 1"; above 1000 : 1 they decide, whatever they are."""
+    """Return a logarithm of odds as odds: "33 : 1"; beyond 1000 : 1, which decides, only that."""
     if not isfinite(nats):
         return "-"
     return "above 1000 : 1" if nats > log(_DECIDING_ODDS) else f"{number(exp(max(nats, 0.0)), 2)} : 1"
 
 
 def key_text(run: NextRun) -> str:
-    """Return where what a step gives is written; "" where no file has to know."""
+    """Return the key of a file under which the result of a step is written; "" where there is none."""
     from wheelsoil.wording.diagnosis_notes import STEP_KEYS
 
     return STEP_KEYS.get(run.step.code, "")
 
 
 def naming_text(run: NextRun) -> str:
-    """Return how probable the right name is after a step, in steps of 5 %: it is of few draws; "" where not asked."""
+    """Return the probability of the right name after a step, to 5 %, as few draws give it; "" where it is unknown."""
     if run.naming_chance is None:
         return ""
     percent = 5 * round(20 * run.naming_chance)
@@ -66,9 +66,9 @@ def naming_text(run: NextRun) -> str:
 
 
 def worth_text(run: NextRun) -> str:
-    """Return how probable the right name is after it, the odds that it is expected to give, and what it takes."""
+    """Return what a step gives (probability of the right name, expected odds) and what it costs."""
     cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
-    name = [f"right name {told}"] if (told := naming_text(run)) else []
+    name = [f"right name {probability}"] if (probability := naming_text(run)) else []
     return ", ".join([*name, f"expected odds {odds_text(run.expected_log_bayes_factor)}", cost])
 
 

@@ -26,6 +26,12 @@ def number(value: float, digits: int = 3) -> str:
     return rounded.replace(",", "\u202f").replace("-", "−")
 
 
+def signed(value: float, form: str) -> str:
+    """Return a number in a format of Python with a proper minus, and no sign before zero."""
+    text = f"{value:{form}}"
+    return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("+-")
+
+
 def estimate(value: float, sigma: float, interval95: tuple[float, float], unit: str = "") -> str:
     """Return a value with its 95 % interval in brackets and its unit, all with the digits of `measured`."""
     low, high = interval95

@@ -84,7 +84,7 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     grounds = found.grounds
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
-    statements = _of_table(found) if grounds.table_channels else _of_runs(found)
+    statements = [*_verdict_of_table(found), *_error_of_form(grounds)] if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, statement in enumerate(statements) if statement.about == "next"), len(statements))
     first = statements[:1]
     rest = [*statements[1:before_next], *instead_words(found), *prior_words(found), *statements[before_next:]]
@@ -238,10 +238,6 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
     for key, size in sizes.items():
         first.setdefault(family_of(key), size)
     return first
-
-
-def _of_table(found: Diagnosis) -> list[Statement]:
-    return [*_verdict_of_table(found), *_error_of_form(found.grounds)]
 
 
 def _error_of_form(grounds: Grounds) -> list[Statement]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from daq import DataError, FloatArray
 from model import extended_model
-from model.diagnosis import Cause, SoilEstimate
+from model.diagnosis import Cause, Diagnosis, SoilEstimate
 from model.wheel_soil import Conditions, Reading, Soil, Wheel
+from processing import ProcessedRun
 
 USUAL_SLIP = 0.2
 _SLIPS = np.round(np.linspace(0.02, 0.95, 94), 2)
@@ -40,6 +41,38 @@ class Cost:
     def difference(self) -> float:
         """With less without."""
         return self.with_causes - self.without
+
+
+@dataclass(frozen=True)
+class CausesCost:
+    """What the causes of a `named` verdict cost at one load (N) and ground speed (m/s)."""
+
+    causes: tuple[Cause, ...]
+    costs: tuple[Cost, ...]
+    load_n: float
+    ground_speed_mps: float
+
+
+def cost_of_verdict(
+    found: Diagnosis, runs: Sequence[ProcessedRun], wheel: Wheel, laboratory: Soil, reading: Reading
+) -> CausesCost:
+    """Return what the named causes cost at the median load and ground speed of the runs' used samples.
+
+    Raises
+    ------
+    DataError
+        No cause is named, or the model has no answer.
+    """
+    if found.verdict != "named" or not found.soils:
+        raise DataError("no cause is named")
+    load_n, speed_mps = (
+        float(np.nanmedian(np.concatenate([getattr(run, name)[run.used] for run in runs])))
+        for name in ("vertical_load_n", "ground_speed_mps")
+    )
+    costs = costs_of(
+        found.causes, wheel, laboratory, found.soils[0], load_n=load_n, speed_mps=speed_mps, reading=reading
+    )
+    return CausesCost(found.causes, tuple(costs), load_n, speed_mps)
 
 
 def costs_of(

@@ -45,9 +45,10 @@ Processed = Sequence[tuple[Run, ProcessedRun]]
 _ONE_TERRAIN = 0.1
 """Scatter of tan phi from run to run that one terrain may have."""
 _SURPRISING = 2.0
-"""The same in the laboratory's one-sigma."""
+"""The same, in one-sigmas of the laboratory's tan phi."""
 _KINDS = ("physical", "measurement")
-_LOOSE = "runs"
+_UNNAMED = "runs"
+"""Name of a campaign without a folder, on a soil without a name."""
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
 _LARGEST_FORM = 50.0
@@ -73,7 +74,8 @@ def diagnosis_options(
     reading : "balanced" or "literal"
         Of the simulation under test.
     effects, without : iterable of str
-        Consider only these (none given: all), and not those: effects, families, or "physical" and "measurement".
+        Consider only the first (none given: all), and none of the second: effects, families, "physical" or
+        "measurement".
     channels : of "dp", "t", "z"
     most_causes, seed, next_run
         See `DiagnosisOptions`.
@@ -162,11 +164,11 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     for group, members in groups.items():
         with collected.catch():
             campaign = _campaign(group.folder, members, soil)
-            # Those of one folder count once.
-            told = any(campaign.static and campaign.static == other.static for other in found)
-            found.append(replace(campaign, static=()) if told else campaign)
+            # the static tests of a folder count once
+            counted = any(campaign.static and campaign.static == other.static for other in found)
+            found.append(replace(campaign, static=()) if counted else campaign)
     collected.stop_if_any()
-    return _told_apart(found)
+    return _with_unique_names(found)
 
 
 class Together(NamedTuple):
@@ -191,7 +193,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     declared = first.vehicle.wheel
     _check_static(first, [run for _, run in members])
     return Campaign(
-        name=Path(folder).resolve().name if folder else soil.name or _LOOSE,
+        name=Path(folder).resolve().name if folder else soil.name or _UNNAMED,
         runs=tuple(run for _, run in members),
         wheel=wheel_of(first.vehicle, first.vehicle_source),
         soil=soil,
@@ -204,7 +206,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
 
 
 def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
-    """Refuse readings of the lifted wheel that contradict the zero that was taken off the runs, and wheel axes."""
+    """Refuse static tests in wheel axes, and a lifted wheel that contradicts the zero taken off the runs."""
     where = f"{run.path.parent / RUNS_FILE}, [[static]]"
     if run.static and run.vehicle.transducer.frame == "wheel":
         raise ConfigError.of(
@@ -231,8 +233,8 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
                 )
 
 
-def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
-    """Give campaigns of one name a number each."""
+def _with_unique_names(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
+    """Add a number to each name that several campaigns have."""
     names = [campaign.name for campaign in campaigns]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
     return tuple(
@@ -255,17 +257,18 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    plain = replace(options, average=False)
+    without_average = replace(options, average=False)
 
     def compute() -> Diagnosis:
         from model.diagnosis import diagnose
 
-        before = known("diagnosis", (tuple(campaigns), plain)) if options.average else None
+        before = known("diagnosis", (tuple(campaigns), without_average)) if options.average else None
+        # only `one_of` has an average: any other diagnosis is the same without one
         return before if before and before.verdict != "one_of" else diagnose(campaigns, options)
 
     found: Diagnosis = kept("diagnosis", (tuple(campaigns), options), compute)
     if options.average:
-        kept("diagnosis", (tuple(campaigns), plain), lambda: replace(found, average=None))
+        kept("diagnosis", (tuple(campaigns), without_average), lambda: replace(found, average=None))
     return _with_remarks(found, campaigns)
 
 
@@ -316,7 +319,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
-    """Add what only the files tell, and that runs are hardly of one terrain."""
+    """Add a note on an assumed uncertainty of the soil, and a caution where runs are hardly of one terrain."""
     guessed = [campaign.name for campaign in given if campaign.soil_prior.source == prior_of(campaign.soil).source]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
@@ -325,7 +328,7 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
 
 
 def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:
-    """Say so where the soil differs more between runs than one terrain's does."""
+    """Return a caution where the soil differs more from run to run than on one terrain."""
     label = "" if alone else f"{campaign.name}: "
     scatter = diagnosis.noise.get(f"{label}friction_run_to_run", 0.0)
     known = campaign.soil_prior.sigma_of("tan_phi") / campaign.soil.tan_phi if campaign.soil.tan_phi else 0.0
@@ -342,7 +345,7 @@ def plan_campaigns(
     run_count: int | None = None,
     duration_s: float = 40.0,
 ) -> Plan:
-    """Say what planned campaigns will tell apart: one for each folder, or one where none is given.
+    """Return what planned campaigns will separate: one for each folder, or one where none is given.
 
     Parameters
     ----------
@@ -397,7 +400,7 @@ def _planned(folder: Path | None, files: Files, run_count: int | None, duration_
         )
     collected = Collected()
     with collected.catch():
-        vehicle = load_toml(vehicle_file, VehicleConfig)
+        vehicle = load_toml(vehicle_file, VehicleConfig).for_wheel(files.wheel, str(vehicle_file))
         wheel_of(vehicle, str(vehicle_file))
     with collected.catch():
         terrain = None if files.soil else load_terrain(files.terrain or _in(folder, TERRAIN_FILE))

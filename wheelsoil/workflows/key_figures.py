@@ -9,9 +9,10 @@ from typing import Literal
 
 from daq import OUTPUTS
 from model.diagnosis import Cause, Diagnosis, Gain
+from wheelsoil.workflows.cause_cost import Cost
 from wheelsoil.workflows.traction import Traction
 
-Digits = Literal["three", "by sigma", "percent", "probability", "three decimals"]
+Digits = Literal["three", "by sigma", "percent", "probability", "three decimals", "change", "percent change"]
 CALIBRATED_SOIL = "calibrated_soil"
 MODELS = {"named": "recommended", "one_of": "most_probable"}
 
@@ -112,3 +113,16 @@ def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
     figures.append(KeyFigure("drawbar_coefficient", found.drawbar_coefficient, "", "three decimals"))
     figures.append(KeyFigure("tractive_efficiency", found.efficiency, "", "percent"))
     return {figure.key: figure for figure in figures if figure.value == figure.value}
+
+
+def figure_of_cost(cost: Cost) -> KeyFigure:
+    """Return what causes change in a quantity at one slip; of the efficiency as a fraction, written in percent."""
+    share = cost.unit == "1"
+    return KeyFigure(
+        f"cost.{cost.quantity}.at_slip_{cost.slip:.2f}",
+        cost.difference,
+        "%" if share else cost.unit,
+        "percent change" if share else "change",
+        MODELS["named"],
+        interval95=cost.difference95,
+    )

@@ -1,4 +1,4 @@
-"""What has changed since an earlier report: soil, causes, pull, errors and data quality."""
+"""What has changed since an earlier report or campaign: soil, causes, pull, errors and data quality."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot, isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from daq import ConfigError
 
 SCHEMA = "wheelsoil/report/2"
 _SIGMAS = 1.959964
-_USUAL_NAMES = ("report.json",)
+_USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
 
 
 @dataclass(frozen=True)
@@ -61,19 +61,36 @@ class Change:
 
 @dataclass(frozen=True)
 class LastReport:
-    """The numbers of an earlier report.
+    """The numbers of an earlier report, or of a campaign in a store.
 
     Attributes
     ----------
     name : str
-        Of its file.
-    made_at, title : str
+        Of its file, or of the campaign.
+    made_at : str
+        When the report was made, or the campaign's first run began.
+    title : str
+    kind : "report" or "campaign"
     """
 
     name: str
     made_at: str
     title: str
     stated: tuple[Stated, ...]
+    kind: Literal["report", "campaign"] = "report"
+
+
+def store_meant(place: str) -> str | None:
+    """Return the address of the store that is meant by the place of the last report; None where it is a report.
+
+    An address with ``://`` and the file store.json mean a store; a folder does where it holds no report.
+    """
+    if "://" in place:
+        return place
+    path = Path(place)
+    if path.name == _STORE_HEAD and not path.with_suffix(".html").is_file():
+        return str(path.parent)
+    return place if (path / _STORE_HEAD).is_file() and not _reports_in(path) else None
 
 
 def load_last(path: Path) -> LastReport:
@@ -103,42 +120,48 @@ def load_last(path: Path) -> LastReport:
             expected=SCHEMA,
             next_step="give the JSON file that `wheelsoil report` wrote beside its page",
         )
-    stated = tuple(stated_in(raw["sections"]))
+    try:
+        stated = tuple(stated_in(raw["sections"]))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        found = f"{type(error).__name__}: {error}"[:200]
+        step = "make it anew with `wheelsoil report`"
+        raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
     return LastReport(file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated)
 
 
 def _file_of(path: Path) -> Path:
-    if (path / "store.json").is_file():
+    if not path.is_dir():
+        return path.with_suffix(".json") if path.suffix in (".html", ".pdf") else path
+    found = _reports_in(path)
+    if len(found) != 1:
         raise ConfigError.of(
-            "this is the store of a fleet, which keeps no reports",
+            "this folder holds no report, or several",
             path,
-            expected="report.json, its page or their folder",
-            next_step="name the last report; `wheelsoil fleet report` shows what changed from campaign to campaign",
+            found=", ".join(file.name for file in found) or "none",
+            next_step="name the JSON file of the report",
         )
-    if path.is_dir():
-        found = [path / name for name in _USUAL_NAMES if (path / name).is_file()]
-        found = found or [file for file in sorted(path.glob("*.json")) if file.with_suffix(".html").is_file()]
-        if len(found) != 1:
-            raise ConfigError.of(
-                "this folder holds no report, or several",
-                path,
-                found=", ".join(file.name for file in found) or "none",
-                next_step="name the JSON file of the report",
-            )
-        return found[0]
-    return path.with_suffix(".json") if path.suffix in (".html", ".pdf") else path
+    return found[0]
+
+
+def _reports_in(folder: Path) -> list[Path]:
+    """Return report.json, or else every JSON file that lies beside its page."""
+    usual = folder / _USUAL_NAME
+    if usual.is_file():
+        return [usual]
+    return [file for file in sorted(folder.glob("*.json")) if file.with_suffix(".html").is_file()]
 
 
 def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
     """Return what is compared of the sections of report.json."""
-    fit, causes, runs = (sections.get(key) or {} for key in ("fit", "causes", "runs"))
+    fit, causes, runs, quality = (sections.get(key) or {} for key in ("fit", "causes", "runs", "quality"))
     soils = fit.get("soils") or ()
     for soil in soils:
         where = soil["campaign"] if len(soils) > 1 else "soil"  # a single one is compared whatever its folder is called
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
             yield Stated("soil", f"{where}.{name}", _float(value), _SIGMAS * sigma, "")
-    for cause in causes.get("causes") or ():
+    barred = frozenset(causes.get("barred") or ())
+    for cause in (cause for cause in causes.get("causes") or () if cause["name"] not in barred):
         for parameter in cause["parameters"]:
             low, high = map(_float, parameter["interval95"])
             unit = "" if parameter["unit"] == "1" else parameter["unit"]
@@ -156,17 +179,27 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
     shares = [share for run in runs.values() if (share := _float(run.get("usable_share"))) == share]
     if shares:
         yield Stated("data", "usable_share", sum(shares) / len(shares), nan, "")
+    sizes = [(run["samples"], run["used_share"]) for run in quality.values() if run.get("samples")]
+    if sizes:
+        used, samples = sum(count * share for count, share in sizes), sum(count for count, _ in sizes)
+        yield Stated("data", "used_share", used / samples, nan, "")
 
 
 def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]:
-    """Return what differs between an earlier report and the sections of this one, beyond their intervals first."""
+    """Return what differs between an earlier report and the sections of this one, beyond their intervals first.
+
+    Of the quality of the data only what both have.
+    """
     before = {figure.name: figure for figure in last.stated}
     now = {figure.name: figure for figure in stated_in(sections)}
+    both = before.keys() & now.keys()
     found = []
     for name in dict.fromkeys([*now, *before]):
         old, new = before.get(name), now.get(name)
         stated = new or old
         assert stated is not None
+        if stated.kind == "data" and name not in both:
+            continue
         values = [(each.value, each.half95) if each else (nan, nan) for each in (old, new)]
         found.append(Change(stated.kind, name, stated.unit, *values[0], *values[1]))
     return sorted(found, key=lambda change: not change.beyond)

@@ -75,13 +75,15 @@ class FileFacts:
     kind : str
         "recording", "recording of decoded series", "recording without raw frames", or the file's format.
     sha256 : str
-        Of a run in parts: of all its files, one behind the other.
+        Of a run in parts: that of all its files, concatenated.
     parts : tuple of PartFacts
-        Of a recording; one where the run is in one file.
+        Files of a recording, in order; empty for a log or a file of series.
     gaps : tuple of Gap
         What was not recorded between two parts.
     vehicle, terrain : str
         Names; empty where nothing is known.
+    wheels : tuple of str
+        Ids of its instrumented wheels, where vehicle.toml gives them.
     frames, drops : mapping bus -> number
         `drops` only of the buses whose recorder counted them.
     losses : mapping str -> int
@@ -115,6 +117,7 @@ class FileFacts:
     gaps: tuple[Gap, ...]
     info: RunInfo
     vehicle: str
+    wheels: tuple[str, ...]
     terrain: str
     start_ns: int | None
     end_ns: int | None
@@ -153,7 +156,7 @@ class FileFacts:
 
 
 def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
-    """Read a run's file once and say what is in it.
+    """Read a run's file once and return what is in it.
 
     Parameters
     ----------
@@ -187,7 +190,8 @@ def file_facts(run: Run, watch: Watch | None = None) -> FileFacts:
         parts=parts,
         gaps=recording.gaps if recording else (),
         info=run.info,
-        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
+        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel or run.vehicle.wheels else "",
+        wheels=run.vehicle.wheel_ids,
         terrain=run.terrain.soil.name if run.terrain else "",
         start_ns=tally.start_ns,
         end_ns=tally.end_ns,
@@ -227,7 +231,7 @@ def _exit_status(recording: RunRecording, parts: Sequence[PartFacts]) -> str:
 
 
 def sha256_of(*paths: Path) -> str:
-    """Return the hash of files, one behind the other, in hexadecimal."""
+    """Return the hash of files, concatenated, in hexadecimal."""
     digest = hashlib.sha256()
     for path in paths:
         with path.open("rb") as file:
@@ -254,7 +258,7 @@ def _part_facts(part: Recording) -> PartFacts:
 
 
 class _Tally:
-    """Counts what comes by."""
+    """Counts, times and losses of a file, collected while it is read."""
 
     def __init__(self) -> None:
         self.frames: dict[str, int] = {}
@@ -307,7 +311,7 @@ def _tally(run: Run, watch: Watch | None) -> _Tally:
 
 
 def _no_data(run: Run) -> dict[tuple[str, str], dict[str, NoData]]:
-    """Return which values of each signal are none, by bus and message, of those signals that have such."""
+    """Return the `NoData` of each signal that has any, by bus and message."""
     found = {
         (bus, name): {signal.name: no_data_of(message, signal) for signal in message.by_name.values()}
         for bus, messages in messages_by_bus(run.databases).items()
@@ -333,7 +337,7 @@ def _tally_series(series: Series, tally: _Tally, watch: Watch | None) -> None:
 
 
 def _messages(batch: FrameBatch, decoder: Decoder | None) -> Iterator[Sample]:
-    """Yield what came of each message of the DBCs, or of each identifier where there are none."""
+    """Yield the samples of each message of the DBCs, or of each identifier where there are none."""
     if decoder is None:
         yield from _identifiers(batch)
         return
@@ -381,7 +385,7 @@ def export_tables(
     signals : collection of "Message.Signal", optional
         All by default.
     taken : set of str, optional
-        Names that this export has used, for several runs; those of this run are added.
+        Names that are used already, where several runs are exported; those of this run are added.
 
     Raises
     ------
@@ -436,10 +440,10 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False, taken: 
             overwrite=True,
         )
         with writer:
-            view, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
+            topics, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
             for batch in run.frame_batches():
                 writer.write_frames(batch)
-                view.write(decoder.decode(batch))
+                topics.write(decoder.decode(batch))
     return target
 
 

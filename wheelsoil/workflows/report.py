@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def report_of(
     *,
     extended: ExtendedModel | None = None,
     diagnose: bool = True,
-    last: LastReport | None = None,
+    last: LastReport | Callable[[Processed], LastReport] | None = None,
 ) -> Report:
     """Open and process runs, fit the models and build the report.
 
@@ -62,8 +62,8 @@ def report_of(
         See `FitChoices`.
     diagnose : bool
         Whether to diagnose the runs, too.
-    last : LastReport, optional
-        An earlier report, with which this one is compared.
+    last : LastReport or callable, optional
+        An earlier report, with which this one is compared; or what finds it for the processed runs, and may raise.
 
     Raises
     ------
@@ -74,6 +74,8 @@ def report_of(
     choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
     processed = open_and_process(paths, options, files, choice=choice, check=one_terrain)
+    if callable(last):
+        last = last(processed)
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
     return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last)

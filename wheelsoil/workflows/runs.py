@@ -17,7 +17,7 @@ from daq import (
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
-from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
+from daq.runs import VEHICLE_FILE, Collected, Run, one_wheel, open_runs
 from model import in_parallel
 from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
 from wheelsoil.console import progress, say
@@ -35,7 +35,7 @@ class Files:
     """Files and settings given beside the recordings: options of the same names.
 
     `soil` is a preset in place of terrain.toml. `accept_implausible` goes on with runs that are impossible as they are
-    declared.
+    declared. `wheel` is the id of one of several wheels.
     """
 
     vehicle: Path | None = None
@@ -45,9 +45,47 @@ class Files:
     soil: str | None = None
     lenient_dbc: bool = False
     accept_implausible: bool = False
+    wheel: str | None = None
 
     def open_runs(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
-        """Open runs with these files in place of their own; see `daq.runs.open_runs`."""
+        """Open runs of one wheel with these files in place of their own; see `daq.runs.open_runs`.
+
+        Raises
+        ------
+        ConfigError
+            Also where the vehicle has several wheels, and `wheel` names none of them.
+        """
+        return one_wheel(self._open(paths, left_out), self.wheel)
+
+    def runs_of_wheels(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> dict[str, list[Run]]:
+        """Open the runs of each wheel, or of `wheel` alone, by its id; a single ``[wheel]`` without an id has none.
+
+        Raises
+        ------
+        ConfigError
+            As `open_runs`; also where the runs are of different wheels, or one zero file is given for several.
+        """
+        if self.wheel is not None:
+            return {self.wheel: self.open_runs(paths, left_out)}
+        opened = self._open(paths, left_out)
+        collected = Collected()
+        found: dict[str, list[Run]] = {}
+        for run in opened:
+            with collected.catch():
+                for wheel, of_wheel in run.by_wheel().items():
+                    found.setdefault(wheel, []).append(of_wheel)
+        collected.stop_if_any()
+        for runs in found.values():
+            if len(runs) < len(opened):
+                others = ", ".join(f"{run.id} {' '.join(run.vehicle.wheel_ids) or 'one [wheel]'}" for run in opened)
+                step = "name a wheel that all have by --wheel, or give the runs of each vehicle by themselves"
+                raise ConfigError.of("the runs are of vehicles with different wheels", found=others, next_step=step)
+        if len(found) > 1 and self.zero:
+            step = f"name the wheel: --wheel {next(iter(found))}"
+            raise ConfigError.of("one zero file for several wheels", self.zero, ", ".join(found), next_step=step)
+        return found
+
+    def _open(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
         return open_runs(
             paths,
             vehicle=self.vehicle,
@@ -117,7 +155,7 @@ def process_runs(
     collected = Collected()
     processed = []
     chosen = choice or Choice()
-    in_use, unfit = runs_in_use(chosen, opened)
+    in_use, unfit = runs_in_use(chosen, one_wheel(opened, None))
     if check and in_use:
         check([used.run for used in in_use])
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
@@ -163,16 +201,16 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pro
     return [pair for pair in processed if not is_refused(pair[1])]
 
 
-def doubts_of(run: Run) -> list[str]:
+def doubts_of(run: Run, wheel: str | None = None) -> list[str]:
     """Return what makes a run implausible as it is declared, for a command that only lists what is in it.
 
     Nothing of a run that cannot be processed, that has no speeds or wheel, or whose files are larger than 64 MB, which
-    take longer than a list may.
+    take longer than a list may. Of several wheels one is named.
     """
-    roles = run.vehicle.signals.keys()
-    if run.vehicle.wheel is None or not roles >= set(SLIP_ROLES):
-        return []
     try:
+        [run] = one_wheel([run], wheel)
+        if run.vehicle.wheel is None or not run.vehicle.signals.keys() >= set(SLIP_ROLES):
+            return []
         if sum(file.stat().st_size for file in run.files) > _LISTED_BYTES:
             return []
         options = ProcessOptions(purpose=LOOK)
@@ -247,7 +285,8 @@ def _placed(run: Run, fault: Fault) -> Fault:
 
 
 def _name(run: Run) -> str:
-    return f"run {run.id}, {run.path}"
+    wheel = run.vehicle.wheel
+    return f"run {run.id}, {run.path}" + (f", wheel {wheel.id}" if wheel and wheel.id else "")
 
 
 def _buses(run: Run) -> list[str]:

@@ -14,7 +14,6 @@ import numpy as np
 from daq import (
     ROLES,
     TRANSDUCER_ROLES,
-    ZERO_FILE,
     Channel,
     ChannelZero,
     ConfigError,
@@ -28,11 +27,12 @@ from daq import (
     find_unit,
     load_zeros,
     parse_zeros,
+    zero_file_name,
     zeros_toml,
 )
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
-from daq.runs import Collected, Run, open_runs
-from daq.series import draft_of
+from daq.runs import Collected, Run, one_wheel, open_runs
+from daq.series import write_whole
 from processing import ZeroCode, in_order, merge_equal_stamps, seconds_since
 from processing.pipeline import latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
@@ -265,12 +265,13 @@ def find_zeros(
     paths: Sequence[Path],
     *,
     vehicle: Path | None = None,
+    wheel: str | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
     on_ground: bool = False,
     lenient_dbc: bool = False,
 ) -> list[Found]:
-    """Determine the zero from each recording, in order of time.
+    """Determine the zero from each recording, in order of time; of several wheels one is named.
 
     Raises
     ------
@@ -279,7 +280,7 @@ def find_zeros(
     """
     collected = Collected()
     found = []
-    for run in open_runs(paths, vehicle=vehicle, lenient_dbc=lenient_dbc):
+    for run in one_wheel(open_runs(paths, vehicle=vehicle, lenient_dbc=lenient_dbc), wheel):
         with collected.catch(str(run.path)):
             found.append(_find(run, from_s, to_s, on_ground=on_ground))
     collected.stop_if_any()
@@ -378,7 +379,7 @@ def zero_path(run: Run, vehicle: Path | None, output: Path | None) -> Path:
     if output is not None:
         return output
     folder = vehicle.parent if vehicle else run.path.parent
-    return folder / (run.vehicle.transducer.zero_file or ZERO_FILE)
+    return folder / zero_file_name(run.vehicle)
 
 
 def check_place(path: Path) -> ZeroConfig:
@@ -403,8 +404,7 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     """
     zeros = check_place(path).plus(*(result.determination for result in found))
     try:
-        with draft_of(path) as draft:
-            draft.write_bytes(zeros_toml(zeros))
+        write_whole(path, zeros_toml(zeros))
     except OSError as error:
         step = "check the folder, and whether another program holds the file"
         raise ConfigError.of(

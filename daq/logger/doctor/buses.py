@@ -12,6 +12,7 @@ from daq.can.databases import messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
 from daq.can.identify import coverage
 from daq.can.roles import SignalRef
+from daq.channels import Channel
 from daq.config import LEAST_LOAD_SHARE
 from daq.errors import nearest
 from daq.logger.doctor.links import Link, Reception, can_links
@@ -279,7 +280,7 @@ def role_values(now: Situation) -> Iterator[Line]:
             yield failed(role, f"{name} did not come", "check its sender, and [signals] in vehicle.toml")
         elif not np.isfinite(values[-1]):
             yield warned(role, f"{name} came without data (not available)", "wait until its sender is ready")
-        elif role == "transducer_status" and values[-1] != 0:
+        elif reference.role == "transducer_status" and values[-1] != 0:
             label = now.channels[role].labels.get(int(values[-1]), "not 0")
             yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are excluded")
         else:
@@ -288,17 +289,22 @@ def role_values(now: Situation) -> Iterator[Line]:
 
 def wheel_load(now: Situation) -> Iterator[Line]:
     """Check whether the vertical load is one that a wheel of this vehicle can carry."""
-    channel, mass_kg = now.channels.get("vertical_load"), now.vehicle.vehicle.mass_kg
-    if channel is None or mass_kg is None or not np.isfinite(channel.values).any():
+    for role, reference in now.roles.items():
+        if reference.role == "vertical_load":
+            yield from _load_of(role, now.channels[role], now.vehicle.vehicle.mass_kg)
+
+
+def _load_of(role: str, channel: Channel, mass_kg: float | None) -> Iterator[Line]:
+    if mass_kg is None or not np.isfinite(channel.values).any():
         return
     load_n = float(np.nanmedian(channel.values))
     share = load_n / (mass_kg * STANDARD_GRAVITY_MPS2)
     found = f"{load_n:.4g} N, {share:.2g} of the weight of {mass_kg:g} kg"
     if LEAST_LOAD_SHARE <= share <= 1:
-        yield passed("vertical_load", found)
+        yield passed(role, found)
     else:
         step = "check its unit, its sign and mass_kg in vehicle.toml, unless the wheel is lifted"
-        yield warned("vertical_load", found, step)
+        yield warned(role, found, step)
 
 
 def _value_text(value_si: float, reference: SignalRef) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from daq.can.databases import signals_of
 from daq.can.roles import unused_validity
 from daq.channels import TRANSDUCER_ROLES
+from daq.config import VehicleConfig
 from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.watched_messages import unknown_names
-from daq.zero_file import ZERO_FILE, load_zeros
+from daq.zero_file import load_zeros, zero_file_name
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0
@@ -53,27 +55,36 @@ def roles(now: Situation) -> Iterator[Line]:
     if unused is not None:
         step = f'add ground_speed_valid = "{unused}", so that invalid fixes are excluded'
         yield warned("[signals]", f"{unused} is not used", step)
-    missing = [role for role in _SLIP_ROLES if role not in now.vehicle.signals]
+    lacking = [
+        wheel.named(role) for wheel in now.vehicle.each_wheel for role in _SLIP_ROLES if role not in wheel.signals
+    ]
+    missing = dict.fromkeys(lacking)
     if missing:
         yield warned("[signals]", f"no {' and no '.join(missing)}: no slip", 'add them: role = "Message.Signal"')
     if not missing and not now.role_faults:
-        yield passed("[signals]", f"{len(now.vehicle.signals)} roles")
+        count = len(now.vehicle.signals) + sum(len(wheel.signals) for wheel in now.vehicle.wheels)
+        yield passed("[signals]", f"{count} roles")
 
 
 def zero(now: Situation) -> Iterator[Line]:
     """Check whether there is a fresh zero of the transducer."""
-    if now.vehicle_faults:
-        return
-    named = now.vehicle.transducer.zero_file
-    path = now.vehicle_file.parent / (named or ZERO_FILE)
-    step = "lift the wheel or spin it, record that, then: wheelsoil zero RECORDING"
+    for wheel in () if now.vehicle_faults else now.vehicle.each_wheel:
+        yield from _zero_of(wheel, now.vehicle_file.parent)
+
+
+def _zero_of(vehicle: VehicleConfig, folder: Path) -> Iterator[Line]:
+    named = vehicle.transducer.zero_file
+    path = folder / zero_file_name(vehicle)
+    wheel = vehicle.wheel.id if vehicle.wheel else ""
+    of_wheel = f" --wheel {wheel}" if wheel else ""
+    step = f"lift the wheel or spin it, record that, then: wheelsoil zero RECORDING{of_wheel}"
     if not path.is_file():
         if named:
             found = (
                 "not there, and vehicle.toml names it: `log` records without it, `process` refuses until it is there"
             )
             yield warned(str(path), found, step)
-        elif any(role in now.vehicle.signals for role in TRANSDUCER_ROLES):
+        elif any(role in vehicle.signals for role in TRANSDUCER_ROLES):
             yield warned(str(path), "not there: the transducer's own zero is taken as it is", step)
         else:
             yield passed(str(path), "not there, and no force is measured")
@@ -89,7 +100,8 @@ def zero(now: Situation) -> Iterator[Line]:
     age_h = (time.time_ns() - zeros[-1].time_ns) / 3.6e12
     found = f"zero of {zeros[-1].time_utc:%Y-%m-%d %H:%M} UTC, {age_h:.1f} h old"
     if not named:
-        line = f'add under [transducer] of vehicle.toml: zero_file = "{path.name}"'
+        section = f"[wheel.transducer] of wheel {wheel} in" if wheel else "[transducer] of"
+        line = f'add under {section} vehicle.toml: zero_file = "{path.name}"'
         yield warned(str(path), f"{found}, but vehicle.toml does not name it: `log` will not carry it", line)
     elif 0 <= age_h <= _FRESH_ZERO_H:
         yield passed(str(path), found)

@@ -30,6 +30,7 @@ _CLOCK_STEP_S = 0.001
 _STA_UNSYNC = 0x0040
 """linux/timex.h"""
 _LEAP_S = 18.0
+"""GPS time minus UTC, since 2017."""
 _GNSS_FAR_S = 1.0
 _CHRONY = (
     "install chrony or systemd-timesyncd (`timedatectl set-ntp true`); without a network feed chrony from the GNSS"
@@ -39,7 +40,7 @@ _MB = 1e6
 _SYNCED_BYTES = 64 * 1024
 _SYNCED_BLOCKS = 50
 _SLOW_SYNC_S = 0.2
-_OWN_IT = "give the folder to the logger's user, mount it writable, or choose another: --out"
+_FOLDER_STEP = "give the folder to the logger's user, mount it writable, or choose another: --out"
 
 _SLOW_IMPORT_S = 5.0
 _UNITS = (Path("/etc/systemd/system"), Path("/usr/lib/systemd/system"), Path("/lib/systemd/system"))
@@ -142,7 +143,7 @@ def folder(now: Situation) -> Iterator[Line]:
         with tempfile.TemporaryFile(dir=now.folder) as file:
             file.write(b"wheelsoil")
     except OSError as error:
-        yield failed(str(now.out), f"no file can be made: {error.strerror}", _OWN_IT)
+        yield failed(str(now.out), f"no file can be made: {error.strerror}", _FOLDER_STEP)
         return
     yield passed(str(now.out), "writable" if now.folder == now.out.absolute() else "not there yet; `log` makes it")
 
@@ -158,11 +159,11 @@ def other_logger(now: Situation) -> Iterator[Line]:
     except HardwareError as error:
         yield from_fault(error.faults[0], str(now.out))
     except PermissionError as error:
-        yield failed(str(now.out), f"the folder cannot be opened: {error.strerror}", _OWN_IT)
+        yield failed(str(now.out), f"the folder cannot be opened: {error.strerror}", _FOLDER_STEP)
 
 
 def space(now: Situation) -> Iterator[Line]:
-    """Check how long the disk lasts; a disk that cannot be written is reported by other checks."""
+    """Check how long the disk lasts; other checks report one that cannot be written."""
     if os.statvfs(now.folder).f_flag & os.ST_RDONLY:
         return
     free = shutil.disk_usage(now.folder).free
@@ -194,7 +195,7 @@ def disk_speed(now: Situation) -> Iterator[Line]:
 
 
 def judged_times(where: str, took_s: list[float], needed_bytes_per_s: float) -> Line:
-    """Return the line for the times of `sync_times_s`, and for the rate that the buses need."""
+    """Return the line on whether a disk with these times of `sync_times_s` reaches the rate that the buses need."""
     typical, slowest = np.quantile(took_s, [0.5, 0.99])
     speed = _SYNCED_BYTES / float(np.mean(took_s))
     found = f"64 kB written and synced in {1e3 * typical:.1f} ms (median), {1e3 * slowest:.1f} ms (99 %)"
@@ -207,7 +208,7 @@ def judged_times(where: str, took_s: list[float], needed_bytes_per_s: float) -> 
 
 
 def sync_times_s(where: Path, blocks: int = _SYNCED_BLOCKS) -> list[float]:
-    """Return how long each of some blocks of 64 kB takes until it is on the disk."""
+    """Return how long each block of 64 kB takes until it is on the disk."""
     content = np.random.default_rng(0).bytes(_SYNCED_BYTES)
     took = []
     with tempfile.TemporaryFile(dir=where) as file:

@@ -90,8 +90,8 @@ class Situation:
         By bus.
     links : mapping bus -> Link
         Of the buses that are SocketCAN's.
-    channels : mapping role -> Channel
-        What was received of each role, in SI units.
+    roles, channels : mapping
+        By role, with the wheel of several; what was received of each, in SI units.
     clock_moved_s : float
         By how much the host's clock was set meanwhile.
     bytes_per_s : float
@@ -153,7 +153,10 @@ def gather(
     role_faults: dict[str, Fault] = {}
     try:
         databases = load_for_vehicle(vehicle, vehicle_file.parent)
-        roles, role_faults = usable_roles(vehicle, databases)
+        for wheel in vehicle.each_wheel:
+            usable, faults = usable_roles(wheel, databases)
+            roles |= {wheel.named(role): reference for role, reference in usable.items()}
+            role_faults |= {wheel.named(role): fault for role, fault in faults.items()}
     except DatabaseError as error:
         database_faults = error.faults
     sections = {bus.channel: bus for bus in vehicle.bus}

@@ -334,11 +334,8 @@ class _Reader:
         decimal = COMMA if parting == POINT else POINT
         if not reason:
             return parting, ""
-        self._note_thousands(name, parting, reason)
+        self._report.note_reading(f"the {_called(parting)}s of {name!r} read as parting thousands, because {reason}")
         return decimal, parting
-
-    def _note_thousands(self, name: str, sign: str, reason: str) -> None:
-        self._report.note_reading(f"the {_called(sign)}s of {name!r} read as parting thousands, because {reason}")
 
     def _cells_of(self, name: str) -> Iterator[list[str]]:
         """Yield the different cells of a column, piece by piece."""

@@ -156,7 +156,11 @@ def as_named(route: Route) -> None:
     answer = route.fetch()
     told = answer.json()
     if told.get("verdict") == "one_of":
+        row = ["drawbar pull", "0.20", "734", "612", "error.dp.with_causes", "−140 … −90", "N"]
         told |= {"verdict": "named", "causes": told["causes"][:1]}
+        told["cost"] = {"title": "With and without slip sinkage", "says": "what the wheel loses", "rows": [row]}
+        change = ["tan φ of the soil", "0.31 ± 0.02", "0.25 ± 0.02", "−0.06", "yes", ""]
+        told["since"] = {"says": "Against the report of Monday", "rows": [change]}
     route.fulfill(response=answer, json=told)
 
 
@@ -164,7 +168,9 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     page.route("**/api/diagnosis*", as_named)
     page.get_by_role("button", name="Diagnose").click()
     expect(page.get_by_role("button", name="Cancel: Diagnose")).to_be_visible()
-    expect(page.locator("#verdict")).to_contain_text(re.compile(r"running, (just begun|\d+ % done, about \d+ s left)"))
+    expect(page.locator("#verdict")).to_contain_text(
+        re.compile(r"running, (just begun|\d+ % done(, about \d+ s left)?);")
+    )
     expect(page.locator("#error-table td").first).to_be_visible(timeout=180_000)
     told = view.get("/api/diagnosis?campaign=c1")
     expect(page.locator("#verdict")).to_have_attribute("title", told["sentence"])
@@ -180,6 +186,14 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     for shown in page.locator("[data-key][data-value]").all():
         key = shown.get_attribute("data-key")
         assert key is not None and float(shown.get_attribute("data-value") or "nan") == told["figures"][key]["value"]
+    figure = told["figures"]["error.dp.with_causes"]["text"]
+    cells = page.locator("#cost-table tr").last.locator("th, td").all_inner_texts()
+    assert [cell.split() for cell in cells[:4]] == [["drawbar", "pull", "(N)"], ["0.20"], ["734"], ["612"]]
+    assert cells[4].split() == [figure, "−140", "…", "−90"]
+    expect(page.locator("#cost-says")).to_contain_text("what the wheel loses")
+    since = page.locator("#since-table tr").last.locator("th, td")
+    expect(since).to_have_text(["tan φ of the soil", "0.31 ± 0.02", "0.25 ± 0.02", "−0.06beyond"])
+    expect(page.locator("#since-says")).to_have_text("Against the report of Monday")
     expect(page.locator("#legend")).not_to_contain_text("recommended")
     page.get_by_role("button", name="Use this model").click()
     best = told["causes"][0]["parameters"][0]
@@ -194,6 +208,7 @@ def test_a_diagnosis_is_cancelled(page: Page, view: View) -> None:
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_role("button", name="Cancel: Diagnose").click()
     expect(page.get_by_role("button", name="Diagnose", exact=True)).to_be_visible()
+    expect(page.locator("#verdict")).to_have_text("Not diagnosed: it was cancelled. Diagnose starts it again.")
     expect(page.locator("#state")).to_have_text("READY")
     assert view.campaigns()[0]["diagnosis"]["state"] == "none"
 

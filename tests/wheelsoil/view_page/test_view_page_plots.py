@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 from view_browser import (
     curve_line,
     drag,
@@ -55,7 +55,7 @@ def test_rows_hold_the_samples_and_the_models_at_them(page: Page, view: View) ->
 
 
 def test_a_stretch_of_time_is_highlighted_in_every_plot_and_zoomed(page: Page, view: View) -> None:
-    drag(page, 10, 18)
+    drag(page, 9.9, 18)  # before the tick at 10 s, by more than a pixel
     chosen, data = selection(page), samples(view)
     rows = [i for i, time_s in enumerate(data["time_s"]) if chosen["from"] <= time_s <= chosen["to"]]
     counted = view.post("/api/selected", campaign="c1", run="r1", kind="time", low=chosen["from"], high=chosen["to"])
@@ -188,6 +188,13 @@ def test_a_run_is_taken_out_and_thresholds_are_set(page: Page, view: View) -> No
     expect(page.locator("#cross .threshold")).to_have_attribute("data-at", "0.15")
 
 
+def as_diagnosed(route: Route) -> None:
+    """Answer as the server does of two campaigns that are diagnosed."""
+    answer = route.fetch()
+    row = ["tan φ of the soil", "0.25 ± 0.02", "0.31 ± 0.02", "+0.06", "yes", ""]
+    route.fulfill(response=answer, json=answer.json() | {"changes": [row], "undiagnosed": []})
+
+
 def test_two_runs_and_two_campaigns_are_compared(page: Page, view: View) -> None:
     page.get_by_label("Compare with").select_option(label="clay field: run-2")
     other = samples(view, "r2")
@@ -206,6 +213,11 @@ def test_two_runs_and_two_campaigns_are_compared(page: Page, view: View) -> None
         page.locator(curve_line(name)).wait_for(state="attached")
     assert points(page, curve_line("model")) != points(page, curve_line("model there"))
     expect(page.locator("#compare-note")).to_contain_text("clay field − sandy")
+    expect(page.locator("#changes-says")).to_contain_text("once clay field and sandy are diagnosed")
+    page.route("**/api/compare*", as_diagnosed)
+    page.get_by_label("Compare with").select_option(label="sandy: run-1")
+    cells = page.locator("#changes-table tr").last.locator("th, td")
+    expect(cells).to_have_text(["tan φ of the soil", "0.31 ± 0.02", "0.25 ± 0.02", "+0.06beyond"])
 
 
 def test_signals_layouts_marks_and_files(page: Page, view: View) -> None:

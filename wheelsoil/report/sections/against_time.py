@@ -29,13 +29,13 @@ from wheelsoil.report.figures import (
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.track import places
 
-_READING = (
-    "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
-    "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are excluded samples. "
-    "The axis holds what was driven, which is what is fitted."
+_CAPTION = (
+    "black is measured, a coloured line what a model predicts from the measured slip and load; where they differ, the "
+    "model is wrong. The background shows what the vehicle did (plain: it coasted); gaps are excluded samples. "
+    "The axis covers the driven samples, which are the fitted ones."
 )
-_READING_OF_ALL = (
-    "what was measured, all of it: no model was fitted to these runs. The ground says what the vehicle did (plain: it "
+_CAPTION_WITHOUT_FIT = (
+    "all that was measured: no model was fitted to these runs. The background shows what the vehicle did (plain: it "
     "coasted, or that is not known)."
 )
 _SEGMENTS = {
@@ -47,7 +47,7 @@ _SHOWN = ("dp", "t")
 _GAP_S = 0.5
 _MARK = "#8a5300"
 
-_READING_DRIVE = (
+_CAPTION_DRIVE = (
     "If the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
     "at low speed and at excluded samples. A good test covers the range of slip several times."
 )
@@ -63,13 +63,13 @@ _PANELS = (
 def time(inputs: ReportInputs) -> Contents:
     """Build the section: a panel for each channel on one time axis, a choice for each run.
 
-    What was not measured is said; forces without a fit are shown as they were measured.
+    Where no force was measured, a text says so; without a fit only the measured forces are shown.
     """
     blocks: list[Block] = []
     figures: list[Figure] = []
-    reading = _READING
+    caption = _CAPTION
     try:
-        figures, reading = _forces(inputs)
+        figures, caption = _forces(inputs)
     except DataError as error:
         blocks = [Text(f"No forces: {'; '.join(fault.what for fault in error.faults)}.", "missing")]
     figures = [_with_marks(figure, inputs) for figure in (*_drive(inputs.runs), *figures)]
@@ -77,14 +77,14 @@ def time(inputs: ReportInputs) -> Contents:
     names = [run.run.id for run in inputs.runs if run.run.id in named]
     lengths = {run.run.id: float(run.time_s[-1]) for run in inputs.runs if len(run)}
     loads = {run.run.id: _mean(run.vertical_load_n) for run in inputs.runs}
-    panels = Panels(figures, f"{reading} {_READING_DRIVE}", names, linked=True, places=places(inputs.runs))
+    panels = Panels(figures, f"{caption} {_CAPTION_DRIVE}", names, linked=True, places=places(inputs.runs))
     return [*blocks, panels], {"length_s": lengths, "mean_load_n": loads}
 
 
 def _forces(inputs: ReportInputs) -> tuple[list[Figure], str]:
     """Return a figure of each force, and how to read them; `DataError` where none can be shown."""
     if inputs.campaign is None:
-        return _of_all(inputs), _READING_OF_ALL
+        return _of_all(inputs), _CAPTION_WITHOUT_FIT
     inputs.pool.measured("dp")
     runs = [run for run in inputs.runs if run.used.any()]
     if not runs:
@@ -95,7 +95,7 @@ def _forces(inputs: ReportInputs) -> tuple[list[Figure], str]:
             figures.append(_channel_figure(inputs, channel, runs))
         except DataError:
             continue  # a channel that was not measured
-    return figures, _READING
+    return figures, _CAPTION
 
 
 def _with_marks(figure: Figure, inputs: ReportInputs) -> Figure:
@@ -136,12 +136,12 @@ def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
 
 
 def _of_all(inputs: ReportInputs) -> list[Figure]:
-    """Return the figures where there is no fit: what was measured, whether it could be used or not."""
+    """Return the figures without a fit: all measured samples, excluded ones too."""
     figures = []
     points = points_of_run(len(inputs.runs))
     for channel in _SHOWN:
         values = [getattr(run, OUTPUTS[channel].field) for run in inputs.runs]
-        runs = [run for run, of in zip(inputs.runs, values, strict=True) if np.isfinite(of).any()]
+        runs = [run for run, measured in zip(inputs.runs, values, strict=True) if np.isfinite(measured).any()]
         if not runs:
             continue
         everything = np.concatenate(values)
@@ -196,7 +196,7 @@ def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
 
 
 def _lines(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
-    """Return what was measured and, of a fitted run, what every model says, at the same samples."""
+    """Return the measured values of a run and, if it was fitted, those of every model at the same samples."""
     measured = _used(run, getattr(run, quantity))
     rows = decimated_rows(measured, points_of_run(len(inputs.runs)))
     time_s = run.time_s[rows]
@@ -209,7 +209,7 @@ def _lines(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace
 
 
 def _recommended(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
-    """Return what the recommended model says of a run, where a diagnosis recommends more than the baseline."""
+    """Return what the recommended model predicts for a run, where a diagnosis recommends more than calibrated soil."""
     if (
         inputs.diagnosed is None
         or (recommendation := inputs.recommendation).is_base

@@ -2,104 +2,40 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from daq import DataError
-from model.diagnosis import Cause
 from wheelsoil.report.content import Block, Contents, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import recommended_causes
 from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes as causes_section
 from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
-from wheelsoil.report.words import listed, number, signed
+from wheelsoil.report.sections.quality import quality as quality_section
 from wheelsoil.to_json import plain
-from wheelsoil.wording.names import SOIL_LETTERS, letter, plain_name, upper
-from wheelsoil.workflows.cause_cost import Cost, costs_of
+from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_summary
+from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
+from wheelsoil.workflows.cause_cost import cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
-from wheelsoil.workflows.last_report import Change, changes_since
-
-_QUANTITIES = {
-    "drawbar_pull": ("drawbar pull", 1.0, "N"),
-    "driving_torque": ("driving torque", 1.0, "N m"),
-    "tractive_efficiency": ("tractive efficiency", 100.0, "%"),
-}
-_PHYSICAL = "The same soil, load and slip, with and without: what the wheel loses or gains through the cause."
-_MEASURED = (
-    "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
-    "soil, load and slip."
-)
-_NAMES = {"pull_at_slip_0.2": "pull at slip 0.2", "usable_share": "usable share of the samples in motion"}
+from wheelsoil.workflows.last_report import changes_since
 
 
 @section("cost", "What the cause costs")
 def cost(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` where no cause is named."""
-    found = inputs.diagnosis
-    causes = recommended_causes(found)
-    if found.verdict != "named" or not found.soils:
-        raise DataError("no cause is named")
-    load, speed = _usual(inputs)
-    soil = inputs.fit.soil
-    costs = costs_of(
-        causes,
+    found = cost_of_verdict(
+        inputs.diagnosis,
+        inputs.fitted,
         wheel_of(inputs.vehicle, "vehicle.toml"),
-        soil,
-        found.soils[0],
-        load_n=load,
-        speed_mps=speed,
-        reading=inputs.fit.options.reading,
+        inputs.fit.soil,
+        inputs.fit.options.reading,
     )
-    head = ["quantity", "slip", "without", "with", "difference", "95 % interval", "unit"]
-    note = (
-        f"Steady driving at {load / 1e3:.1f} kN and {speed:.1f} m/s, by the recommended model. "
-        "Interval: of the causes' sizes, soil held."
-    )
-    title = f"With and without {listed([plain_name(cause.name) for cause in causes])}"
-    table = Table(title, head, _rows(costs), note, words=("unit",))
-    return [Text(_meaning(causes)), table], {
-        "costs": [vars(entry) | {"difference": entry.difference} for entry in costs],
-        "load_n": load,
-        "ground_speed_mps": speed,
+    table = Table(cost_title(found), COST_HEAD, cost_rows(found), cost_note(found), words=("unit",))
+    return [Text(cost_meaning(found)), table], {
+        "costs": [vars(entry) | {"difference": entry.difference} for entry in found.costs],
+        "load_n": found.load_n,
+        "ground_speed_mps": found.ground_speed_mps,
     }
-
-
-def _meaning(causes: tuple[Cause, ...]) -> str:
-    kinds = {cause.kind for cause in causes}
-    return _MEASURED if kinds == {"measurement"} else _PHYSICAL
-
-
-def _usual(inputs: ReportInputs) -> tuple[float, float]:
-    """Return median load and ground speed of the used samples."""
-    load, speed = (
-        np.concatenate([getattr(run, name)[run.used] for run in inputs.fitted])
-        for name in ("vertical_load_n", "ground_speed_mps")
-    )
-    return float(np.nanmedian(load)), float(np.nanmedian(speed))
-
-
-def _rows(costs: list[Cost]) -> list[list[str]]:
-    rows = []
-    for entry in costs:
-        name, factor, unit = _QUANTITIES[entry.quantity]
-        low, high = (factor * end for end in entry.difference95)
-        interval = f"{_signed(low)} … {_signed(high)}" if isfinite(low) else "–"
-        values = [
-            number(factor * entry.without),
-            number(factor * entry.with_causes),
-            _signed(factor * entry.difference),
-        ]
-        rows.append([name, f"{entry.slip:.2f}", *values, interval, unit])
-    return rows
-
-
-def _signed(value: float) -> str:
-    text = number(value, 2)
-    return f"+{text}" if value > 0 and text != "0" else text
 
 
 @section("against", "Since last time")
@@ -108,62 +44,24 @@ def against(inputs: ReportInputs) -> Contents:
     if inputs.last is None:
         raise DataError("no earlier report was given (--against)")
     changes = changes_since(inputs.last, _sections(inputs))
-    beyond = [change for change in changes if change.beyond]
-    when = f"the report of {inputs.last.made_at[:10]} ({inputs.last.name})"
-    summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
-    if beyond:
-        summary += f" {upper(listed([_sentence(change) for change in beyond[:3]]))}."
-    head = ["quantity", "last time", "now", "difference", "beyond the intervals", "unit"]
-    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the reports has, too."
-    blocks: list[Block] = [Text(summary, "warning" if beyond else "good")]
-    blocks.append(Table("Last time and now", head, [_row(change) for change in changes], note, words=head[4:]))
+    differs = any(change.beyond for change in changes)
+    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
+    blocks: list[Block] = [Text(change_summary(inputs.last, changes), "warning" if differs else "good")]
+    rows = [change_row(change) for change in changes]
+    blocks.append(Table("Last time and now", CHANGE_HEAD, rows, note, words=CHANGE_HEAD[4:]))
     return blocks, {
         "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
         "last": inputs.last.made_at,
+        "last_name": inputs.last.name,
     }
 
 
 def _sections(inputs: ReportInputs) -> dict[str, Any]:
     """Return the sections that are compared, as report.json has them; those that cannot be built are left out."""
     found: dict[str, Any] = {}
-    for builder in (glance, fit_section, causes_section, runs_section):
+    for builder in (glance, fit_section, causes_section, runs_section, quality_section):
         try:
             found[builder.key] = plain(builder.build(inputs).numbers)
         except DataError:
             continue
     return found
-
-
-def _sentence(change: Change) -> str:
-    if not isfinite(change.last):
-        return f"{_name(change)} is new"
-    if not isfinite(change.now):
-        return f"{_name(change)} is gone"
-    return f"{_name(change)} went from {number(change.last)} to {number(change.now)} {change.unit}".rstrip()
-
-
-def _name(change: Change) -> str:
-    if change.name in _NAMES:
-        return _NAMES[change.name]
-    first, _, last = change.name.partition(".")
-    if change.kind == "soil":
-        campaign, _, name = change.name.rpartition(".")
-        return f"{SOIL_LETTERS.get(name, name)} of the soil" + (f" in {campaign}" if campaign != "soil" else "")
-    if change.kind == "cause":
-        return f"{plain_name(first)}, {letter(last)}"
-    channel = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}[last.split(".")[0]]
-    return f"error of {channel} on held-out runs, calibrated soil"
-
-
-def _row(change: Change) -> list[str]:
-    halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
-    difference = signed(change.difference, "+.3g") if isfinite(change.difference) else "–"
-    verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
-    return [
-        _name(change),
-        number(change.last) + halves[0],
-        number(change.now) + halves[1],
-        difference,
-        verdict,
-        change.unit,
-    ]

@@ -42,7 +42,16 @@ from wheelsoil.report.recommendation import (
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.names import CALIBRATED, LABORATORY, family_of, page_unit, parameter_name, plain_name, upper
+from wheelsoil.wording.names import (
+    CALIBRATED,
+    LABORATORY,
+    SOIL_UNITS,
+    family_of,
+    page_unit,
+    parameter_name,
+    plain_name,
+    upper,
+)
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
@@ -51,8 +60,6 @@ from wheelsoil.workflows.traction import Traction, traction_of
 _SIGMAS = 1.959964
 _MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
-_SOIL_UNITS = {"cohesion_pa": "Pa", "tan_phi": "", "shear_modulus_m": "m", "sinkage_exponent": ""}
-_SOIL_UNITS |= {"cohesive_modulus": "N/m^(n+1)", "frictional_modulus": "N/m^(n+2)"}
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
 _NO_BIAS = "no median of 10 or more samples is beyond the noise of one, and the medians do not keep to one side of zero"
 _SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
@@ -201,7 +208,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
             before = number(soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
             label = _with_unit(
-                f"{letter(name)}, {soil.campaign}" if several else letter(name), _SOIL_UNITS.get(name, "")
+                f"{letter(name)}, {soil.campaign}" if several else letter(name), SOIL_UNITS.get(name, "")
             )
             rows.append([label, measured(value, sigma), interval_text, before, off])
     if not rows:
@@ -303,7 +310,8 @@ def causes(inputs: ReportInputs) -> Contents:
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
     }
-    return blocks, numbers
+    barred = [cause.name for cause, why in found.stated if why is not None]
+    return blocks, numbers | ({"barred": barred} if barred else {})
 
 
 def _alone(name: str) -> str:

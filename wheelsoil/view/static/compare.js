@@ -1,4 +1,4 @@
-// What is compared: medians of both from all samples as a table, and the difference of the pull over slip.
+// What is compared: medians of both from all samples, the difference of the pull over slip, and of two campaigns causes and soils.
 
 import { ask, query } from "./api.js";
 import { fixed } from "./channels.js";
@@ -6,7 +6,7 @@ import { get, write } from "./dom.js";
 import { line, scale, svg, text, ticks, tickText } from "./drawing.js";
 import { campaignOf, choiceOf, on, runOf, state } from "./store.js";
 import { during } from "./talk.js";
-import { fillTable } from "./verdict.js";
+import { changeCells, fillTable } from "./verdict.js";
 
 const ROWS = [
   ["Load (kN)", "load_n", 2, 1e-3], ["Ground speed (m/s)", "speed_mps", 2], ["Greatest slip", "greatest_slip", 2],
@@ -26,7 +26,7 @@ async function show() {
     asked = "";
     return;
   }
-  const [a, b] = sides(), now = JSON.stringify([a, b, choiceOf(a.campaign).run, choiceOf(b.campaign).run, campaignOf(b.campaign).runs.map((run) => run.state)]);
+  const [a, b] = sides(), now = JSON.stringify([a, b, choiceOf(a.campaign).run, choiceOf(b.campaign).run, campaignOf(b.campaign).runs.map((run) => run.state), [a, b].map(({ campaign }) => campaignOf(campaign).diagnosis.sentence)]);
   if (now === asked) return;
   asked = now;
   const told = await during("comparing", ask(query("/api/compare", { campaign: a.campaign, run: a.run ?? "", campaign_b: b.campaign, run_b: b.run ?? "" })));
@@ -39,7 +39,16 @@ async function show() {
     const [p, q] = [one[key], other[key]].map((value) => (value === null ? null : value * factor)), difference = minus(p, q);
     return [words, fixed(p, digits), fixed(q, digits), `${difference > 0 ? "+" : ""}${fixed(difference, digits)}`];
   }));
+  showChanges(told, names);
   draw();
+}
+
+/** Soil, causes and errors of two diagnosed campaigns, as the report compares itself with the last one. */
+function showChanges({ changes, undiagnosed }, names) {
+  get("changes-table").hidden = !changes;
+  write(get("changes-says"), undiagnosed.length ? `Causes and soils are compared once ${undiagnosed.join(" and ")} ${undiagnosed.length > 1 ? "are" : "is"} diagnosed.` : changes ? "Beyond: by more than both 95 % intervals together." : "");
+  if (!changes) return;
+  fillTable(get("changes-table"), ["", ...names, "difference"], changes.map(changeCells).map(([name, other, own, difference]) => [name, own, other, difference]));
 }
 
 function draw() {

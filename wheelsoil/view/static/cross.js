@@ -33,12 +33,32 @@ function seenPart(data) {
   return { all: () => true, driving: (slip) => slip > 0, braking: (slip) => slip < 0 }[part];
 }
 
+/** The least and greatest of the samples that are wanted; null where there is none. */
+function reachOf(groups, wanted) {
+  let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const { x, y, used } of groups) {
+    for (let i = 0; i < x.length; i++) {
+      if (x[i] === null || y[i] === null || !wanted(x[i], y[i], used[i])) continue;
+      [x0, x1, y0, y1] = [Math.min(x0, x[i]), Math.max(x1, x[i]), Math.min(y0, y[i]), Math.max(y1, y[i])];
+    }
+  }
+  return x0 > x1 ? null : { x: [x0, x1], y: [y0, y1] };
+}
+
+const widened = ([low, high], share) => [low - share * (high - low), high + share * (high - low)];
+const isWithin = (value, [low, high]) => value >= low && value <= high;
+const isIn = (range, x, y) => isWithin(x, range.x) && isWithin(y, range.y);
+
+/** Limits that hold each used sample of the runs shown, and excluded ones and curves as far as half of that beyond; how many are beyond. */
 function limitsOf(groups, curves, seen) {
-  const rows = groups.flatMap(({ x, y, used }) => x.map((value, i) => [value, y[i], used[i]])).filter(([x, y, used]) => used && x !== null && y !== null && seen(x));
-  const [first, last] = limits(rows.map(([x]) => x), 0.03), [low, high] = limits(rows.map(([, y]) => y));
-  const reach = curves.flatMap(({ x, y }) => y.filter((value, i) => value !== null && seen(x[i])));
-  const most = (high - low) / 2, [least, greatest] = reach.length ? limits(reach) : [low, high];
-  return { x: isSlip() && state.part === "driving" ? [0, last] : [first, last], y: [Math.max(low - most, Math.min(low, least)), Math.min(high + most, Math.max(high, greatest))] };
+  const none = { x: [0, 1], y: [0, 1] }, used = reachOf(groups, (x, y, kept) => kept && seen(x)) ?? reachOf(groups, seen) ?? none;
+  const near = { x: widened(used.x, 0.5), y: widened(used.y, 0.5) }, all = (state.leftOut && reachOf(groups, (x, y, kept) => seen(x) && (kept || isIn(near, x, y)))) || used;
+  const drawn = curves.flatMap(({ x, y }) => y.filter((value, i) => value !== null && seen(x[i]))), [least, greatest] = drawn.length ? limits(drawn) : all.y;
+  const ends = ([low, high], margin) => (high > low ? widened([low, high], margin) : [low - 1, high + 1]), [first, last] = ends(all.x, 0.03);
+  const y = ends([Math.min(all.y[0], Math.max(near.y[0], least)), Math.max(all.y[1], Math.min(near.y[1], greatest))], 0.07);
+  const range = { x: isSlip() && state.part === "driving" ? [0, last] : [first, last], y };
+  const isBeyond = (group) => (x, i) => x !== null && group.y[i] !== null && seen(x) && !isIn(range, x, group.y[i]);
+  return { ...range, beyond: state.leftOut ? groups.reduce((sum, group) => sum + group.x.filter(isBeyond(group)).length, 0) : 0 };
 }
 
 function drawNow() {
@@ -58,19 +78,20 @@ function drawNow() {
   const compared = !state.b ? [] : state.b.run === null ? othersOf(state.b.campaign) : [state.b];
   const second = compared.map(samplesOf).filter((each) => has(each, about.x.key) && has(each, about.y.key)).map((each) => ({ ...columns(each, about), used: each.used, data: each }));
   const curves = isSlip() && MODELLED.includes(about.y.key) ? state.curves.filter((each) => each[about.y.key]).map((each) => ({ ...each, x: each.slip, y: scaled(each[about.y.key], about.y) })) : [];
-  const range = limitsOf([own, ...second], curves, seen);
+  const groups = others.map(({ place, data: each }) => ({ place, ...columns(each, about), used: each.used })), range = limitsOf([own, ...second, ...groups], curves, seen);
   X = scale(range.x, [LEFT, width - RIGHT]);
   Y = scale(range.y, [height - BOTTOM, TOP + 14]);
   figure = svg("svg", { class: "figure", width, height });
+  figure.limits = range;
   figure.append(...axes(about, width, height));
   const inside = svg("svg", { x: LEFT, y: TOP + 8, width: width - LEFT - RIGHT, height: height - BOTTOM - TOP - 4 });
-  const px = (value) => X(value) - LEFT, py = (value) => Y(value) - TOP - 8, groups = others.map(({ place, data: each }) => ({ place, ...columns(each, about), used: each.used }));
+  const px = (value) => X(value) - LEFT, py = (value) => Y(value) - TOP - 8;
   inside.append(...(state.colour === "density" ? density([...groups, own], px, py) : byColour(groups, px, py)));
   for (const each of second) inside.append(svg("path", { class: "samples other", d: dots(each.x, each.y, px, py, rowsOf(each)) }));
   const zoomed = ([from, to]) => (i) => data.time_s[i] >= from && data.time_s[i] <= to;
   const shown = rowsOf(own).filter(state.zoom ? zoomed(state.zoom) : () => true), mine = svg("path", { class: "samples own", d: dots(own.x, own.y, px, py, shown) });
   mine.points = { rows: shown };
-  if (state.leftOut) inside.append(svg("path", { class: "samples out", d: dots(own.x, own.y, px, py, data.time_s.map((_, i) => i).filter((i) => !own.used[i])) }));
+  if (state.leftOut) inside.append(svg("path", { class: "samples out", d: [own, ...second, ...groups].map((each) => dots(each.x, each.y, px, py, excludedOf(each))).join("") }));
   inside.append(mine, ...threshold(height, px), ...curves.map((each) => curveOf(each, px, py)));
   const rows = [[own, data], ...second.filter(({ data: each }) => state.b?.run && each).map((each) => [each, each.data])].map(([values, each]) => [values, selectedIn(each)]);
   const chosen = svg("path", { class: "picked", d: rows.map(([values, selected]) => dots(values.x, values.y, px, py, selected)).join("") });
@@ -81,11 +102,12 @@ function drawNow() {
   figure.append(inside);
   box.replaceChildren(figure);
   const load = state.curves[0]?.load_n, note = state.colour === "density" ? "density: all runs" : state.colour === "none" ? "" : `runs by ${state.colour}`;
-  write(get("cross-note"), [note, `points: ${runOf(state.a)?.id ?? ""}`, state.b && `violet: ${runOf(state.b)?.id ?? campaignOf(state.b.campaign)?.name}`, load && curves.length ? `model at ${fixed(load / 1000, 1)} kN` : ""].filter(Boolean).join(" · "));
+  write(get("cross-note"), get("cross-note").title = [range.beyond ? `${range.beyond} excluded beyond` : "", note, `points: ${runOf(state.a)?.id ?? ""}`, state.b && `violet: ${runOf(state.b)?.id ?? campaignOf(state.b.campaign)?.name}`, load && curves.length ? `model at ${fixed(load / 1000, 1)} kN` : ""].filter(Boolean).join(" · "));
   showCursor();
 }
 
 const rowsOf = ({ x, used }) => x.map((_, i) => i).filter((i) => used[i]);
+const excludedOf = ({ x, used }) => x.map((_, i) => i).filter((i) => !used[i]);
 
 function axes(about, width, height) {
   const across = ticks(X.limits, width / 70), up = ticks(Y.limits, height / 50), right = width - RIGHT, low = height - BOTTOM, made = [];

@@ -39,7 +39,7 @@ function pickFirst() {
 }
 
 export const verdictOf = ({ state: now, verdict, sentence, why }) =>
-  ({ none: "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence || VERDICTS[verdict] })[now] ?? "";
+  ({ none: why ? `Not diagnosed: ${why}. Diagnose starts it again.` : "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence || VERDICTS[verdict] })[now] ?? "";
 
 function makeCampaign() {
   const box = part("details", "campaign"), head = part("summary");

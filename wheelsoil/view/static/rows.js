@@ -1,4 +1,4 @@
-// Time histories: rows over one axis of time, one cursor through all of them, the values at it on the right.
+// Time histories: rows over one axis of time, one cursor through all of them, the values at it in the line of their title.
 
 import { channel, fixed, has, limits, ROWS, scaled } from "./channels.js";
 import { get, list, part, write } from "./dom.js";
@@ -12,7 +12,7 @@ import { on, runOf, state, tell } from "./store.js";
 
 const LETTERS = { drive: "D", brake: "B", coast: "C", standstill: "S" };
 const WORDS = { drive: "driving", brake: "braking", coast: "coasting", standstill: "standstill" };
-const TOP = 34, BOTTOM = 36, TITLE = 20, LEAST_ROW = 84, LEFT = 54, GUTTER = 164, NARROW = 520, DRAG_PX = 4;
+const TOP = 34, BOTTOM = 36, TITLE = 20, LEAST_ROW = 84, LEFT = 54, RIGHT = 8, SLOT = 72, NAMED = 148, LETTER = 6.3, DRAG_PX = 4;
 
 let X; // scale of time
 let drawn = []; // rows that stand: { row, Y, series, values, marks }
@@ -85,13 +85,13 @@ function drawNow() {
   for (const id of ["rows", "legend"]) get(id).hidden = !data; // what stands there is of another run
   drawn = [];
   if (!data) return box.replaceChildren();
-  const rows = rowsShown(), wide = box.clientWidth >= NARROW, width = box.clientWidth, gutter = wide ? GUTTER : 8;
+  const rows = rowsShown(), width = box.clientWidth;
   const height = Math.max(box.clientHeight, TOP + BOTTOM + rows.length * LEAST_ROW), each = (height - TOP - BOTTOM) / Math.max(rows.length, 1);
-  X = scale(timeLimits(), [LEFT, width - gutter]);
+  X = scale(timeLimits(), [LEFT, width - RIGHT]);
   figure = svg("svg", { class: "figure", width, height });
   figure.append(...phases(data, height), ...heldOut(height), ...selection(height), timeAxis(height));
   const other = state.b?.run ? samplesOf(state.b) : null;
-  rows.forEach((row, i) => figure.append(rowFigure(row, data, other, TOP + i * each, each, width, wide)));
+  rows.forEach((row, i) => figure.append(rowFigure(row, data, other, TOP + i * each, each)));
   figure.append(...flags(data, height));
   rule = svg("path", { class: "cursor", d: `M0 ${TOP}V${height - BOTTOM}` });
   tag = svg("g", { class: "cursor-tag" }, svg("rect", { x: -30, y: height - BOTTOM + 2, width: 60, height: 18, rx: 3 }), text("", 0, height - BOTTOM + 15, { "text-anchor": "middle" }));
@@ -125,7 +125,7 @@ function selection(height) {
   return [svg("rect", { class: "selection", x: x0, y: TOP, width: Math.max(1, x1 - x0), height: height - TOP - BOTTOM })];
 }
 
-function rowFigure(row, data, other, top, height, width, wide) {
+function rowFigure(row, data, other, top, height) {
   const { unit, digits, series } = seriesOf(row, data, other), right = X(X.limits[1]), y0 = top + height - 6, y1 = top + TITLE;
   const part = row.key === "pull" && state.part !== "all" ? `, ${state.part}` : "", title = `${row.title}${part}${unit ? ` (${unit})` : ""}`;
   const range = limitsOf(row, series, data), Y = scale(range, [y0, y1]), group = svg("g", { class: "row", "data-row": row.key });
@@ -143,21 +143,20 @@ function rowFigure(row, data, other, top, height, width, wide) {
   inside.append(...lines.filter((path) => !path.classList.contains("measured")).reverse(), ...lines.filter((path) => path.classList.contains("measured")), picked(series, data, Y, y1));
   group.append(inside);
   const said = series.filter(({ quiet }) => !quiet);
-  const dots = said.map(({ look }) => svg("circle", { class: `at ${look}`, r: 3.5 })), values = said.map((one, i) => value(one, i, title, right, top, wide));
+  const dots = said.map(({ look }) => svg("circle", { class: `at ${look}`, r: 3.5 })), values = said.map((one, i) => value(one, i, said.length, title, right, top));
   group.append(...dots.toReversed(), ...values.flatMap((each) => each.parts));
   drawn.push({ row, Y, series: said, values, dots, digits });
   return group;
 }
 
-/** Where a value stands: right of its row, or behind the title where it is narrow. */
-function value({ name, look }, i, title, right, top, wide) {
-  if (!wide) {
-    const words = text("", right - 72 * i, top + 13, { class: "number", "text-anchor": "end" });
-    return { words, parts: i < 2 ? [sample(look, right - 72 * i - 62, top + 9, 10), words] : [] };
-  }
-  const y = top + TITLE + 10 + 18 * i, words = text("", right + GUTTER - 8, y, { class: "number", "text-anchor": "end" });
-  const short = name.replace("laboratory", "lab.");
-  return { words, parts: [sample(look, right + 12, y - 4), text(short.length > 13 ? `${short.slice(0, 12)}…` : short, right + 34, y, { class: "label" }), words] };
+/** A value in the line of the title, the first one left; with the name of its line where there is room, without it where there is less. */
+function value({ name, look }, i, count, title, right, top) {
+  const room = right - LEFT - LETTER * title.length - 12, slot = room >= count * NAMED ? NAMED : SLOT, most = Math.max(1, Math.floor(room / slot));
+  const end = right - slot * (Math.min(count, most) - 1 - i) - 2, start = end - slot + 10, isNamed = slot === NAMED;
+  const words = text("", isNamed ? end : start + 18, top + 13, { class: "number", "text-anchor": isNamed ? "end" : "start" });
+  if (i >= most) return { words, parts: [] };
+  const short = name.replace("laboratory", "lab."), label = text(short.length > 11 ? `${short.slice(0, 10)}…` : short, start + 18, top + 13, { class: "label" });
+  return { words, parts: [sample(look, start, top + 9, 12), ...(isNamed ? [label] : []), words] };
 }
 
 /** The selected samples of the first line, where a box or a reason selected them. */

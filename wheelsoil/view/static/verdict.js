@@ -35,6 +35,8 @@ async function show() {
   const diagnosis = told?.state === "done" ? kept.get(campaign.key)?.diagnosis : undefined;
   showLine(told, diagnosis);
   showErrors(diagnosis);
+  showCost(diagnosis);
+  showSince(diagnosis?.since);
   const rows = rowsOf(diagnosis);
   write(get("causes-count"), diagnosis ? (diagnosis.refused ? "refused" : `${rows.length}`) : "not diagnosed");
   write(get("refused"), diagnosis?.refused ?? "");
@@ -61,7 +63,7 @@ function showLine(told, diagnosis) {
   const model = recommendedOf(diagnosis);
   if (current()) setJudged(current().key, model);
   get("recommended").hidden = !model;
-  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${told.left_s === null ? "just begun" : `${Math.round(100 * told.share)} % done, about ${told.left_s} s left`}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
+  if (!diagnosis) return write(line, told?.state === "running" ? `Diagnosis running, ${progressOf(told)}; the page can be used meanwhile.` : words || "Not diagnosed yet: Diagnose names what the simulation gets wrong.");
   const { gain, next } = diagnosis, best = diagnosis.causes[0];
   const parts = [part("b", "", diagnosis.finding)]; // a single size stands behind it by itself
   if (best?.parameters.length && diagnosis.sizes.length === 1) parts.push(keyed(part("span", "", diagnosis.sizes[0]), diagnosis, `cause.${best.name}.${best.parameters[0].name}`));
@@ -76,6 +78,8 @@ function showLine(told, diagnosis) {
   line.replaceChildren(...parts.flatMap((each) => [each, " "]));
   line.title = diagnosis.sentence;
 }
+
+const progressOf = ({ share, left_s: left }) => (share < 0.005 ? "just begun" : `${Math.round(100 * share)} % done${left === null ? "" : `, about ${left} s left`}`);
 
 /** Mark what a part shows: the key of the quantity and its unrounded value. */
 function keyed(made, { figures }, key) {
@@ -117,11 +121,41 @@ function showErrors(diagnosis) {
   fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
 }
 
+/** What the named causes cost, with and without them, in the words and numbers of the report. */
+function showCost(diagnosis) {
+  const told = diagnosis?.cost;
+  get("cost-box").hidden = !told;
+  if (!told) return;
+  write(get("cost-note"), told.title);
+  write(get("cost-says"), told.says);
+  const rows = told.rows.map(([name, slip, without, withThem, key, interval, unit]) => {
+    const change = part("span");
+    change.append(figure(diagnosis, key), part("small", "", interval));
+    return [`${name} (${unit})`, slip, without, withThem, change];
+  });
+  fillTable(get("cost-table"), ["", "slip", "without", "with", "difference, 95 %"], rows);
+}
+
+/** What has changed since the report or campaign that the page was started with, as the report says it. */
+function showSince(told) {
+  get("since-box").hidden = !told;
+  if (!told) return;
+  write(get("since-says"), told.says);
+  fillTable(get("since-table"), told.rows.length ? ["", "last time", "now", "difference"] : [], told.rows.map(changeCells));
+}
+
+/** A row of changes: quantity, the other value, the own one, their difference and whether it is beyond the intervals. */
+export function changeCells([name, other, own, difference, beyond, unit]) {
+  const cell = part("span", "", difference);
+  cell.append(part("small", "", { yes: "beyond", no: "within" }[beyond] ?? beyond));
+  return [unit ? `${name} (${unit})` : name, ...[other, own].map((value) => value.replace("± ", "±\u00a0")), cell];
+}
+
 export function fillTable(table, head, rows) {
   const row = (cells, tag) => {
     const made = part("tr");
     made.append(...cells.map((cell, i) => {
-      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell : "");
+      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell.replace("N m)", "N\u00a0m)") : "");
       if (typeof cell !== "string") box.append(cell);
       return box;
     }));

@@ -1,0 +1,238 @@
+"""Several instrumented wheels in one recording: every command takes each in turn, or the one that is named."""
+
+from __future__ import annotations
+
+import csv
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_support import busy, invoke, ok
+from shared_results import made_once
+
+from daq.config import VehicleConfig, load_toml
+from daq.errors import ConfigError
+from daq.runs import open_runs
+from processing import ProcessedRun, ProcessOptions
+from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.view.campaigns import open_campaigns
+from wheelsoil.workflows.runs import Files, open_and_process, process_runs
+
+IDS = ("FL", "RL")
+QUICK = ("--effects", "torque_zero", "--most-causes", 1)
+ZERO_NM = 150.0
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a campaign of one run with two wheels, the torque of the rear one with a zero. Not to be written to."""
+    hidden = ("--effect", f"torque_zero:offset_nm={ZERO_NM}", "--faulty-wheel", "RL", "--noise", "0.5")
+    length = ("--runs", 1, "--duration", 20, "--pass-number", 2)
+
+    def simulate(folder: Path) -> None:
+        ok("simulate", "-o", folder / "two", "--wheels", 2, *length, *hidden)
+
+    return made_once(tmp_path_factory, "two_wheels", simulate) / "two"
+
+
+@pytest.fixture(scope="module")
+def runs(two: Path) -> dict[str, ProcessedRun]:
+    return {wheel: open_and_process([two], ProcessOptions(), Files(wheel=wheel))[0][1] for wheel in IDS}
+
+
+def test_a_simulated_vehicle_has_its_wheels_in_one_recording(two: Path, runs: dict[str, ProcessedRun]) -> None:
+    assert load_toml(two / "vehicle.toml", VehicleConfig).wheel_ids == IDS
+    assert tomllib.loads((two / "manifest.toml").read_text(encoding="utf-8"))["truth"]["wheels"] == list(IDS)
+    front, rear = runs["FL"], runs["RL"]
+    moving = slice(round(5 * front.rate_hz), round(14 * front.rate_hz))
+    assert (front.start_ns - rear.start_ns) % round(1e9 / front.rate_hz) == 0, "all wheels are on one grid"
+    common = [run.start_ns + np.round(run.time_s * 1e9).astype(np.int64) for run in (front, rear)]
+    _, here, there = np.intersect1d(*common, return_indices=True)
+    assert len(here) > 0.99 * len(front)
+    np.testing.assert_array_equal(front.ground_speed_mps[here], rear.ground_speed_mps[there])
+    at_rest = [float(np.nanmean(run.vertical_load_n[:200])) for run in (front, rear)]
+    assert at_rest == pytest.approx([0.5 * 3600 * 9.80665 - 8000, 8000], abs=120)
+    gained = [
+        np.polyfit(run.ground_acceleration_mps2[moving], run.vertical_load_n[moving], 1)[0] for run in (front, rear)
+    ]
+    assert gained[0] < 0 < gained[1], "the rear wheel gains load when the vehicle accelerates, the front wheel loses it"
+    swing = [run.vertical_load_n[moving] - np.mean(run.vertical_load_n[moving]) for run in (front, rear)]
+    assert abs(np.corrcoef(*swing)[0, 1]) < 0.95, "each wheel has its own road"
+
+
+def test_a_rear_wheel_counts_the_axle_before_it(runs: dict[str, ProcessedRun]) -> None:
+    assert (runs["FL"].passage, runs["RL"].passage) == (3, 4), "pass 2 of a vehicle with two axles"
+
+
+def test_process_takes_each_wheel_in_turn(two: Path, tmp_path: Path) -> None:
+    table = tmp_path / "two.csv"
+    result = ok("process", two, "--json", "-o", table)
+    assert [entry["wheel"] for entry in result.json] == list(IDS)
+    assert all(entry["run"]["id"] == "run-1" and next(iter(entry)) == "wheel" for entry in result.json)
+    with table.open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    column = next(row for row in rows if "wheel" in row).index("wheel")
+    assert set(IDS) <= {row[column] for row in rows}
+    [alone] = ok("process", two, "--json", "--wheel", "RL").json
+    assert alone == result.json[1]
+    text = ok("process", two)
+    assert [line.split() for line in text.out.splitlines() if line.startswith("wheel ")] == [["wheel", w] for w in IDS]
+
+
+def test_info_lists_the_wheels(two: Path) -> None:
+    [facts] = ok("info", two, "--json").json
+    assert facts["wheels"] == list(IDS)
+    assert invoke("info", two, "--wheel", "RR").code == 2
+
+
+def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:
+    both = ok("fit", two, "--json").json
+    assert [entry["wheel"] for entry in both] == list(IDS)
+    assert all(entry["wheel_size"] == {"radius_m": 0.47, "width_m": 0.318} for entry in both)
+    assert ok("fit", two, "--json", "--wheel", "FL").json == both[0]
+    shown = ok("fit", two).out
+    assert shown.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown
+    assert [entry["wheel"] for entry in ok("sinkage", two, "--json").json] == list(IDS)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], Path]:
+    model = tmp_path_factory.mktemp("models") / "model.toml"
+    return ok("diagnose", two, *QUICK, "-o", model, "--json").json, model
+
+
+def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:
+    found, model = diagnosed
+    front, rear = found
+    assert (front["wheel"], rear["wheel"]) == IDS
+    assert rear["verdict"] in ("named", "one_of") and rear["candidates"][0]["name"] == "torque_zero"
+    assert rear["causes"][0]["name"] == "torque_zero" and all(cause["wheel"] == "RL" for cause in rear["causes"])
+    assert rear["causes"][0]["parameters"][0]["value"] == pytest.approx(ZERO_NM, rel=0.4)
+    assert front["verdict"] == "nothing_detectable" and not front["causes"]
+    assert sorted(path.name for path in model.parent.iterdir()) == ["model-FL.toml", "model-RL.toml"]
+
+
+def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:
+    shown = ok("diagnose", two, *QUICK).out
+    assert shown.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown
+
+
+@pytest.mark.parametrize("command", ["report", "zero"])
+def test_a_command_of_one_wheel_asks_which(two: Path, tmp_path: Path, command: str) -> None:
+    result = invoke(command, two / "run-1.mcap", "-o", tmp_path / ("r.html" if command == "report" else "z.toml"))
+    assert result.code == 2
+    assert "FL, RL" in result.err and "--wheel FL" in result.err and "Traceback" not in result.err
+
+
+def test_a_plan_asks_which(two: Path) -> None:
+    result = invoke("diagnose", "--plan", two)
+    assert result.code == 2 and "FL, RL" in result.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the logger needs a POSIX system")
+def test_a_logged_recording_carries_all_wheels_and_their_zeros(two: Path, tmp_path: Path) -> None:
+    text = (two / "vehicle.toml").read_text(encoding="utf-8")
+    start, stop = text.index("[[bus]]"), text.index("[signals]")
+    bus = '[[bus]]\nchannel = "wheels"\ninterface = "virtual"\n\n'
+    front, rear = (
+        (text[:start] + bus + text[stop:]).replace("can0:", "wheels:").replace("can1:", "wheels:").split('id = "RL"')
+    )
+    zeros = [
+        part.replace('zero = "lifted"', f'zero_file = "zero-{name}.toml"')
+        for part, name in ((front, "FL"), (rear, "RL"))
+    ]
+    own = zeros[1].replace("WFT_", "WFT2_")
+    (tmp_path / "vehicle.toml").write_text('id = "RL"'.join([zeros[0], own]), encoding="utf-8")
+    (tmp_path / "zero-RL.toml").write_text("", encoding="utf-8")
+    with busy("wheels"):
+        logged = ("log", tmp_path / "vehicle.toml", "--duration", 0.2, "-o", tmp_path / "run.mcap", "--no-page")
+        result = ok(*logged)
+    assert "zero-FL.toml does not exist yet" in result.err and "zero-RL.toml" not in result.err
+    [run] = open_runs([tmp_path / "run.mcap"])
+    assert run.vehicle.wheel_ids == IDS and "zero-RL.toml" in run.attachments
+
+
+def test_the_page_and_python_ask_too(two: Path) -> None:
+    with pytest.raises(ConfigError, match="--wheel FL"):
+        open_campaigns([two], Files())
+    with pytest.raises(ConfigError, match="--wheel FL"):
+        process_runs(open_runs([two]), ProcessOptions())
+    [campaign], remarks = open_campaigns([two], Files(wheel="RL"))
+    assert campaign.first.vehicle.transducer == campaign.first.for_wheel("RL").vehicle.transducer and not remarks
+
+
+def test_an_unknown_wheel_is_refused_with_the_known_ones(two: Path) -> None:
+    for command in ("process", "fit", "sinkage", "diagnose"):
+        result = invoke(command, two, "--wheel", "RX")
+        assert result.code == 2
+        assert "no wheel has the id 'RX'" in result.err and "RL" in result.err
+    table = invoke("fit", "--table", "t.csv", "--wheel", "RL")
+    assert table.code == 2 and "--where wheel=NAME" in table.err
+
+
+def test_one_zero_file_is_not_for_several_wheels(two: Path, tmp_path: Path) -> None:
+    (tmp_path / "zero.toml").write_text("", encoding="utf-8")
+    result = invoke("process", two, "--zero", tmp_path / "zero.toml")
+    assert result.code == 2 and "one zero file for several wheels" in result.err
+    assert invoke("process", two, "--zero", tmp_path / "zero.toml", "--wheel", "FL", "--json").code == 0
+
+
+def vehicle_beside(two: Path, folder: Path, before: str, after: str) -> Path:
+    """Write a changed vehicle.toml with its DBCs."""
+    for file in two.glob("*.dbc"):
+        (folder / file.name).write_bytes(file.read_bytes())
+    text = (two / "vehicle.toml").read_text(encoding="utf-8")
+    assert before in text
+    (folder / "vehicle.toml").write_text(text.replace(before, after), encoding="utf-8")
+    return folder / "vehicle.toml"
+
+
+def test_a_fault_of_one_wheel_leaves_the_others_their_result(two: Path, tmp_path: Path) -> None:
+    vehicle = vehicle_beside(two, tmp_path, "can1:WFT_Moments.My", "can1:WFT_Moments.Mq")
+    result = invoke("process", two, "--vehicle", vehicle, "--json")
+    assert result.code == 2
+    assert [entry["wheel"] for entry in result.json] == ["FL"]
+    assert "no DBC has a signal 'WFT_Moments.Mq'" in result.err and "wheel RL" in result.err
+
+
+def test_a_recording_of_one_wheel_is_not_taken_for_four(two: Path, campaign: Path) -> None:
+    result = invoke("process", campaign / "run-1.mcap", "--vehicle", two / "vehicle.toml")
+    assert result.code == 2
+    assert "made with one [wheel]" in result.err and "--wheel FL" in result.err
+    mixed = invoke("process", campaign, two)
+    assert mixed.code == 2 and "different wheels" in mixed.err
+
+
+def test_rut_readings_are_of_the_wheel_that_they_name(two: Path, tmp_path: Path) -> None:
+    text = '[[run]]\nfile = "run-1.mcap"\nid = "run-1"\n'
+    reading = "[[run.rut]]\ndepth_m = 0.05\nsigma_m = 0.005\ntime_s = 8.0\n"
+    (tmp_path / "runs.toml").write_text(f'{text}\n{reading}wheel = "RL"\n', encoding="utf-8")
+    files = Files(runs=tmp_path / "runs.toml")
+    opened = files.runs_of_wheels([two], left_out=lambda _: None)
+    assert {wheel: len(run.info.rut) for wheel, [run] in opened.items()} == {"FL": 0, "RL": 1}
+    (tmp_path / "runs.toml").write_text(f"{text}\n{reading}", encoding="utf-8")
+    result = invoke("process", two, "--runs", tmp_path / "runs.toml")
+    assert result.code == 2 and "does not say of which wheel" in result.err
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"wheels": 3}, "number of instrumented wheels.*\n.*3"),
+        ({"wheels": 2, "faulty_wheel": "RR"}, "no wheel is called 'RR'"),
+        ({"faulty_wheel": "RL"}, "no wheel is called 'RL'(.|\n)*there is one wheel"),
+        ({"wheels": 4, "rut": 3, "lifted": True}, "rut readings and the lifted wheel are simulated of one wheel"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        SimulationOptions(**given)
+
+
+def test_the_command_of_a_simulation_has_its_wheels() -> None:
+    command = SimulationOptions(wheels=4, faulty_wheel="FR").command
+    assert "--wheels 4 --faulty-wheel FR" in command
+    assert "--wheels" not in SimulationOptions().command

@@ -1,0 +1,72 @@
+"""Output of the commands that take the runs of several wheels, one wheel after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from wheelsoil.console import print_json, say
+
+if TYPE_CHECKING:
+    from daq.runs import Run
+
+_OF_CAUSES = ("causes", "further_causes")
+
+
+class PerWheel:
+    """Does the work of a command for each wheel: texts under headings, JSON of several wheels as one list.
+
+    Parameters
+    ----------
+    opened : mapping wheel -> list of Run
+        See `wheelsoil.workflows.runs.Files.runs_of_wheels`.
+    """
+
+    def __init__(self, opened: Mapping[str, list[Run]], *, json: bool) -> None:
+        self._opened, self._json = opened, json
+        self._found: list[dict[str, Any]] = []
+        self._shown = 0
+        self.wheel = ""
+        """Of which the work is done now."""
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one wheel."""
+        return len(self._opened) > 1
+
+    def each(self, work: Callable[[list[Run]], None]) -> None:
+        """Do the work of each wheel; what is wrong with one is raised when that of all is done."""
+        from daq.runs import Collected
+
+        collected = Collected()
+        try:
+            for wheel, runs in self._opened.items():
+                self.wheel = wheel
+                if self.several:
+                    say(f"wheel {wheel}")
+                with collected.catch(f"wheel {wheel}" if wheel else ""):
+                    work(runs)
+        finally:
+            if self._found:
+                print_json(self._found if self.several else self._found[0])
+        collected.stop_if_any()
+
+    def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None]) -> None:
+        """Print what was found of the wheel, or keep it for the JSON of all."""
+        if self._json:
+            self._found.append(self._with_wheel(as_json()))
+            return
+        if self.several:
+            print(f"\nwheel {self.wheel}" if self._shown else f"wheel {self.wheel}")
+        self._shown += 1
+        print_text()
+
+    def _with_wheel(self, found: dict[str, Any]) -> dict[str, Any]:
+        """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`."""
+        if not self.wheel:
+            return found
+        of_causes = {
+            key: [{"wheel": self.wheel, **cause} for cause in found[key]] for key in _OF_CAUSES if key in found
+        }
+        sized = {"wheel_size" if key == "wheel" else key: value for key, value in found.items()}
+        return {"wheel": self.wheel, **sized, **of_causes}

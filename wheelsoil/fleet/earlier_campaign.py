@@ -1,0 +1,109 @@
+"""What a store has of the campaign before some runs, for a report that says what has changed since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from math import nan
+from typing import Any
+
+from daq import OUTPUTS, ConfigError
+from wheelsoil.fleet.holdings import Holdings, read
+from wheelsoil.fleet.manifests import Damage
+from wheelsoil.fleet.store import Store
+from wheelsoil.workflows.diagnosis import Processed
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
+from wheelsoil.workflows.last_report import LastReport, Stated
+
+_PULL = ("pull_at_slip_0_2_n", "pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
+_CAMPAIGN = ("state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
+_ESTIMATE = ("parameter", "unit", "value", "lower95", "upper95")
+_TABLES = ("campaigns", "coefficients", "causes", "gains")
+_SOILS = (CALIBRATED_SOIL, MODELS["named"])
+_NOT_STATED = ("barred", "candidate")
+
+
+def last_campaign(store: Store, processed: Processed) -> tuple[LastReport, tuple[Damage, ...]]:
+    """Return the latest earlier campaign of the vehicle and terrain of some runs, and what was set aside for it.
+
+    One with the transducer of the runs comes before one with another; their own folder does not count.
+
+    Parameters
+    ----------
+    processed : sequence of (Run, ProcessedRun)
+        Of one vehicle and terrain.
+
+    Raises
+    ------
+    ConfigError
+        There is none, or the store cannot be read.
+    """
+
+    def find(holdings: Holdings) -> LastReport:
+        rows = holdings.table("campaigns", _CAMPAIGN).to_pylist()
+        row = _before(rows, processed, store.url)
+        stated = tuple(_stated(holdings, row))
+        return LastReport(row["campaign"], row["start"].isoformat(), row["terrain"] or "", stated, "campaign")
+
+    return read(store, _TABLES, find)
+
+
+def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[str, Any]:
+    first = processed[0][0]
+    vehicle, serial = first.vehicle.vehicle.name, first.vehicle.transducer.serial
+    terrain = first.terrain.soil.name if first.terrain else ""
+    own = {str(run.path.absolute().parent) for run, _ in processed}
+    start = _start(processed)
+    others = [row for row in rows if row["state"] == "done" and row["path"] not in own]
+    alike = [row for row in others if (row["vehicle"] or "", row["terrain"] or "") == (vehicle, terrain)]
+    earlier = [row for row in alike if row["start"] is not None and (start is None or row["start"] < start)]
+    if not earlier:
+        day = f", before {start:%Y-%m-%d %H:%M} UTC" if start else ""
+        raise ConfigError.of(
+            "the store has no earlier campaign of this vehicle and terrain",
+            url,
+            found=f"{len(others)} other campaigns, {len(alike)} of this vehicle and terrain",
+            expected=f"vehicle {vehicle!r} on {terrain!r}{day}",
+            next_step="add it by `wheelsoil fleet run ROOT --store STORE`, or give the JSON file of the last report",
+        )
+    return max(earlier, key=lambda row: ((row["transducer"] or "") == serial, row["start"], row["campaign"]))
+
+
+def _start(processed: Processed) -> datetime | None:
+    """Return when the first run began, as a store has it; None where no run has a date."""
+    starts = [run.start_ns for _, run in processed if run.start_ns > 0]
+    return datetime.fromtimestamp(0, UTC) + timedelta(microseconds=min(starts) // 1000) if starts else None
+
+
+def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:
+    """Yield what is compared of a campaign, by the names that `stated_in` gives."""
+    name = row["campaign"]
+    for soil in _rows(holdings, "coefficients", name, ("model", *_ESTIMATE)):
+        if soil["model"] in _SOILS:
+            yield _of_estimate("soil", f"soil.{soil['parameter']}", soil, "")
+    for cause in _rows(holdings, "causes", name, ("family", "role", *_ESTIMATE)):
+        if cause["role"] not in _NOT_STATED and cause["parameter"]:
+            unit = "" if cause["unit"] == "1" else cause["unit"] or ""
+            yield _of_estimate("cause", f"{cause['family']}.{cause['parameter']}", cause, unit)
+    if row[_PULL[0]] is not None:
+        pull = dict(zip(("value", "lower95", "upper95"), (row[key] for key in _PULL), strict=True))
+        yield _of_estimate("pull", "pull_at_slip_0.2", pull, "N")
+    channels = {output.role: (channel, output.unit_text) for channel, output in OUTPUTS.items()}
+    for gain in _rows(holdings, "gains", name, ("channel", "model", "R0")):
+        if gain["model"] == "base" and gain["R0"] is not None:
+            channel, unit = channels[gain["channel"]]
+            yield Stated("error", f"error.{channel}.{CALIBRATED_SOIL}", gain["R0"], nan, unit)
+    if row["used_share"] is not None:
+        yield Stated("data", "used_share", row["used_share"], nan, "")
+
+
+def _rows(holdings: Holdings, table: str, campaign: str, columns: Iterable[str]) -> list[dict[str, Any]]:
+    from pyarrow import dataset
+
+    rows: list[dict[str, Any]] = holdings.where(table, [*columns], dataset.field("campaign") == campaign).to_pylist()
+    return rows
+
+
+def _of_estimate(kind: str, name: str, row: Mapping[str, Any], unit: str) -> Stated:
+    value, low, high = (nan if row[key] is None else float(row[key]) for key in ("value", "lower95", "upper95"))
+    return Stated(kind, name, value, (high - low) / 2, unit)

@@ -1,0 +1,54 @@
+"""What causes cost, in a sentence and a table: the report's and the analyst's page's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from wheelsoil.wording.figures import figure_interval
+from wheelsoil.wording.names import listed, plain_name
+from wheelsoil.wording.numbers import number
+from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost
+
+if TYPE_CHECKING:
+    from wheelsoil.workflows.cause_cost import CausesCost
+
+COST_HEAD = ("quantity", "slip", "without", "with", "difference", "95 % interval", "unit")
+_QUANTITIES = {
+    "drawbar_pull": ("drawbar pull", 1.0),
+    "driving_torque": ("driving torque", 1.0),
+    "tractive_efficiency": ("tractive efficiency", 100.0),
+}
+_PHYSICAL = "The same soil, load and slip, with and without: what the wheel loses or gains through the cause."
+_MEASURED = (
+    "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
+    "soil, load and slip."
+)
+
+
+def cost_title(found: CausesCost) -> str:
+    """Return the title of the table."""
+    return f"With and without {listed([plain_name(cause.name) for cause in found.causes])}"
+
+
+def cost_meaning(found: CausesCost) -> str:
+    """Return what the difference is."""
+    return _MEASURED if {cause.kind for cause in found.causes} == {"measurement"} else _PHYSICAL
+
+
+def cost_note(found: CausesCost) -> str:
+    """Return for which driving it holds, and what the interval is of."""
+    return (
+        f"Steady driving at {found.load_n / 1e3:.1f} kN and {found.ground_speed_mps:.1f} m/s, "
+        "by the recommended model. Interval: of the causes' sizes, soil held."
+    )
+
+
+def cost_rows(found: CausesCost) -> list[list[str | KeyFigure]]:
+    """Return a row for each quantity and slip, with the columns of `COST_HEAD`."""
+    rows: list[list[str | KeyFigure]] = []
+    for cost in found.costs:
+        name, factor = _QUANTITIES[cost.quantity]
+        figure = figure_of_cost(cost)
+        values = [number(factor * cost.without), number(factor * cost.with_causes)]
+        rows.append([name, f"{cost.slip:.2f}", *values, figure, figure_interval(figure, " … "), figure.unit])
+    return rows
