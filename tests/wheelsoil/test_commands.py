@@ -162,7 +162,7 @@ def test_a_lenient_import_is_opened_again_without_asking(tmp_path):
     assert any("line 753" in remark for remark in facts["remarks"])
 
 
-@pytest.mark.parametrize("drive", ["165_2", "165_4"])
+@pytest.mark.parametrize("drive", ["165_2", pytest.param("165_4", marks=pytest.mark.slow)])
 def test_a_real_drive_goes_through_import_info_process_and_report(drive, tmp_path):
     source = data_dir("css-canedge")
     (tmp_path / "obd2.dbc").write_text(OBD2)

@@ -185,8 +185,9 @@ def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> Non
     assert found.families()["grouser"] < 0.5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("channels", [DP, BOTH])
+@pytest.mark.parametrize(
+    "channels", [pytest.param(DP, marks=pytest.mark.study), pytest.param(BOTH, marks=pytest.mark.slow)]
+)
 def test_the_grousered_wheel_has_a_cause_of_its_own(smooth: Bench, grousered: Bench, channels: tuple[str, ...]) -> None:
     found = compare_wheels(smooth, grousered, DiagnosisOptions(channels=channels))
     assert found.p_value < 1e-3
@@ -204,14 +205,13 @@ def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
     assert law.H2_m == pytest.approx(0.0355, abs=0.002)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wheel", "channels", "led_by", "verdict"),
     [
-        ("ding smooth", ("dp",), "slip_sinkage", "one_of"),
-        ("ding lugged", ("dp",), "slip_sinkage", "one_of"),
-        ("ding lugged", ("dp", "t", "z"), "slip_sinkage", "one_of"),
-        ("hurrell, lugs undeclared", ("dp",), "grouser", "named"),
+        pytest.param("ding smooth", ("dp",), "slip_sinkage", "one_of", marks=pytest.mark.study),
+        pytest.param("ding lugged", ("dp",), "slip_sinkage", "one_of", marks=pytest.mark.study),
+        pytest.param("ding lugged", ("dp", "t", "z"), "slip_sinkage", "one_of", marks=pytest.mark.slow),
+        pytest.param("hurrell, lugs undeclared", ("dp",), "grouser", "named", marks=pytest.mark.slow),
     ],
 )
 def test_published_wheels_are_decided_as_docs_published_wheels_says(
