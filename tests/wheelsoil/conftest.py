@@ -11,8 +11,9 @@ from cli_support import ok
 from live_client import page
 from report_support import material_of, processed_of
 from shared_results import made_once
-from view_client import View, viewing
+from view_client import View
 from view_field_day import FieldDay, field_day_in
+from view_in_process import viewing_here
 
 from wheelsoil.live.panel import PagePanel
 from wheelsoil.report.inputs import ReportInputs
@@ -69,7 +70,7 @@ def panel(shared_panel: PagePanel) -> PagePanel:
 @pytest.fixture(scope="module")
 def view(folder: Path) -> Iterator[View]:
     """Return the analyst's page on the file's own `folder`, with all runs processed."""
-    with viewing(folder) as running:
+    with viewing_here(folder) as running:
         running.settled()
         yield running
 
