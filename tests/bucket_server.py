@@ -53,6 +53,7 @@ class Counted:
         if path == "/-/requests":
             counts, self.requests = dict(self.requests), Counter()
             return [json.dumps(counts).encode()]
+        self.random = random.Random(1)  # so that a test does not depend on the one before it
         self.share, self.status = float(asked["share"][0]), int(asked.get("status", ["503"])[0])
         self.method = asked.get("method", [""])[0]
         return [b"{}"]

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+from shared_results import made_once
+
 from wheelsoil.cli.app import run
+
+SHORT = ("--runs", 1, "--duration", 20)
+"""Of a demo that is quickly made."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,17 @@ def small_campaign(folder: Path, *, runs: int = 2, duration_s: float = 20.0) -> 
     """Simulate a campaign on clay with Lyasko's slip sinkage."""
     ok("simulate", "-o", folder, "--runs", runs, "--duration", duration_s, "--effect", "lyasko:m1=0.1,m2=0.05")
     return folder
+
+
+def kept_demo(factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a demo of one run of 20 s and, in `kept`, the results that another one takes from there."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("WHEELSOIL_CACHE", str(folder / "kept"))
+            ok("demo", "-o", folder / "demo", *SHORT)
+
+    return made_once(factory, "demo", make)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ os.environ["WHEELSOIL_CACHE"] = "off"  # else what a test made would be what the
 os.environ["COLUMNS"] = "96"  # what a command prints is folded to the terminal: not to that of whoever runs the tests
 
 import pytest
-from cli_support import ok, small_campaign
+from cli_support import small_campaign
 from hypothesis import settings
 from scheduling import GroupScheduling, rank
 from shared_results import made_once
@@ -61,10 +61,3 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a campaign folder: two runs of 20 s on clay. Not to be written to."""
     return made_once(tmp_path_factory, "campaign", lambda folder: small_campaign(folder / "clay")) / "clay"
-
-
-@pytest.fixture(scope="session")
-def report(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the report of `campaign`; its numbers lie beside it."""
-    made = made_once(tmp_path_factory, "report", lambda folder: ok("report", campaign, "-o", folder / "report.html"))
-    return made / "report.html"

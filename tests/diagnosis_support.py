@@ -7,31 +7,42 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from kept_runs import kept
 
-from benchmarks.recovery import processed_campaign
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.samples import Samples, samples_of
 from model.simulation import VirtualSetup
 from model.simulation.transducer import ColouredNoise
 from model.wheel_soil.soils import prior_of
-from wheelsoil.simulation.campaign import simulated_run
+from processing.pipeline.pipeline import process
+from processing.processed_run import ProcessedRun
+from wheelsoil.simulation.campaign import simulated_roles, simulated_run
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 LEVEL: Any = {"tilt_deg": 0.0, "brakes": "released"}
 """Of `SimulationOptions`: every standstill shows the zeros exactly."""
 
 
-@lru_cache(maxsize=8)
+def _options(soil: str, seed: int, effect: str) -> SimulationOptions:
+    effects = dict([parse_effect(effect)] if effect else [])
+    return SimulationOptions(soil=soil, seed=seed, draw_soil=True, **LEVEL, effects=effects)
+
+
+@lru_cache(maxsize=24)
+def _run(soil: str, seed: int, effect: str, index: int) -> ProcessedRun:
+    """Return a run, which does not depend on how many others there are."""
+    name = f"40 s: {soil}, {seed}, {effect}, {index}"
+    return kept(name, lambda: process(*simulated_roles(_options(soil, seed, effect), index)))
+
+
+@lru_cache(maxsize=12)
 def simulated_campaign(soil: str = "clay", seed: int = 0, runs: int = 6, effect: str = "") -> Campaign:
     """Return a campaign of 40 s runs, with an effect as ``--effect`` takes it, or with none."""
-    options = SimulationOptions(
-        soil=soil, seed=seed, runs=runs, draw_soil=True, **LEVEL, effects=dict([parse_effect(effect)] if effect else [])
-    )
+    options = _options(soil, seed, effect)
     laboratory = options.laboratory_soil
-    return Campaign(
-        f"{soil} {seed}", processed_campaign(options), options.wheel, laboratory, prior_of(laboratory, options.terrain)
-    )
+    driven = tuple(_run(soil, seed, effect, index) for index in range(runs))
+    return Campaign(f"{soil} {seed}", driven, options.wheel, laboratory, prior_of(laboratory, options.terrain))
 
 
 def linearised(runs: int) -> tuple[Simulation, Samples, Linear]:
@@ -52,9 +63,7 @@ def at_speed(simulation: Simulation, samples: Samples, offset_mps: float) -> Lin
 def with_sinkage(campaign: Campaign, effect: str = "", sigma_m: float = 0.003) -> Campaign:
     """Return a campaign of `simulated_campaign` with a sinkage sensor: the truth and coloured noise."""
     soil, seed = campaign.name.split()
-    options = SimulationOptions(
-        soil=soil, seed=int(seed), draw_soil=True, **LEVEL, effects=dict([parse_effect(effect)] if effect else [])
-    )
+    options = _options(soil, int(seed), effect)
     runs = []
     for index, run in enumerate(campaign.runs):
         virtual = simulated_run(options, index)

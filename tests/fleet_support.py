@@ -8,18 +8,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO
+from typing import IO, TypeVar
 
 import pyarrow as pa
-from cli_support import ok
+import pytest
+from cli_support import invoke, ok
 
-from wheelsoil.fleet import COLUMNS, holdings_of, open_store
+from wheelsoil.fleet import COLUMNS, Store, holdings_of, open_store
 
+S, T = TypeVar("S"), TypeVar("T")
 PATIENCE_S = 120.0
 WHEELSOIL = (sys.executable, "-c", "from wheelsoil.cli.app import main; main()")
 
@@ -47,10 +50,45 @@ def small_fleet(folder: Path, campaigns: int = 6) -> Path:
     return folder
 
 
-def rows_of(url: object) -> dict[str, pa.Table]:
-    """Every table of a store."""
+@contextmanager
+def in_one_process() -> Iterator[None]:
+    """Have `fleet run` work in this process, where it does not matter that its workers are processes of their own."""
+
+    def here(task: Callable[[S], T], items: Sequence[S], *_: int) -> Iterator[tuple[S, T]]:
+        return ((item, task(item)) for item in items)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("wheelsoil.fleet.running.in_processes", here)
+        yield
+
+
+class KilledError(BaseException):
+    """As if the process had ended here."""
+
+
+def killed_at(step: int, *call: object) -> None:
+    """Run a command in this process, which ends where it writes the n-th file of a store."""
+    write, steps = Store._write, count()
+
+    def counted(store: Store, path: str, data: bytes, *, once: bool = False) -> None:
+        if next(steps) == step:
+            raise KilledError
+        write(store, path, data, once=once)
+
+    with in_one_process(), pytest.MonkeyPatch.context() as patch, pytest.raises(KilledError):
+        patch.setattr(Store, "_write", counted)
+        invoke(*call)
+
+
+def rows_of(url: object, tables: Iterable[str] = tuple(COLUMNS)) -> dict[str, pa.Table]:
+    """Return tables of a store, each of them read once."""
     holdings = holdings_of(open_store(str(url)))
-    return {name: holdings.table(name) for name in COLUMNS}
+    return {name: holdings.table(name) for name in tables}
+
+
+def differing(url: object, expected: Mapping[str, pa.Table]) -> list[str]:
+    """Return the tables of a store whose rows are others than expected, which should be none."""
+    return [name for name, table in rows_of(url, expected).items() if not table.equals(expected[name])]
 
 
 def contents(url: object) -> dict[str, str]:

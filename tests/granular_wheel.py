@@ -19,6 +19,7 @@ from daq import FloatArray
 from model.diagnosis.core.campaign import Campaign
 from model.simulation import VirtualSetup
 from model.wheel_soil.soils import prior_of
+from processing.processed_run import ProcessedRun
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions
 
@@ -63,12 +64,13 @@ def forces(
     return pull, torque, radius_m * (1.0 - np.cos(entry))
 
 
-@lru_cache(maxsize=4)
-def granular_campaign(
-    seed: int = 0, runs: int = 3, duration_s: float = 15.0, scale_n_m3: float = 1e6, spread: float = 1.0
-) -> Campaign:
-    """Return runs on granular ground, which the laboratory takes for the sandy soil, each parameter to `spread`."""
-    options = SimulationOptions(soil="sandy", seed=seed, runs=runs, duration_s=duration_s, **LEVEL)
+def _driven(seed: int, runs: int, duration_s: float) -> SimulationOptions:
+    return SimulationOptions(soil="sandy", seed=seed, runs=runs, duration_s=duration_s, **LEVEL)
+
+
+@lru_cache(maxsize=2)
+def _granular_runs(seed: int, runs: int, duration_s: float, scale_n_m3: float) -> tuple[ProcessedRun, ...]:
+    options = _driven(seed, runs, duration_s)
     late = VirtualSetup().clock
     wheel, found = options.wheel, []
     for index, run in enumerate(processed_campaign(options)):
@@ -84,7 +86,16 @@ def granular_campaign(
         ]
         pulls, torques = run.drawbar_pull_n + more[0], run.driving_torque_nm + more[1]
         found.append(replace(run, drawbar_pull_n=pulls, driving_torque_nm=torques))
+    return tuple(found)
+
+
+@lru_cache(maxsize=4)
+def granular_campaign(
+    seed: int = 0, runs: int = 3, duration_s: float = 15.0, scale_n_m3: float = 1e6, spread: float = 1.0
+) -> Campaign:
+    """Return runs on granular ground, which the laboratory takes for the sandy soil, each parameter to `spread`."""
+    options = _driven(seed, runs, duration_s)
     soil = options.laboratory_soil
     prior = prior_of(soil)
     wide = replace(prior, covariance=np.diag((spread * prior.mean) ** 2))
-    return Campaign("granular", tuple(found), wheel, soil, wide)
+    return Campaign("granular", _granular_runs(seed, runs, duration_s, scale_n_m3), options.wheel, soil, wide)

@@ -53,10 +53,10 @@ class SharedChromium:
         self._open.close()
 
 
-@lru_cache(maxsize=3)
-def tab(browser: Browser, touch: bool = False, mobile: bool = False) -> Page:
+@lru_cache(maxsize=4)
+def tab(browser: Browser, touch: bool = False, mobile: bool = False, scale: float = 1.0) -> Page:
     """Return an open tab. A page that is opened in it again takes a third of the time: its scripts are compiled."""
-    page = browser.new_context(has_touch=touch, is_mobile=mobile).new_page()
+    page = browser.new_context(has_touch=touch, is_mobile=mobile, device_scale_factor=scale).new_page()
     page.set_default_timeout(PATIENCE_MS)
     return page
 
@@ -82,25 +82,26 @@ def shown(page: Page, address: str, listeners: dict[str, Callable[[Any], None]])
 
 @contextmanager
 def looking_at(
-    browser: Browser, address: str, width: int = 390, height: int = 844, scale: float = 2.0, clock: bool = False
+    browser: Browser, address: str, width: int = 390, height: int = 844, scale: float = 1.0, clock: bool = False
 ) -> Iterator[Page]:
     """A phone's page on an address; a script error or a breach of the page's policy fails the test.
 
     With `clock` the page's time is `page.clock`, which can be put forward instead of waiting.
     """
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, device_scale_factor=scale, is_mobile=width < 900, has_touch=True
-    )
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    own = tab.__wrapped__ if clock else tab  # a clock stays where it is installed
+    page = own(browser, True, width < 900, scale)
+    page.set_viewport_size({"width": width, "height": height})
     faults: list[str] = []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.on("console", lambda message: faults.append(message.text) if "Content Security" in message.text else None)
+    listeners = {
+        "pageerror": lambda error: faults.append(str(error)),
+        "console": lambda message: faults.append(message.text) if "Content Security" in message.text else None,
+    }
     if clock:
         page.clock.install()
-    page.goto(address)
-    yield page
-    context.close()
+    with shown(page, address, listeners):
+        yield page
+    if clock:
+        page.context.close()
     assert not faults
 
 

@@ -1,10 +1,16 @@
-"""Inputs for reports of the small campaign, and the text of a section."""
+"""Inputs for reports of the small campaign, a diagnosis for them, and the text of a section."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
+
+from diagnosis_samples import diagnosis
 
 from daq.runs.open import open_runs
+from model.diagnosis.core.result import Diagnosis
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report
 from wheelsoil.report.content import Panels, Section, Table, Text
@@ -26,6 +32,14 @@ def material_of(processed: Processed, choices: FitChoices | None = None) -> Repo
     sources = tuple(source_of(run) for run, _ in processed)
     runs = tuple(run for _, run in processed)
     return ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
+
+
+@contextmanager
+def diagnosed_by_hand(found: Diagnosis | None = None) -> Iterator[None]:
+    """Have a report of driven runs take a diagnosis that is made by hand."""
+    taken = found or diagnosis("named")
+    with patch("wheelsoil.workflows.report.diagnose_campaigns", lambda *_: taken):
+        yield
 
 
 def text_of(report: Report, key: str) -> str:

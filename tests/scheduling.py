@@ -13,12 +13,12 @@ from xdist.scheduler import LoadScopeScheduling
 _FIRST = ("vcan", "wheelsoil")
 """Folders whose tests wait much: others fill their gaps."""
 _TOGETHER = {
-    "test_view_page_axes.py": "view, plots",
-    "test_view_page_plots.py": "view, plots",
-    "test_view_page_state.py": "view, plots",
-    "test_view_page_away.py": "view, plots",
-    "test_view_page_model.py": "view, model",
-    "test_view_page_slow_server.py": "view, model",
+    "test_view_page_axes.py": "view",
+    "test_view_page_plots.py": "view",
+    "test_view_page_state.py": "view",
+    "test_view_page_away.py": "view",
+    "test_view_page_model.py": "view",
+    "test_view_page_slow_server.py": "view",
 }
 
 

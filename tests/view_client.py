@@ -46,14 +46,8 @@ class Answer:
 class View:
     """A running page."""
 
-    process: subprocess.Popen[str]
     address: str
     said: list[str]
-
-    def end(self) -> None:
-        """End it, as by Ctrl-C."""
-        self.process.send_signal(2)
-        self.process.wait(PATIENCE_S)
 
     @property
     def port(self) -> int:
@@ -123,10 +117,22 @@ class View:
         return found
 
 
+@dataclass
+class Program(View):
+    """A page that is a process of its own."""
+
+    process: subprocess.Popen[str]
+
+    def end(self) -> None:
+        """End it, as by Ctrl-C."""
+        self.process.send_signal(2)
+        self.process.wait(PATIENCE_S)
+
+
 @contextmanager
 def viewing(
     *args: object, port: int | None = 0, browser: bool = False, program: str = START, **env: str
-) -> Iterator[View]:
+) -> Iterator[Program]:
     """``wheelsoil view`` with some arguments; it must end by Ctrl-C, with 130 and without a traceback."""
     given = [*([] if port is None else ["--port", port]), *([] if browser else ["--no-browser"])]
     command = [sys.executable, "-c", program, "view", *given, *args]
@@ -145,7 +151,7 @@ def viewing(
             assert line, f"it ended: {process.wait()}\n{''.join(said)}"
             said.append(line.rstrip("\n"))
         address = next(line for line in said if line.startswith("analyst's page: "))
-        yield View(process, address.removeprefix("analyst's page: "), said)
+        yield Program(address.removeprefix("analyst's page: "), said, process)
     finally:
         if process.poll() is None:
             process.send_signal(2)

@@ -1,4 +1,4 @@
-"""The engine against hidden causes: fixed seeds here, a small study with ``-m slow``, all of it by `make blind`."""
+"""The engine against hidden causes: one seed here, more and a small study with ``-m slow``, all by `make blind`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 from blind.engine import campaign_from_channels, fitted
-from blind.field import field_day
+from blind.field import OWN, field_day
 from blind.mix import WHOLE, Mix, cases
 from blind.study import run
 from blind.tables import figures, joined
+from blind.world import World
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Diagnosis
@@ -19,9 +20,9 @@ from model.effects.catalogue import EFFECTS
 from wheelsoil.wording.verdict import sentence_of
 
 
-def campaign_of(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Campaign:
+def campaign_of(seed: int, soil: str, hidden: list[tuple[str, float]], world: World) -> Campaign:
     """Return a campaign whose standstills show the zeros."""
-    day = field_day(soil, (21, seed), "fjord")
+    day = field_day(soil, (21, seed), "fjord", world=world)
     day = replace(day, stance=replace(day.stance, held=False))
     return campaign_from_channels(day, hidden)
 
@@ -32,14 +33,14 @@ def diagnosed(campaign: Campaign) -> Diagnosis:
 
 
 @pytest.mark.parametrize(
-    ("soil", "key", "parameter", "size"),
+    ("soil", "key", "parameter", "size", "world"),
     [
-        ("clay", "vasilev", "H_m", 0.1),
-        pytest.param("sandy", "torque_zero", "offset_nm", -90.0, marks=pytest.mark.slow),
+        ("clay", "vasilev", "H_m", 0.1, World(runs=3, duration_s=25.0)),
+        pytest.param("sandy", "torque_zero", "offset_nm", -90.0, OWN, marks=pytest.mark.slow),
     ],
 )
-def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: str, size: float) -> None:
-    campaign = campaign_of(1, soil, [(key, size)])
+def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: str, size: float, world: World) -> None:
+    campaign = campaign_of(1, soil, [(key, size)], world)
     said = diagnosed(campaign)
     assert said.verdict == "named", sentence_of(said)
     assert [cause.name for cause in said.causes] == [EFFECTS[key].name]
@@ -56,8 +57,9 @@ def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: st
     assert alone["interval95"][0] < size < alone["interval95"][1]
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    said = diagnosed(campaign_of(2, "clay", []))
+    said = diagnosed(campaign_of(2, "clay", [], OWN))
     assert not said.causes, sentence_of(said)
     assert said.candidates[0].name == "none"
     assert said.minimum_detectable

@@ -53,7 +53,8 @@ def test_the_band_holds_laboratory_wheels_whose_shape_is_not_known() -> None:
     assert sum(inside) >= 11
 
 
-def test_the_reference_table() -> None:
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
+def test_the_reference_table(every: int) -> None:
     """Yang's soils, peak at the bottom: exact to 1 % with the shape known, within the band without."""
     with shared_file("reference_values.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -66,7 +67,7 @@ def test_the_reference_table() -> None:
     assert (torque_ratio - pull_ratio <= np.sqrt(1 / (1 - sinkage / radius) ** 2 - 1)).all()
     shapes = draw_shapes(ShapeRanges(), 400, np.random.default_rng(0))
     for size in np.unique(radius):
-        of = (radius == size) & (slip > 0)
+        of = np.flatnonzero((radius == size) & (slip > 0))[::every]
         drawn = sinkage_of_forces(slip[of], pull_ratio[of], torque_ratio[of], float(size), shapes)
         low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
         assert ((low <= sinkage[of]) & (sinkage[of] <= high)).all()

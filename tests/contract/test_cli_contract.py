@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli_support import busy, invoke, ok
+from cli_support import SHORT, busy, invoke, kept_demo, ok
 from doctor_support import free_port
 from zero_support import Bench, write_lifted
 
@@ -91,12 +91,16 @@ def test_no_command_loads_an_extra_that_it_does_not_need(campaign: Path, tmp_pat
     """python-can would import asammdf, and with it pandas."""
     for name in EXTRAS:
         (tmp_path / f"{name}.py").write_text(f"raise SystemExit('{name} is imported')\n", encoding="utf-8")
-    path = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); "
-    code = f"{path}from wheelsoil.cli.app import run; sys.exit(run(sys.argv[1:]))"
-    for command in ("info", "process"):
-        arguments = [sys.executable, "-c", code, command, str(campaign / "run-1.mcap"), "--json"]
-        done = subprocess.run(arguments, capture_output=True, text=True, check=False)
-        assert done.returncode == 0 and json.loads(done.stdout), done
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from wheelsoil.cli.app import run\n"
+        "for command in ('info', 'process'):\n"
+        "    assert not run([command, sys.argv[1], '--json'])\n"
+        "    print('next')"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(campaign / "run-1.mcap")], capture_output=True, text=True)
+    assert done.returncode == 0, done
+    first, second, rest = done.stdout.split("next\n")
+    assert json.loads(first) and json.loads(second) and not rest
 
 
 def test_a_sample_is_the_recorded_one_and_overwrites_nothing(tmp_path: Path) -> None:
@@ -135,12 +139,14 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "doctor": [folder / "vehicle.toml", "--listen", 0.2, "-o", folder, "--page-port", free_port()],
         "zero": [write_lifted(lifted / "spin.mcap", Bench(), 0), "-o", folder / "zero.toml"],
         "replay": [first, "--interface", "virtual", "--speed", 0, "--to", 1],
-        "demo": ["-o", folder / "demo", "--runs", 1, "--duration", 20],
+        "demo": ["-o", folder / "demo", *SHORT],
         "cache": [],
     }
 
 
-def test_json_is_strict_and_alone_on_stdout(campaign, tmp_path):
+def test_json_is_strict_and_alone_on_stdout(campaign, tmp_path, tmp_path_factory, monkeypatch):
+    shutil.copytree(kept_demo(tmp_path_factory) / "kept", tmp_path / "kept")
+    monkeypatch.setenv("WHEELSOIL_CACHE", str(tmp_path / "kept"))
     runs = _json_runs(campaign, tmp_path)
     offering = {name for name in COMMANDS if any("--json" in p.opts for p in load(name).params)}
     assert offering - {"soil"} == set(runs)  # soil: tests/wheelsoil/test_soil_command.py

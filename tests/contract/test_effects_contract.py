@@ -57,7 +57,7 @@ def test_neutral_is_the_base_model(key: str) -> None:
 
 
 @every_parameter
-@pytest.mark.parametrize("share", [0.0, 0.5])
+@pytest.mark.parametrize("share", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_derivative_is_that_of_small_changes(key: str, name: str, share: float) -> None:
     """At neutral too, from the plausible side: there Gauss-Newton may start."""
     model, values = model_with(key, quadrature=FINE), away(key, share)
@@ -148,11 +148,14 @@ def test_survives_json(key: str) -> None:
 
 
 @every_effect
-@pytest.mark.parametrize("field", OPTIONAL)
-def test_needs_what_it_says_and_nothing_else(key: str, field: str) -> None:
-    without = replace(CONDITIONS, **{field: np.full(len(CONDITIONS.slip), np.nan)})
-    missing = np.isnan(measured(model_with(key).predict(without, away(key, 0.4))))
-    assert missing.any() == (field in EFFECTS[key].needs.conditions)
+def test_needs_what_it_says_and_nothing_else(key: str) -> None:
+    model, values = model_with(key), away(key, 0.4)
+    needed = set()
+    for name in OPTIONAL:
+        without = replace(CONDITIONS, **{name: np.full(len(CONDITIONS.slip), np.nan)})
+        if np.isnan(measured(model.predict(without, values))).any():
+            needed.add(name)
+    assert needed == set(OPTIONAL) & set(EFFECTS[key].needs.conditions)
 
 
 def _changed(key: str) -> dict[str, np.ndarray]:

@@ -6,10 +6,13 @@ import os
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from daq import ConfigError
+from model.effects.catalogue import MEASUREMENT, PHYSICAL, Library
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "docs" / "effects" / "README.md").read_text()
@@ -19,7 +22,7 @@ Install = Callable[..., dict[str, str]]
 
 
 @pytest.fixture
-def install(tmp_path: Path) -> Install:
+def install(tmp_path: Path) -> Iterator[Install]:
     """Return a function that puts a distribution where Python finds it, and returns the environment to run in."""
 
     def put(package: str, code: str, target: str) -> dict[str, str]:
@@ -31,7 +34,8 @@ def install(tmp_path: Path) -> Install:
         (info / "entry_points.txt").write_text(f"[wheelsoil.effects]\nmine = {target}\n")
         return os.environ | {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
 
-    return put
+    yield put
+    sys.modules.pop("my_wind", None)
 
 
 def python(env: dict[str, str], *args: object) -> subprocess.CompletedProcess[str]:
@@ -87,11 +91,21 @@ def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> No
         (HEADWIND.replace('("drawbar_pull",)', '("pull",)'), "my_wind:Headwind", "shows where no channel is"),
     ],
 )
-def test_a_broken_one_is_told_by_name(install: Install, tmp_path: Path, code: str, target: str, said: str) -> None:
-    env = install("my_wind", code, target)
+def test_a_broken_one_is_told_by_name(
+    install: Install, monkeypatch: pytest.MonkeyPatch, code: str, target: str, said: str
+) -> None:
+    monkeypatch.syspath_prepend(install("my_wind", code, target)["PYTHONPATH"].split(os.pathsep)[0])
+    with pytest.raises(ConfigError) as error:
+        list(Library((*PHYSICAL, *MEASUREMENT)))
+    [fault] = error.value.faults
+    assert said in f"{fault.what} {fault.found}" and "my_wind" in fault.what
+
+
+def test_a_broken_one_ends_a_command_with_a_message(install: Install, tmp_path: Path) -> None:
+    env = install("my_wind", "Headwind = 3", "my_wind:Headwind")
     done = python(env, *COMMAND, "simulate", "-o", tmp_path / "campaign", "--effect", "slope")
     assert done.returncode == 2
-    assert said in done.stderr and "my_wind" in done.stderr and "Traceback" not in done.stderr
+    assert "is no effect" in done.stderr and "my_wind" in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "campaign").exists()
 
 

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from daq.can.databases import load_database
 from daq.channels import Channel
 from daq.config import RunInfo, VehicleConfig
 from model.effects.catalogue import EFFECTS
@@ -59,11 +60,18 @@ def sizes(key: str) -> dict[str, float]:
     return {p.name: p.start if p.start != p.neutral else p.neutral + p.prior_scale for p in EFFECTS[key].parameters}
 
 
+database = cache(load_database)
+
+
 @cache
 def simulated(key: str | None, reading: Reading) -> Simulated:
     chosen = replace(options(key), reading=reading)
-    channels, vehicle, info = simulated_roles(chosen, 1)
-    return Simulated(simulated_run(chosen, 1), channels, vehicle, info, process(channels, vehicle, info))
+    run = simulated_run(chosen, 1)
+    with pytest.MonkeyPatch.context() as patch:  # it is driven once, and the databases are read once
+        patch.setattr("wheelsoil.simulation.campaign.simulated_run", lambda *_: run)
+        patch.setattr("wheelsoil.simulation.campaign.load_database", database)
+        channels, vehicle, info = simulated_roles(chosen, 1)
+    return Simulated(run, channels, vehicle, info, process(channels, vehicle, info))
 
 
 def pair(key: str) -> tuple[Simulated, Simulated]:

@@ -12,8 +12,9 @@ import can
 import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.config import BusSection
@@ -53,7 +54,7 @@ def delivered(
     st.integers(1, 50),
     st.integers(0, 2**32),
 )
-@settings(max_examples=25, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@examples(25, gate=6, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 def test_times_are_late_by_a_short_delay_only(ppm: float, counted: int, stall: float, size: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     sent, fetched = delivered(rng, 6000, stall=stall)

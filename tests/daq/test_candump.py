@@ -11,8 +11,9 @@ import can
 import numpy as np
 import pytest
 from frames_support import START_NS, classical, content, same, some_frames
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 import daq.logs.shapes as shapes_module
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames, split
@@ -30,7 +31,7 @@ def parsed(text: bytes) -> tuple[FrameBatch, LogReport]:
 
 
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 400), bus_count=st.integers(1, 3))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_what_is_written_comes_back(seed: int, count: int, bus_count: int) -> None:
     frames = some_frames(np.random.default_rng(seed), count, buses=BUSES[:bus_count])
     back, report = parsed(candump_text(frames))
@@ -50,7 +51,7 @@ JUNK = st.one_of(
 
 
 @given(seed=st.integers(0, 10**6), junk=st.lists(JUNK, max_size=30))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_block_reads_like_its_lines_one_by_one(seed: int, junk: list[str]) -> None:
     rng = np.random.default_rng(seed)
     good = candump_text(some_frames(rng, 30)).splitlines()
@@ -189,6 +190,7 @@ def test_nanoseconds_are_rounded_to_microseconds() -> None:
     assert parsed(candump_text(frames))[0].frames["time_ns"].tolist() == [START_NS + 1000, START_NS + 10**9]
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
     """Peak memory of reading 80 MB is that of reading 10 MB, so that 5 GB stay far below 1 GB."""
     batch = classical(some_frames(np.random.default_rng(6), 250_000))

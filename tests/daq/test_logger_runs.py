@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames_support import content, some_frames
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
+from property_settings import examples
 
 from daq.can.frames import concatenate
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, VehicleSection
@@ -80,7 +81,7 @@ def test_runs_are_started_marked_and_stopped_from_a_panel(tmp_path: Path) -> Non
     assert panel.snapshots[-1]["state"] == "stopping"
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(8, gate=4, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rotate_kb=st.integers(5, 60), sizes=st.lists(st.integers(1, 900), min_size=1, max_size=12))
 def test_rotation_loses_nothing_and_doubles_nothing(
     tmp_path_factory: pytest.TempPathFactory, rotate_kb: int, sizes: list[int]

@@ -25,7 +25,12 @@ CRASHES = {
 }
 
 
-@pytest.mark.parametrize("crash", CRASHES)
+LIKE_ANOTHER = ("while True: pass", "raise KeyError", "print('{}', flush=True); os._exit(0)", "sys.exit('enough')")
+
+
+@pytest.mark.parametrize(
+    "crash", [pytest.param(crash, marks=[pytest.mark.slow] * (crash in LIKE_ANOTHER)) for crash in CRASHES]
+)
 def test_whatever_asammdf_does_is_an_error_with_the_file(
     crash: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from property_settings import examples
 from scipy.sparse import csr_array
 
 from daq import ConfigError
@@ -31,17 +32,22 @@ from model.wheel_soil.contact import Resultants, rules_of
 Both = Callable[[Callable[[], Any]], tuple[Any, Any]]
 SANITIZED = "WHEELSOIL_TEST_CORE"
 """A library to test instead of one that is compiled here: the same tests run it under sanitizers."""
-several = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+several = examples(40, gate=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture(scope="module")
-def core(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = Path(os.environ.get(SANITIZED) or tmp_path_factory.mktemp("core") / "_compiled.so")
     if not path.exists():
         if shutil.which("cc") is None:
             pytest.skip("there is no C compiler")
         assert compile_core(path) is None
-    found = load(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def core(library: Path) -> ctypes.CDLL:
+    found = load(library)
     assert found.library is not None, found.reason
     return found.library
 
@@ -325,17 +331,18 @@ def test_without_a_compiler_there_is_a_reason_and_nothing_is_left(
     assert not list(tmp_path.iterdir())
 
 
-def test_numpy_computes_where_the_library_is_of_no_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numpy_computes_where_there_is_no_library(tmp_path: Path) -> None:
     path = tmp_path / "_compiled.so"
     assert "was not built" in load(path).reason
     path.write_bytes(b"no library")
     assert "cannot be loaded" in load(path).reason
-    if shutil.which("cc"):
-        assert compile_core(path) is None
-        monkeypatch.setattr(core_library, "source_hash", lambda: "another")
-        stale = load(path)
-        assert stale.library is None
-        assert "another compiled.c" in stale.reason
+
+
+def test_numpy_computes_where_the_library_is_of_another_source(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(core_library, "source_hash", lambda: "another")
+    stale = load(library)
+    assert stale.library is None
+    assert "another compiled.c" in stale.reason
 
 
 def test_the_variable_forces_a_core(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

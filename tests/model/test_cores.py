@@ -52,6 +52,7 @@ def test_without_a_number_of_processes_all_is_done_here() -> None:
     assert list(in_parallel(lambda _: os.getpid(), range(3))) == [os.getpid()] * 3
 
 
+IN_PARALLEL = "list(in_parallel(Worker().work, range(4)))"
 WITH_SPREAD = "with spread([Worker(), Worker()]) as ask: ask('work', 1)"
 
 
@@ -96,8 +97,15 @@ class TestProcesses:
             list(in_parallel(ends, range(4)))
         assert not multiprocessing.active_children()
 
-    @pytest.mark.parametrize("work", ["list(in_parallel(Worker().work, range(4)))", WITH_SPREAD])
-    @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+    @pytest.mark.parametrize(
+        ("sent", "work"),
+        [
+            (signal.SIGINT, IN_PARALLEL),
+            (signal.SIGKILL, WITH_SPREAD),
+            pytest.param(signal.SIGINT, WITH_SPREAD, marks=pytest.mark.slow),
+            pytest.param(signal.SIGKILL, IN_PARALLEL, marks=pytest.mark.slow),
+        ],
+    )
     def test_with_the_parent_all_end(self, tmp_path: Path, sent: signal.Signals, work: str) -> None:
         """Ctrl-C and a kill of the parent alone leave nobody working."""
         script = (

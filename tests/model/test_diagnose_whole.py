@@ -34,6 +34,7 @@ FEW = DiagnosisOptions(
         "slope",
     )
 )
+TWO = replace(FEW, effects=("vasilev", "slope"))
 RUNS = 4
 
 
@@ -108,14 +109,13 @@ def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
     assert "disagree" not in sentence_of(found)
 
 
-@pytest.mark.parametrize(
-    ("sinkage_m", "verdict"), [pytest.param(0.05, "named", marks=pytest.mark.slow), (0.07, "unexplained")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("sinkage_m", "verdict"), [(0.05, "named"), (0.07, "unexplained")])
 def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
     digging: Campaign, sinkage_m: float, verdict: str
 ) -> None:
     deeper = simulated_campaign("clay", 4, RUNS, f"vasilev:H_m={sinkage_m:g}")
-    found = diagnosed(digging, deeper, options=replace(FEW, effects=("vasilev", "slope")))
+    found = diagnosed(digging, deeper, options=TWO)
     assert found.verdict == verdict, sentence_of(found)
     assert "The campaigns disagree about H_m: clay 3 0.0" in sentence_of(found)
     assert sentences_of(found)[1].startswith("The campaigns disagree") == (verdict == "unexplained")
@@ -124,12 +124,13 @@ def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
 
 @pytest.mark.parametrize("runs", [1, 2])
 def test_one_or_two_runs_name_nothing(digging: Campaign, runs: int) -> None:
-    found = diagnosed(replace(digging, runs=digging.runs[:runs]))
+    found = diagnosed(replace(digging, runs=digging.runs[:runs]), options=TWO)
     assert found.verdict in ("one_of", "unexplained")
     assert Note(DiagnosisCode.FEW_RUNS) in found.notes
     assert (found.gain is None) == (runs == 1)
 
 
+@pytest.mark.slow
 def test_two_terrains_in_one_campaign_are_told(plain: Campaign) -> None:
     sand = simulated_campaign("sandy", 2, RUNS)
     found = diagnosed(replace(plain, runs=plain.runs[:2] + sand.runs[2:]))
@@ -141,7 +142,8 @@ def test_two_terrains_in_one_campaign_are_told(plain: Campaign) -> None:
 
 def test_a_soil_that_is_known_exactly_has_nothing_to_fit(plain: Campaign) -> None:
     prior = replace(plain.soil_prior, covariance=np.zeros((6, 6)))
-    found = diagnosed(replace(plain, soil_prior=prior), options=replace(FEW, most_causes=1))
+    two = replace(plain, soil_prior=prior, runs=plain.runs[:2])
+    found = diagnosed(two, options=replace(TWO, most_causes=1))
     assert found.soils[0].sigmas["tan_phi"] == 0.0
 
 
@@ -164,6 +166,6 @@ def test_too_little_is_a_verdict_that_says_so(digging: Campaign, few: str) -> No
 
 
 def test_a_campaign_with_too_little_is_left_out_of_several(digging: Campaign) -> None:
-    found = diagnosed(digging, replace(digging, name="empty", runs=()))
+    found = diagnosed(digging, replace(digging, name="empty", runs=()), options=TWO)
     assert found.verdict == "named"
     assert any("empty" in note and "excluded" in note for note in texts_of(found.notes))

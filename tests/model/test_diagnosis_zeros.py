@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
+from short_campaign import driven, noise_of
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.diagnosis import diagnose
@@ -25,12 +26,17 @@ def taken_anew(campaign: Campaign, pull_n: float, torque_nm: float) -> Campaign:
     return replace(campaign, runs=tuple(runs))
 
 
-def test_zeros_taken_anew_are_seen_as_such_and_not_named() -> None:
-    campaign = taken_anew(simulated_campaign("clay", 3), 40.0, 20.0)
-    seen = linearise_campaigns([campaign])
+@pytest.mark.parametrize(
+    "effects", [("drawbar_pull_zero", "torque_zero", "crosstalk", "slope"), pytest.param((), marks=pytest.mark.slow)]
+)
+def test_zeros_taken_anew_are_seen_as_such_and_not_named(effects: tuple[str, ...]) -> None:
+    """With a short library, and with all of it."""
+    campaign = taken_anew(simulated_campaign("clay", 0), 40.0, 20.0)
+    options = DiagnosisOptions(effects=effects) if effects else DiagnosisOptions()
+    seen = linearise_campaigns([campaign], options)
     assert 15.0 < seen.campaigns[0].noise.values["drawbar_pull_of_run_n"] < 100.0
     assert 7.0 < seen.campaigns[0].noise.values["driving_torque_of_run_nm"] < 50.0
-    found = diagnose([campaign], noises=seen.noises)
+    found = diagnose([campaign], options, seen.noises)
     assert found.verdict != "named"
 
 
@@ -51,5 +57,5 @@ def test_a_load_that_never_moves_is_taken_as_it_is() -> None:
 
 
 def test_a_library_of_one_cause_is_weighed_whole() -> None:
-    found = diagnose([simulated_campaign("clay", 0, runs=3)], DiagnosisOptions(effects=("torque_zero",)))
+    found = diagnose([driven()], DiagnosisOptions(effects=("torque_zero",)), [noise_of(driven())])
     assert [c.name for c in found.candidates if c.name != "none"] == ["torque_zero"]

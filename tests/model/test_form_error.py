@@ -99,13 +99,13 @@ def test_an_assumed_error_is_said_and_is_what_gives_it() -> None:
     assert not any("repeats" in note.code for note in assumed.notes)
 
 
-def test_repeats_and_sigma_columns_say_the_error_of_form() -> None:
+@pytest.mark.parametrize("basis", [pytest.param("repeats", marks=pytest.mark.slow), "stated"])
+def test_repeats_and_sigma_columns_say_the_error_of_form(basis: str) -> None:
     repeated = bench(np.random.default_rng(2))
     stated = Bench(**{**vars(single()), "sigmas": REPEATS})
-    for one, basis in ((repeated, "repeats"), (stated, "stated")):
-        found = diagnosed(one)
-        assert {used.basis for used in found.grounds.form_errors} == {basis}
-        assert "error of form" not in sentence_of(found)
+    found = diagnosed({"repeats": repeated, "stated": stated}[basis])
+    assert {used.basis for used in found.grounds.form_errors} == {basis}
+    assert "error of form" not in sentence_of(found)
 
 
 @pytest.mark.slow

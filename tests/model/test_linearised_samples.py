@@ -54,6 +54,7 @@ def test_granular_ground_and_a_wide_laboratory_are_unexplained(
     assert 50 < found.linearisation.used == measured.sum() < found.linearisation.samples == len(samples)
 
 
+@pytest.mark.slow
 def test_soil_alone_leaves_more_than_noise_in_granular_ground_and_not_in_its_own() -> None:
     for campaign, bites in ((granular_campaign(spread=0.1), True), (driven(soil="sandy"), False)):
         gain, _ = held_out(looked(campaign, "torque_zero"))

@@ -94,6 +94,7 @@ def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -
     assert gained[1] == pytest.approx(back.expected_log_bayes_factor, rel=0.6)
 
 
+@pytest.mark.slow
 def test_the_load_that_ranks_first_of_what_can_be_driven_parts_cross_talk_from_a_zero() -> None:
     """Runs at one load, then one more at that load against one with about the load that was advised."""
     light = driven_with(0.0, 0.0, 0.0)

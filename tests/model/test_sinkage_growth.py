@@ -138,9 +138,9 @@ def runs(H_m: float) -> tuple[list[ProcessedRun], np.ndarray, np.ndarray]:
     processed, slip, sinkage = [], [], []
     for index in range(options.runs):
         channels, vehicle, info = simulated_roles(options, index)
-        truth = simulated_run(options, index).truth
-        start = simulated_run(options, index).start_ns
-        stamps = start + ((truth.time_s + 0.25) * 1e9).astype(np.int64)
+        virtual = simulated_run(options, index)
+        truth = virtual.truth
+        stamps = virtual.start_ns + ((truth.time_s + 0.25) * 1e9).astype(np.int64)
         deep = Channel("sinkage", "m", stamps[::20], truth.sinkage_m[::20])
         processed.append(process({**channels, "sinkage": deep}, vehicle, info))
         slip.append(truth.slip)
@@ -148,7 +148,7 @@ def runs(H_m: float) -> tuple[list[ProcessedRun], np.ndarray, np.ndarray]:
     return processed, np.concatenate(slip), np.concatenate(sinkage)
 
 
-@pytest.mark.parametrize("H_m", [0.0, 0.08])
+@pytest.mark.parametrize("H_m", [pytest.param(0.0, marks=pytest.mark.slow), 0.08])
 def test_runs_of_the_virtual_test(H_m: float) -> None:
     processed, slip, sinkage = runs(H_m)
     cells = cells_of_runs(processed)

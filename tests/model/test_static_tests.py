@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
+from short_campaign import driven, looked, noise_of
 
 from daq import ConfigError, RunsConfig, StaticTest, parse_mapping
 from model.diagnosis import DiagnosisOptions, diagnose, samples_of
 from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.standstills import corrected_zeros
 from processing.processed_run import AppliedZero
 
@@ -35,12 +37,18 @@ def test_runs_that_share_a_determination_know_it_once_and_beside_the_nearest_run
     assert rests.lifted_sigma["t"].tolist() == [0.5] and (np.asarray(rests.conditions.vertical_load_n) < 1e-6).all()
 
 
+@cache
+def with_zeros(sigma: float, names: tuple[str, ...] = ()) -> Diagnosis:
+    """Diagnose a gain of the torque of which zeros are known so well, or not at all."""
+    campaign = driven("torque_gain:relative=-0.05")
+    options = DiagnosisOptions(effects=("torque_zero", "torque_gain"))
+    return diagnose([lifted(campaign, sigma, names)], options, [noise_of(campaign)])
+
+
 @pytest.mark.parametrize(("names", "most"), [(("spin.mcap",), 0.75), (("before.mcap", "after.mcap"), 0.2)])
 def test_it_tells_how_large_a_zero_may_still_be(names: tuple[str, ...], most: float) -> None:
     """Once: what it drifts until the runs stays open. Before and after: the zero is known."""
-    options = DiagnosisOptions(effects=("torque_zero", "torque_gain"))
-    campaign = simulated_campaign(runs=4, effect="torque_gain:relative=-0.05")
-    blind, told = (diagnose([lifted(campaign, sigma, names)], options) for sigma in (0.0, 0.5))
+    blind, told = with_zeros(0.0), with_zeros(0.5, names)
     sizes = [found.minimum_detectable["torque_zero"].value for found in (blind, told)]
     assert sizes[1] < most * sizes[0]
     zeros = [{one.name: one.probability for one in found.candidates}["torque_zero"] for found in (blind, told)]
@@ -72,11 +80,10 @@ TORQUE |= {"driving_torque_sigma_nm": 1.0}
 )
 def test_a_known_force_tells_a_gain(reading: dict, key: str) -> None:
     """Runs without any error, and a static test that shows 2 %: it says how large the gain is, within its sigma."""
-    options = DiagnosisOptions(effects=("drawbar_pull_gain", "torque_gain"))
-    campaign = lifted(simulated_campaign(runs=3), 0.0)
+    campaign = lifted(driven(), 0.0)
     found = []
     for one in (campaign, replace(campaign, static=(StaticTest.model_validate(reading),))):
-        grams = linearise_campaigns([one], options).grams
+        grams = looked(one, "drawbar_pull_gain", "torque_gain").grams
         told = estimate(grams, (key,))
         found.append((told.coefficients[told.columns[0]] * grams.causes[told.columns[0]].scale, told.sigmas[0]))
     assert found[1][0] == pytest.approx(0.02, abs=0.004) and found[1][1] < 0.6 * found[0][1]

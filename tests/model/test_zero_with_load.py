@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_support import linearised, simulated_campaign
+from short_campaign import noise_of
 
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.shapes import Kind, Shape
@@ -87,5 +88,5 @@ def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
 )
 def test_cross_talk_and_a_zero_are_not_taken_for_each_other(hidden: str, family: str) -> None:
     campaign = simulated_campaign(effect=hidden)
-    found = diagnose([campaign], DiagnosisOptions(effects=LISTED))
+    found = diagnose([campaign], DiagnosisOptions(effects=LISTED), [noise_of(campaign)])
     assert [cause.name for cause in found.causes] == [family]

@@ -6,8 +6,9 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
 from daq.channels import Channel
@@ -29,7 +30,7 @@ def _delayed(channels: dict[str, Channel], delays_ms: dict[str, int]) -> dict[st
 
 
 @given(st.dictionaries(st.sampled_from(MODEL_ROLES), st.integers(-200, 900), max_size=5))
-@settings(max_examples=20, deadline=None)
+@examples(20, gate=4)
 def test_declared_delays_are_removed_exactly(delays_ms: dict[str, int]) -> None:
     channels = speeds(12.0, 0.2, rng=np.random.default_rng(1), jitter=0.3) | forces(12.0)
     plain = process(channels, vehicle())
@@ -45,7 +46,7 @@ def test_an_undeclared_delay_shows_in_the_slip() -> None:
 
 
 @given(st.floats(-0.6, 0.8), st.sampled_from([10.0, 20.0, 50.0, 100.0]), st.integers(0, 2**32))
-@settings(max_examples=25, deadline=None)
+@examples(25, gate=8)
 def test_a_constant_slip_stays_constant_through_accelerations(slip: float, rate: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     run = process(speeds(20.0, slip, rng=rng, jitter=0.2, ground_rate_hz=rate), vehicle())
@@ -55,7 +56,7 @@ def test_a_constant_slip_stays_constant_through_accelerations(slip: float, rate:
 
 
 @given(st.integers(0, 2**32), st.sampled_from(MODEL_ROLES), st.floats(3.0, 14.0), st.floats(0.15, 3.0))
-@settings(max_examples=25, deadline=None)
+@examples(25, gate=6)
 def test_nothing_crosses_a_gap_and_the_gap_says_so(seed: int, role: str, start: float, length: float) -> None:
     rng = np.random.default_rng(seed)
     channels = speeds(20.0, 0.1, rng=rng, jitter=0.3) | forces(20.0)
@@ -106,7 +107,7 @@ def _messy(seed: int) -> dict[str, Channel]:
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=30, deadline=None)
+@examples(30, gate=8)
 def test_every_sample_is_used_or_has_a_reason(seed: int) -> None:
     run = process(_messy(seed), vehicle())
     assert sum(run.quality.shares.values()) == pytest.approx(1.0, abs=1e-12)

@@ -116,7 +116,7 @@ def test_receiver_time_fits_the_logger_clock(rav4_wheel: Channel) -> None:
     assert quality.residual_latency_s == pytest.approx(0.16, abs=0.03)
 
 
-@pytest.fixture(scope="module", params=["165_2", "165_4"])
+@pytest.fixture(scope="module", params=["165_2", pytest.param("165_4", marks=pytest.mark.slow)])
 def drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Return a CANedge drive as frames."""
     source = data_dir("css-canedge")

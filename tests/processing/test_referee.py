@@ -37,8 +37,14 @@ def test_thirty_are_listed() -> None:
     assert len(BY_KEY) == len(MENDS)
 
 
-@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize(
+    ("way", "soft"),
+    [
+        pytest.param(way, soft, id=f"{way.__name__}-{soft}", marks=[pytest.mark.slow] * (soft != bool(number % 2)))
+        for number, way in enumerate(WAYS)
+        for soft in (False, True)
+    ],
+)
 def test_a_sound_run_is_not_refused(way: Way, soft: bool) -> None:
     soil = SOILS["clay"] if soft else firm(SOILS["sandy_loam"])
     run = sound_world(np.random.default_rng(UNLISTED_SEED + 7), soil, way).processed()

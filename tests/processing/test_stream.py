@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 from synthetic_run import START_NS, forces, speeds, vehicle
 
 from daq.channels import Channel
@@ -33,7 +34,7 @@ def _chunks(channels: dict[str, Channel], cuts_s: list[float]) -> Iterator[dict[
 
 
 @given(st.lists(st.floats(0, 40), max_size=8), st.integers(0, 2**32))
-@settings(max_examples=10, deadline=None)
+@examples(10, gate=3)
 def test_chunks_give_the_same_run(cuts_s: list[float], seed: int) -> None:
     rng = np.random.default_rng(seed)
     channels = speeds(40.0, 0.2, rng=rng, jitter=0.3) | forces(40.0, rng=rng)
@@ -100,6 +101,7 @@ def _peak_rss_mib(minutes: int) -> float:
     return float(peak)
 
 
+@pytest.mark.slow
 def test_memory_grows_with_the_time_base_only() -> None:
     """A 5 GB candump of 3.2 kframes/s lasts 9.4 h: a tenth of it, ten times over, must stay well below 1 GB."""
     short, long = _peak_rss_mib(1), _peak_rss_mib(57)

@@ -107,17 +107,24 @@ def test_without_a_zero_the_offsets_stay() -> None:
     assert np.isnan(run.quality.sensors["drawbar_pull"].systematic_sigma)
 
 
+PIECES = {"all roles": (False, 0), "only what came": (True, 0), "angle a second late": (True, 10**9)}
+
+
 @pytest.mark.parametrize(
-    ("sparse", "late_ns"),
-    [(False, 0), (True, 0), (True, 10**9)],
-    ids=["all roles", "only what came", "angle a second late"],
+    ("frame", "sparse", "late_ns"),
+    [
+        pytest.param(
+            frame, *how, id=f"{frame}-{name}", marks=[pytest.mark.slow] * ((frame == "wheel") != (how == (True, 0)))
+        )
+        for frame in ("vehicle", "wheel")
+        for name, how in PIECES.items()
+    ],
 )
-@pytest.mark.parametrize("frame", ["vehicle", "wheel"])
 def test_pieces_of_any_size_give_the_same(frame: str, sparse: bool, late_ns: int) -> None:
     _, zero, _, determination = WAYS[f"spin, {frame} axes"]
     channels, config, zeros = _channels(frame), _config(frame, zero), RunZeros((determination,))
     whole = process(channels, config, zeros=zeros)
-    apart = np.random.default_rng(1).uniform(0, DURATION_S, 400 if sparse else 25)
+    apart = np.random.default_rng(1).uniform(0, DURATION_S, 200 if sparse else 25)
     edges = START_NS + (np.sort(apart) * 1e9).astype(np.int64)
     pieces = [{r: Channel(r, c.unit, c.time_ns[:0], c.values[:0]) for r, c in channels.items()}]  # as a `Run` begins
     came_ns = {role: c.time_ns + late_ns * (role == "wheel_angle") for role, c in channels.items()}

@@ -76,6 +76,7 @@ def sample(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.vcan
 def test_a_sample_run_over_socketcan_gives_the_same_fit(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     """At their recorded times, through `wheelsoil replay` and `wheelsoil log` on vcan0."""
@@ -117,6 +118,7 @@ def test_a_sample_run_over_a_virtual_bus_gives_the_same_fit(tmp_path: Path) -> N
     assert_same_fit(run, out)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_leaves_a_closed_recording(tmp_path: Path) -> None:
     """The command itself, on a bus without traffic."""

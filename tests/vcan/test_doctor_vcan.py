@@ -11,12 +11,19 @@ from typing import Any
 import pytest
 from doctor_support import vehicle_folder
 from vcan.guest import GuestResult
-from vcan.session import WHEELSOIL
 
 pytestmark = pytest.mark.vcan
 
 TESTS = Path(__file__).parents[1]
-DOCTOR = f"{WHEELSOIL} doctor vehicle.toml --out . --listen 1 --json 2> /dev/null"
+
+
+def driver(steps: str) -> str:
+    """Return a program that runs the doctor between other steps; the first run is `examine`, which loads it."""
+    return (
+        f"import sys; sys.path.insert(0, {str(TESTS)!r})\n"
+        "from pathlib import Path\n"
+        "from vcan.doctors import examine, examine_apart, forked, without_capabilities\n" + steps
+    )
 
 
 def line(report: Path, check: str) -> dict[str, Any]:
@@ -24,37 +31,41 @@ def line(report: Path, check: str) -> dict[str, Any]:
     return found
 
 
+BUS = """
+import os, signal, subprocess, time
+from doctor_support import nodes
+
+def send():
+    with nodes(Path("vehicle.toml")):
+        Path("sending").touch()
+        time.sleep(120)
+    return 0
+
+def most_bytes(count):
+    Path("/proc/sys/net/core/rmem_max").write_text(str(count))
+
+sender = forked(send)
+while not Path("sending").exists():
+    time.sleep(0.1)
+most_bytes(8388608)
+Path("code").write_text(str(examine(Path("well.json"))))
+most_bytes(212992)
+examine_apart(Path("small.json"), before=without_capabilities)
+os.kill(sender, signal.SIGTERM)
+os.waitpid(sender, 0)
+examine_apart(Path("silent.json"))
+subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
+examine_apart(Path("down.json"))
+subprocess.run(["ip", "link", "del", "vcan0"], check=True)
+examine_apart(Path("gone.json"))
+"""
+
+
 @pytest.mark.slow
 def test_a_virtual_bus_up_down_and_with_a_small_buffer(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     vehicle_folder(tmp_path, channel='"vcan0"', interface='"socketcan"')
-    (tmp_path / "send.py").write_text(
-        f"import sys, time; sys.path.insert(0, {str(TESTS)!r})\n"
-        "from pathlib import Path\nfrom doctor_support import nodes\n"
-        "with nodes(Path('vehicle.toml')):\n    Path('sending').touch()\n    time.sleep(60)\n"
-    )
-    script = f"""
-cd {tmp_path}
-{sys.executable} send.py &
-sender=$!
-while [ ! -e sending ]; do sleep 0.1; done
-echo 8388608 > /proc/sys/net/core/rmem_max
-{DOCTOR} > well.json; echo $? > code
-{sys.executable} - <<'END'
-import ctypes, os, subprocess, sys
-# without CAP_NET_ADMIN (12) in the bounding set, the receive buffer is what rmem_max allows
-open("/proc/sys/net/core/rmem_max", "w").write("212992")
-ctypes.CDLL(None).prctl(24, 12, 0, 0, 0)
-with open("small.json", "w") as out:
-    subprocess.run([{str(WHEELSOIL)!r}, *"doctor vehicle.toml --out . --listen 1 --json".split()], stdout=out)
-END
-kill $sender; wait $sender
-{DOCTOR} > silent.json
-ip link set vcan0 down
-{DOCTOR} > down.json
-ip link del vcan0
-{DOCTOR} > gone.json
-exit 0
-"""
+    (tmp_path / "bus.py").write_text(driver(BUS))
+    script = f"cd {tmp_path}; {sys.executable} bus.py"
     result = vcan(script, timeout_s=180)
     assert result.exit_code == 0, result.output
     well = json.loads((tmp_path / "well.json").read_text())
@@ -72,48 +83,46 @@ exit 0
 
 
 ADAPTER = """
-import fcntl, os, struct, subprocess, sys, threading, time, tty
+import fcntl, os, signal, struct, subprocess, time, tty
 adapter, serial = os.openpty()
 tty.setraw(serial)
 
 def answer_nothing():
     while os.read(adapter, 4096):
         pass
+    return 0
 
-threading.Thread(target=answer_nothing, daemon=True).start()
+reader = forked(answer_nothing)
 fcntl.ioctl(serial, 0x5423, struct.pack("i", 17))  # TIOCSETD, N_SLCAN
 name = fcntl.ioctl(serial, 0x8910, bytes(16)).split(b"\\0")[0].decode()  # SIOCGIFNAME
-
-def doctor(report):
-    with open(report, "w") as out:
-        subprocess.run([WHEELSOIL, *"doctor vehicle.toml --out . --listen 0.3 --json".split()], stdout=out)
 
 def set_link(*words):
     subprocess.run(["ip", "link", "set", name, *words], check=True)
 
 assert name == "can0", name
-doctor("unset.json")
+examine(Path("unset.json"), 0.3)
 set_link("type", "can", "bitrate", "500000")
 set_link("up")
-doctor("wrong_rate.json")
+examine_apart(Path("wrong_rate.json"), 0.3)
 set_link("down")
 set_link("type", "can", "bitrate", "1000000")
 set_link("txqueuelen", "5")
 set_link("up")
-doctor("right_rate.json")
+examine_apart(Path("right_rate.json"), 0.3)
 os.write(adapter, b"sp140140\\r")  # the adapter tells of an error-passive controller
 time.sleep(0.2)
-doctor("passive.json")
+examine_apart(Path("passive.json"), 0.3)
 os.write(adapter, b"sb255255\\r")
 time.sleep(0.2)
-doctor("bus_off.json")
+examine_apart(Path("bus_off.json"), 0.3)
+os.kill(reader, signal.SIGTERM)
 """
 
 
 @pytest.mark.slow
 def test_a_controller_with_a_bit_rate_of_its_own(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     vehicle_folder(tmp_path, channel='"can0"', interface='"socketcan"')
-    (tmp_path / "adapter.py").write_text(f"WHEELSOIL = {str(WHEELSOIL)!r}\n{ADAPTER}")
+    (tmp_path / "adapter.py").write_text(driver(ADAPTER))
     script = f"""
 cd {tmp_path}
 insmod "$(ls /usr/lib/uml/modules/*/kernel/drivers/net/can/slcan/slcan.ko)" || exit 77

@@ -52,6 +52,7 @@ def check_losses(folder: Path) -> Recording:
     return recording
 
 
+@pytest.mark.slow
 def test_a_held_reader_with_the_usual_buffer_is_counted_exactly(
     vcan: Callable[..., GuestResult], tmp_path: Path
 ) -> None:

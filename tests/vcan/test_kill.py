@@ -73,7 +73,7 @@ def seconds_lost(folder: Path, count: int) -> np.ndarray:
     return np.maximum(before_kill - last - 1, 0) / RATE_HZ
 
 
-@pytest.mark.parametrize("count", [5, pytest.param(50, marks=pytest.mark.study)])
+@pytest.mark.parametrize("count", [pytest.param(5, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.study)])
 def test_a_kill_takes_little(guest: Callable[..., GuestResult], tmp_path: Path, count: int) -> None:
     make_vehicle(tmp_path, "vcan0", logger="disk_reserve_mb = 1")
     waits_s = np.random.default_rng(count).uniform(0.0, 1.4, count)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from cli_support import ok
+from diagnosis_samples import diagnosis, seen
 from live_client import page
-from report_support import material_of, processed_of
+from report_support import diagnosed_by_hand, material_of, processed_of
 from shared_results import made_once
-from view_client import View, viewing
+from view_client import View
 from view_field_day import FieldDay, field_day_in
+from view_in_process import viewing_here
 
 from wheelsoil.live.panel import PagePanel
 from wheelsoil.report.inputs import ReportInputs
@@ -69,7 +72,7 @@ def panel(shared_panel: PagePanel) -> PagePanel:
 @pytest.fixture(scope="module")
 def view(folder: Path) -> Iterator[View]:
     """Return the analyst's page on the file's own `folder`, with all runs processed."""
-    with viewing(folder) as running:
+    with viewing_here(folder) as running:
         running.settled()
         yield running
 
@@ -79,6 +82,17 @@ def field_day(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FieldDay]:
     """Return the analyst's page on several campaigns, for all tests of the page that take back what they choose."""
     with field_day_in(tmp_path_factory.mktemp("page")) as found:
         yield found
+
+
+@pytest.fixture(scope="session")
+def report(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of `campaign`, with a diagnosis made by hand; its numbers lie beside it."""
+
+    def make(folder: Path) -> None:
+        with diagnosed_by_hand(replace(diagnosis("named"), plot_data=(seen(samples=900),))):
+            ok("report", campaign, "-o", folder / "report.html")
+
+    return made_once(tmp_path_factory, "report", make) / "report.html"
 
 
 @pytest.fixture(scope="session")

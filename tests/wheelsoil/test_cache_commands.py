@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -206,13 +207,24 @@ def processed_for(purpose: str, folder: Path) -> ProcessedRun:
     return process_runs(open_runs([folder / "run-1.mcap"]), ProcessOptions(purpose=purpose))[0][1]
 
 
+def processed_anew(purposes: Iterable[str], folder: Path) -> dict[str, bytes]:
+    """Return the first run of a folder, processed for each purpose with nothing kept."""
+    with nothing_kept():
+        return {purpose: to_bytes(processed_for(purpose, folder)) for purpose in purposes}
+
+
+@pytest.fixture(scope="module")
+def anew(campaign: Path) -> dict[str, bytes]:
+    """Return the first run of `campaign`, processed for each purpose."""
+    return processed_anew((LOOK, *NEEDED_ROLES), campaign)
+
+
 @pytest.mark.parametrize("first", [LOOK, *NEEDED_ROLES])
-def test_a_whole_run_serves_every_purpose(first: str, campaign: Path, place: Path) -> None:
+def test_a_whole_run_serves_every_purpose(first: str, campaign: Path, place: Path, anew: dict[str, bytes]) -> None:
     made = to_bytes(processed_for(first, campaign))
     assert purposes_served(processed_for(first, campaign)) == (LOOK, *NEEDED_ROLES)
-    for purpose in (LOOK, *NEEDED_ROLES):
-        with nothing_kept():
-            assert to_bytes(processed_for(purpose, campaign)) == made, "as if it were processed for it"
+    for purpose, expected in anew.items():
+        assert made == expected, "as if it were processed for it"
         assert to_bytes(processed_for(purpose, campaign)) == made
     assert kinds(place) == {"processed": 1}
 
@@ -230,19 +242,18 @@ def test_a_run_that_lacks_a_channel_serves_no_purpose_that_needs_it(
     role: str, campaign: Path, tmp_path: Path, place: Path
 ) -> None:
     there = without(role, campaign, tmp_path / "other")
+    served = [LOOK, *(purpose for purpose, needed in NEEDED_ROLES.items() if role not in needed)]
+    anew = processed_anew(served, there)
     for _ in range(2):
         looked = processed_for(LOOK, there)
-        with nothing_kept():
-            assert to_bytes(looked) == to_bytes(processed_for(LOOK, there))
+        assert to_bytes(looked) == anew[LOOK]
         for purpose, needed in NEEDED_ROLES.items():
             if role in needed:
                 with pytest.raises(ConfigError, match=role):
                     processed_for(purpose, there)
             else:
-                found = processed_for(purpose, there)
-                with nothing_kept():
-                    assert to_bytes(found) == to_bytes(processed_for(purpose, there))
-    assert set(purposes_served(looked)) <= {LOOK, *(p for p, needed in NEEDED_ROLES.items() if role not in needed)}
+                assert to_bytes(processed_for(purpose, there)) == anew[purpose]
+    assert set(purposes_served(looked)) <= set(served)
     assert kinds(place)["processed"] == (2 if role == "drawbar_pull" else 1)
 
 

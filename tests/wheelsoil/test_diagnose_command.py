@@ -202,6 +202,7 @@ def test_a_bench_table_is_diagnosed(tmp_path):
     assert "driving_torque" not in {finding["channel"] for finding in answer["what_is_wrong"]}
 
 
+@pytest.mark.slow
 def test_the_sample_campaign_of_lyaskos_law_is_named_with_its_p(sample_report):
     sections = json.loads(sample_report("sandy").with_suffix(".json").read_text(encoding="utf-8"))["sections"]
     assert sections["verdict"]["verdict"] == "named"

@@ -185,7 +185,9 @@ def write_steady(path: Path, slip: float) -> None:
         writer.write_frames(merge(parts))
 
 
-def test_stretches_without_data(driven, tmp_path):
+@pytest.fixture(scope="module")
+def with_holes(driven, tmp_path_factory):
+    """Return the campaign without the forces in a fifth of the time."""
     ids = {m.name: m.can_id for m in load_database(shipped_dbc("wft.dbc")).messages}
     forces = [ids[name] for name in WFT]
 
@@ -194,7 +196,14 @@ def test_stretches_without_data(driven, tmp_path):
         silent = (stamps % 7.0 < 1.5) & np.isin(frames.frames["can_id"], forces)
         return np.asarray(~silent)
 
-    found = diagnosed(copied(driven, tmp_path / "clay", holes))
+    return copied(driven, tmp_path_factory.mktemp("holes") / "clay", holes)
+
+
+@pytest.mark.parametrize(
+    "options", [pytest.param((), marks=pytest.mark.slow), ("--effects", "vasilev,slope,torque_zero,speed_bias", *ALONE)]
+)
+def test_stretches_without_data(options, with_holes):
+    found = diagnosed(with_holes, *options)
     if found["verdict"] == "named":
         assert {cause["name"] for cause in found["causes"]} == {"slip_sinkage"}
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import csv
 import importlib.util
-import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cli_support import ok
 from support import data_dir
 
 from daq.config import TerrainConfig, load_toml
@@ -27,10 +27,9 @@ from model.diagnosis.single_wheel.findings import parameter_draws
 from model.diagnosis.single_wheel.predictions import predict_held_out
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
-from model.diagnosis.single_wheel.weighing import Weighing
+from model.diagnosis.single_wheel.weighing import Weighing, weigh
 from model.diagnosis.single_wheel.wheel_pair import compare_wheels
 from studies.published_wheels.verdicts import published_bench
-from wheelsoil.cli.app import run
 
 REAL = Path(__file__).parents[2] / "studies" / "real_data"
 DP, BOTH = ("dp",), ("dp", "z")
@@ -57,26 +56,41 @@ def grousered(study: Any) -> Bench:
     return study.bench("grousered")
 
 
-@pytest.fixture(scope="module")
-def blind(study: Any, smooth: Bench) -> Weighing:
-    """By drawbar pull alone."""
-    return study.weighed(smooth, DP)
+@dataclass(frozen=True)
+class Diagnosed:
+    """What a command says of the smooth wheel, and how it weighed the sets of causes."""
+
+    said: dict[str, Any]
+    weighing: Weighing
 
 
-@pytest.fixture(scope="module")
-def seeing(study: Any, smooth: Bench) -> Weighing:
-    """With sinkage."""
-    return study.weighed(smooth, BOTH)
-
-
-def _diagnosed(study: Any, capsys: pytest.CaptureFixture[str], channels: str) -> dict[str, Any]:
+def _diagnosed(study: Any, channels: str) -> Diagnosed:
     columns = [part for text in study.RENAME for part in ("--rename", text)]
     rows = [part for text in ("wheel=smooth", "beta_deg=0") for part in ("--where", text)]
-    files = ["--vehicle", str(REAL / "smooth.toml"), "--terrain", str(REAL / "terrain.toml")]
-    table = ["diagnose", "--table", str(data_dir(*study.TABLE)), *columns, *rows, *files]
-    capsys.readouterr()
-    assert run([*table, "--channels", channels, "--most-causes", "2", "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+    files = ["--vehicle", REAL / "smooth.toml", "--terrain", REAL / "terrain.toml"]
+    table = ["diagnose", "--table", data_dir(*study.TABLE), *columns, *rows, *files]
+    found: list[Weighing] = []
+
+    def noted(*given: Any) -> Weighing:
+        found.append(weigh(*given))
+        return found[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("model.diagnosis.single_wheel.diagnose.weigh", noted)
+        said = ok(*table, "--channels", channels, "--most-causes", 2, "--json").json
+    return Diagnosed(said, found[0])
+
+
+@pytest.fixture(scope="module")
+def blind(study: Any) -> Diagnosed:
+    """By drawbar pull alone."""
+    return _diagnosed(study, "dp")
+
+
+@pytest.fixture(scope="module")
+def seeing(study: Any) -> Diagnosed:
+    """With sinkage."""
+    return _diagnosed(study, "dp,z")
 
 
 def _probability(diagnosis: dict[str, Any], family: str) -> float:
@@ -117,8 +131,8 @@ def test_the_soil_is_that_of_the_plates() -> None:
 
 
 @pytest.mark.slow
-def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    found = _diagnosed(study, capsys, "dp")
+def test_drawbar_pull_alone_does_not_name_slip_sinkage(blind: Diagnosed) -> None:
+    found = blind.said
     assert found["verdict"] == "one_of"
     assert found["causes"][0]["name"] == "interface_friction"
     assert _probability(found, "slip_sinkage") < 0.2
@@ -128,10 +142,8 @@ def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytes
 
 
 @pytest.mark.slow
-def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(
-    study: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = _diagnosed(study, capsys, "dp,z")
+def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(seeing: Diagnosed) -> None:
+    found = seeing.said
     assert found["verdict"] == "one_of"
     assert [cause["name"] for cause in found["causes"]] == ["slip_sinkage", "stress_peak_shift"]
     assert _probability(found, "slip_sinkage") >= 0.95
@@ -143,22 +155,22 @@ def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(
 
 
 @pytest.mark.slow
-def test_the_form_of_slip_sinkage_stays_open(seeing: Weighing) -> None:
+def test_the_form_of_slip_sinkage_stays_open(seeing: Diagnosed) -> None:
     friction = CauseUse("interface_friction")
     evidence = [
-        next(w.log_evidence for w in seeing.sets if set(w.hypothesis) == {CauseUse(form), friction})
+        next(w.log_evidence for w in seeing.weighing.sets if set(w.hypothesis) == {CauseUse(form), friction})
         for form in ("vasilev", "lyasko", "ding")
     ]
     assert max(evidence) - min(evidence) < 2.5
 
 
 @pytest.mark.slow
-def test_left_out_speeds(seeing: Weighing) -> None:
-    problem = seeing.problem
-    best = seeing.sets[0]
+def test_left_out_speeds(seeing: Diagnosed) -> None:
+    problem = seeing.weighing.problem
+    best = seeing.weighing.sets[0]
     assert {use.key for use in best.hypothesis} == {"vasilev", "interface_friction"}
     extended = predict_held_out(problem, best.optima, np.random.default_rng(1))
-    wong = predict_held_out(problem, seeing.of_set(()).optima, np.random.default_rng(1))
+    wong = predict_held_out(problem, seeing.weighing.of_set(()).optima, np.random.default_rng(1))
     assert rms(extended, "z") < 2.5e-3
     assert rms(extended, "dp") < 0.95
     assert rms(wong, "z") > 5e-3
@@ -166,9 +178,9 @@ def test_left_out_speeds(seeing: Weighing) -> None:
 
 
 @pytest.mark.slow
-def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Weighing, seeing: Weighing) -> None:
+def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Diagnosed, seeing: Diagnosed) -> None:
     """And its interval says so: it holds what the measured sinkage gives."""
-    without, known = _vasilev(blind), _vasilev(seeing)
+    without, known = _vasilev(blind.weighing), _vasilev(seeing.weighing)
     assert without.value > 1.5 * known.value
     assert without.interval95[0] < known.interval95[1]
     assert known.interval95[0] < without.interval95[1]
@@ -185,8 +197,9 @@ def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> Non
     assert found.families()["grouser"] < 0.5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("channels", [DP, BOTH])
+@pytest.mark.parametrize(
+    "channels", [pytest.param(DP, marks=pytest.mark.study), pytest.param(BOTH, marks=pytest.mark.slow)]
+)
 def test_the_grousered_wheel_has_a_cause_of_its_own(smooth: Bench, grousered: Bench, channels: tuple[str, ...]) -> None:
     found = compare_wheels(smooth, grousered, DiagnosisOptions(channels=channels))
     assert found.p_value < 1e-3
@@ -204,14 +217,13 @@ def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
     assert law.H2_m == pytest.approx(0.0355, abs=0.002)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wheel", "channels", "led_by", "verdict"),
     [
-        ("ding smooth", ("dp",), "slip_sinkage", "one_of"),
-        ("ding lugged", ("dp",), "slip_sinkage", "one_of"),
-        ("ding lugged", ("dp", "t", "z"), "slip_sinkage", "one_of"),
-        ("hurrell, lugs undeclared", ("dp",), "grouser", "named"),
+        pytest.param("ding smooth", ("dp",), "slip_sinkage", "one_of", marks=pytest.mark.study),
+        pytest.param("ding lugged", ("dp",), "slip_sinkage", "one_of", marks=pytest.mark.study),
+        pytest.param("ding lugged", ("dp", "t", "z"), "slip_sinkage", "one_of", marks=pytest.mark.slow),
+        pytest.param("hurrell, lugs undeclared", ("dp",), "grouser", "named", marks=pytest.mark.slow),
     ],
 )
 def test_published_wheels_are_decided_as_docs_published_wheels_says(

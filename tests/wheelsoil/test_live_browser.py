@@ -47,6 +47,10 @@ _CONTRAST = """(element) => {
   const style = getComputedStyle(element), [a, b] = [light(style.color), light(style.backgroundColor)];
   return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
 }"""
+_TIMED_OUT_SOON = """() => {
+  const timeout = AbortSignal.timeout.bind(AbortSignal);
+  AbortSignal.timeout = () => (window.timedOut = timeout(100));
+}"""
 _COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
 
 
@@ -110,7 +114,7 @@ def test_the_unit_of_the_speed_is_kept(browser: Browser, panel: PagePanel) -> No
 
 
 def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePanel) -> None:
-    with Shower(panel), looking_at(browser, panel.address, width=360) as seen:
+    with Shower(panel), looking_at(browser, panel.address, width=360, scale=2.0) as seen:
         expect(seen.locator("#state")).to_have_text("RECORDING")
         for button in seen.locator("#bar button, #bar input").all():
             box = button.bounding_box()
@@ -120,7 +124,7 @@ def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePane
 
 
 def test_live_values_buses_and_curves_move(browser: Browser) -> None:
-    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address, scale=2.0) as seen:
         expect(seen.locator("#values")).to_contain_text("drawbar pull")
         expect(seen.locator("#buses")).to_contain_text("can0")
         expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points, newest"))
@@ -214,9 +218,13 @@ def test_a_mark_that_nobody_takes_is_reported_too(browser: Browser, panel: PageP
 
 def test_a_mark_whose_answer_is_lost_is_confirmed_by_the_file(browser: Browser, panel: PagePanel) -> None:
     """The page was too slow to answer: that does not mean that nothing was sent."""
-    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+    with Shower(panel) as shower, looking_at(browser, panel.address, clock=True) as seen:
         seen.route("**/command", lambda _: None)
+        seen.evaluate(_TIMED_OUT_SOON)
         _press_mark(seen, "left rut")
+        expect(seen.locator("#feedback")).to_contain_text("is being sent")
+        until(lambda: seen.evaluate("() => window.timedOut.aborted"), "the end of the page's patience")
+        seen.clock.fast_forward("00:06")
         expect(seen.locator("#feedback")).to_contain_text("has not confirmed it")
         shower.changes = {"marks": [{"time_utc_s": START_UTC_S + 21, "text": "left rut"}]}
         expect(seen.locator("#feedback")).to_contain_text("stands in the file")

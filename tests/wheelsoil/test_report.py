@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from report_support import section_of, text_of
+from report_support import diagnosed_by_hand, section_of, text_of
 
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
@@ -136,7 +136,8 @@ def test_names_from_data_stay_data(campaign, tmp_path):
     (folder / "runs.toml").write_text(f'[[run]]\nfile = "run-1.mcap"\nid = {quoted}\n')
     (folder / "run-1.mcap").write_bytes((campaign / "run-1.mcap").read_bytes())
     page_path = tmp_path / "report.html"
-    ok("report", folder, "-o", page_path)
+    with diagnosed_by_hand():
+        ok("report", folder, "-o", page_path)
     text = page_path.read_text(encoding="utf-8")
     page = Page(text)
     numbers = json.loads(page_path.with_suffix(".json").read_text(encoding="utf-8"))
@@ -199,7 +200,7 @@ def test_the_verdict_has_reservations_about_an_offset(material):
 
 def test_literal_reading_shows_the_load_it_carries(campaign, tmp_path):
     page = tmp_path / "literal.html"
-    ok("report", campaign, "-o", page, "--sinkage", "literal", "--no-diagnosis")
+    ok("report", campaign / "run-1.mcap", "-o", page, "--sinkage", "literal", "--no-diagnosis")
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["sections"]["load"]
     assert numbers["quantity"] == "load of Eq. 7 / measured load"
     assert numbers["models"]["lyasko"]["load_ratio"]["highest"] > 1.05
@@ -207,7 +208,7 @@ def test_literal_reading_shows_the_load_it_carries(campaign, tmp_path):
 
 def test_no_slip_above_the_threshold_is_said(campaign, tmp_path):
     page = tmp_path / "high.html"
-    ok("report", campaign, "-o", page, "--slip-threshold", 0.99, "--no-diagnosis")
+    ok("report", campaign / "run-1.mcap", "-o", page, "--slip-threshold", 0.99, "--no-diagnosis")
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
     assert "no slip at or above the threshold 0.99" in numbers["left_out"]["verdict"]
     assert "coefficients" not in numbers["left_out"]
@@ -235,11 +236,14 @@ def test_the_page_is_readable_in_black_and_white():
 
 
 def test_output_names(tmp_path: Path, campaign):
-    result = ok("report", campaign, "-o", tmp_path / "r.html", "--json", "--no-diagnosis")
+    given = ("report", campaign / "run-1.mcap", "-o", tmp_path / "r.html", "--json", "--no-diagnosis")
+    (tmp_path / "r.html").write_text("of another report", encoding="utf-8")
+    assert invoke(*given).code == 2
+    assert (tmp_path / "r.html").read_text(encoding="utf-8") == "of another report"
+    result = ok(*given, "--force")
     assert result.json["report"].endswith("r.html")
     assert Path(result.json["numbers"]).is_file()
-    assert invoke("report", campaign, "-o", tmp_path / "r.html").code == 2
-    ok("report", campaign, "-o", tmp_path / "r.html", "--force", "--no-diagnosis")
+    assert "of another report" not in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 def test_what_lies_where_the_numbers_would_go_is_kept(tmp_path: Path) -> None:

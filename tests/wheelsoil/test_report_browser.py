@@ -14,11 +14,12 @@ from xml.etree import ElementTree
 
 import pytest
 from cli_support import ok
-from live_browser import PHONE, shown, tab
+from live_browser import shown, tab
 from playwright.sync_api import Browser, Page
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 LAPTOP = {"width": 1366, "height": 768}
+SMALL_PHONE = {"width": 360, "height": 844}
 EVIL = '<script>window.struck = 1</script><b>bold</b><a href="https://x.example">link</a><img src=x onerror="struck=1">'
 
 DRAW = """async (plots) => {
@@ -65,8 +66,17 @@ class Written:
 
 
 @pytest.fixture
-def written(sample_report: Callable[[str], Path]) -> Written:
-    return Written(sample_report("sandy"))
+def written(report: Path) -> Written:
+    """Return the report of two runs, with a diagnosis made by hand."""
+    return Written(report)
+
+
+@pytest.fixture(params=["two runs", pytest.param("sandy", marks=pytest.mark.slow)])
+def each(request: pytest.FixtureRequest) -> Written:
+    """Return that report, and the one of a sample campaign."""
+    if request.param == "two runs":
+        return Written(request.getfixturevalue("report"))
+    return Written(request.getfixturevalue("sample_report")(request.param))
 
 
 @contextmanager
@@ -87,12 +97,10 @@ def opened(browser: Browser, path: Path, size: dict[str, int] = LAPTOP) -> Itera
     assert [address for address in asked if not address.startswith("blob:")] == [path.as_uri()]
 
 
-@pytest.mark.parametrize("name", ["sandy", pytest.param("clay", marks=pytest.mark.slow)])
-def test_it_opens_silent_and_complete(browser: Browser, sample_report: Callable[[str], Path], name: str) -> None:
-    written = Written(sample_report(name))
-    numbers = written.numbers
+def test_it_opens_silent_and_complete(browser: Browser, each: Written) -> None:
+    numbers = each.numbers
     assert numbers["left_out"] == {}
-    with opened(browser, written.page) as page:
+    with opened(browser, each.page) as page:
         summary = numbers["sections"]["glance"]
         assert page.locator("h1").inner_text() == summary["headline"]
         tiles = page.locator("#glance .tile .v").all_inner_texts()
@@ -124,10 +132,25 @@ def test_no_script_but_its_own_runs(browser: Browser, written: Written, tmp_path
         assert page.evaluate("window.struck") is None
 
 
-def test_time_histories_zoom_together_and_share_a_cursor(browser: Browser, written: Written) -> None:
+def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser: Browser, written: Written) -> None:
     drawn = "[...document.querySelectorAll('#time .plot')]"
+
+    def cursor() -> float:
+        return float(page.evaluate("document.getElementById('plot-drive-speed').layout.shapes[0].x0"))
+
     with opened(browser, written.page) as page:
         page.evaluate(DRAW, "#time .plot")
+        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
+        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
+        for step in (100, 140):
+            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
+        here = page.locator("#time .place .here")
+        here.and_(page.locator("[visibility=visible]")).wait_for()
+        before, place = cursor(), here.bounding_box()
+        path = page.locator("#time .place .start").bounding_box()
+        page.mouse.move(path["x"] + path["width"] / 2, path["y"] + path["height"] / 2)
+        page.wait_for_function(f"document.getElementById('plot-drive-speed').layout.shapes[0].x0 < {before}")
+        assert here.bounding_box() != place and cursor() < 3.0
         page.evaluate("Plotly.relayout('plot-drive-speed', {'xaxis.range': [5, 15]})")
         page.wait_for_function(
             f"{drawn}.every((one) => one.layout.xaxis.range[0] === 5 && one.layout.xaxis.range[1] === 15)"
@@ -141,28 +164,9 @@ def test_time_histories_zoom_together_and_share_a_cursor(browser: Browser, writt
         assert page.evaluate(f"{drawn}.every((one) => one.layout.shapes.length === 1)")
 
 
-def test_the_cursor_is_on_the_track_too(browser: Browser, written: Written) -> None:
-    def cursor() -> float:
-        return float(page.evaluate("document.getElementById('plot-drive-speed').layout.shapes[0].x0"))
-
+def test_a_figure_is_saved_and_a_run_is_chosen(browser: Browser, written: Written, tmp_path: Path) -> None:
     with opened(browser, written.page) as page:
-        page.evaluate(DRAW, "#plot-drive-speed")
-        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
-        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
-        for step in (100, 140):
-            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
-        here = page.locator("#time .place .here")
-        here.and_(page.locator("[visibility=visible]")).wait_for()
-        before, place = cursor(), here.bounding_box()
-        path = page.locator("#time .place .start").bounding_box()
-        page.mouse.move(path["x"] + path["width"] / 2, path["y"] + path["height"] / 2)
-        page.wait_for_function(f"document.getElementById('plot-drive-speed').layout.shapes[0].x0 < {before}")
-        assert here.bounding_box() != place and cursor() < 3.0
-
-
-def test_a_figure_is_saved(browser: Browser, written: Written, tmp_path: Path) -> None:
-    with opened(browser, written.page) as page:
-        page.evaluate(DRAW, "#plot-slip-driving")
+        page.evaluate(DRAW, "#plot-slip-driving, #plot-time-dp, #plot-track-use")
         for place, key in (("#drawing-hero", "hero"), ("#slip .card:has(#plot-slip-driving)", "slip-driving")):
             for kind in ("svg", "csv"):
                 with page.expect_download() as download:
@@ -174,6 +178,13 @@ def test_a_figure_is_saved(browser: Browser, written: Written, tmp_path: Path) -
         curve = next(one for one in written.numbers["drawings"]["hero"]["curves"] if one["look"] == "model")
         of_model = [row.split(",") for row in rows if row.startswith(curve["name"])]
         assert [float(row[2]) for row in of_model] == pytest.approx(curve["y"])
+        for section, figure in (("slip", "slip-driving"), ("time", "time-dp"), ("track", "track-use")):
+            before = page.evaluate("(id) => JSON.stringify(document.getElementById(id).data)", f"plot-{figure}")
+            page.locator(f"#{section} select").first.select_option("run-2")
+            kept = [t for t in written.numbers["figures"][figure]["traces"] if t["shown_for"] == "run-2"]
+            shown = page.evaluate("(id) => document.getElementById(id).data", f"plot-{figure}")
+            assert kept and [trace.get("y") for trace in shown] == [trace.get("y") for trace in kept]
+            assert json.dumps(shown) != before
 
 
 TALLEST = """() => {
@@ -200,23 +211,10 @@ def test_figures_are_drawn_when_they_are_looked_at(browser: Browser, written: Wr
         last.locator(".main-svg").first.wait_for()
 
 
-def test_a_run_is_chosen(browser: Browser, written: Written) -> None:
-    with opened(browser, written.page) as page:
-        page.evaluate(DRAW, "#plot-slip-driving, #plot-time-dp, #plot-track-use")
-        for section, figure in (("slip", "slip-driving"), ("time", "time-dp"), ("track", "track-use")):
-            before = page.evaluate("(id) => JSON.stringify(document.getElementById(id).data)", f"plot-{figure}")
-            page.locator(f"#{section} select").first.select_option("run-3")
-            kept = [t for t in written.numbers["figures"][figure]["traces"] if t["shown_for"] == "run-3"]
-            shown = page.evaluate("(id) => document.getElementById(id).data", f"plot-{figure}")
-            assert [trace.get("y") for trace in shown] == [trace.get("y") for trace in kept]
-            assert json.dumps(shown) != before
-
-
-@pytest.mark.parametrize("width", [360, pytest.param(PHONE["width"], marks=pytest.mark.slow)])
-def test_a_phone_need_not_scroll_sideways(browser: Browser, written: Written, width: int) -> None:
-    with opened(browser, written.page, {"width": width, "height": 844}) as page:
+def test_a_phone_need_not_scroll_sideways(browser: Browser, sample_report: Callable[[str], Path]) -> None:
+    with opened(browser, sample_report("sandy"), SMALL_PHONE) as page:
         page.evaluate(DRAW, ".plot")
-        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate("document.documentElement.scrollWidth") == SMALL_PHONE["width"]
         assert page.evaluate(EMPTY) == []
         assert page.evaluate(CRAMPED) == []
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from report_support import material_of, processed_of
+from diagnosis_samples import diagnosis
+from report_support import diagnosed_by_hand
 
 from daq.errors import ConfigError
 from processing.processed_run import ProcessedRun
@@ -19,13 +21,7 @@ from wheelsoil.workflows.report import report_of
 from wheelsoil.workflows.runs import Files
 
 MOST_BYTES = 12_000_000
-ROLES = {
-    "torque": ("driving_torque",),
-    "position": ("latitude", "longitude"),
-    "clock": ("gnss_time",),
-}
-
-
+ROLES = {"position and clock": ("latitude", "longitude", "gnss_time")}
 SHOWN = ("wheel_speed", "ground_speed", "ground_speed_valid", "vertical_load", "drawbar_pull", "driving_torque")
 
 
@@ -47,9 +43,7 @@ def campaign_without(campaign: Path, folder: Path, *roles: str) -> Path:
 @pytest.mark.parametrize(
     ("lacking", "left_out", "reason"),
     [
-        ("torque", {"torque"}, "the driving torque was not measured"),
-        ("position", {"track"}, "no run has latitude and longitude"),
-        ("clock", set(), ""),
+        ("position and clock", {"track"}, "no run has latitude and longitude"),
     ],
 )
 def test_what_is_missing_costs_its_section(campaign, tmp_path, lacking, left_out, reason):
@@ -67,15 +61,17 @@ def test_without_any_signal_there_is_no_report_but_a_reason(campaign, tmp_path):
     assert "no signal has a role that can be shown" in result.err and "vehicle.toml" in result.err
 
 
-def test_one_run_has_every_section_but_no_choice_of_runs(campaign):
-    report = report_of([campaign / "run-1.mcap"])
+@pytest.mark.parametrize("made_by_hand", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_one_run_has_every_section_but_no_choice_of_runs(campaign, made_by_hand):
+    found = replace(diagnosis("named"), gain=None)
+    with diagnosed_by_hand(found) if made_by_hand else nullcontext():
+        report = report_of([campaign / "run-1.mcap"])
     assert report.left_out == {}
     section = next(section for section in report.sections if section.key == "gain")
     assert "at least two runs" in " ".join(texts_of(section))
 
 
-def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
-    material = material_of(processed_of(campaign))
+def test_a_run_without_a_usable_sample_is_poor_and_named_first(material):
     nothing = np.full(len(material.runs[0]), 5, np.uint8)
     report = build_report(replace(material, runs=(replace(material.runs[0], reason=nothing), *material.runs[1:])))
     glance = report.numbers()["sections"]["glance"]
@@ -84,8 +80,7 @@ def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
 
 
 @pytest.mark.slow
-def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
-    material = material_of(processed_of(campaign))
+def test_fifty_runs_are_one_page_of_bearable_size(material, tmp_path):
     copies = 25
     runs = tuple(_renamed(run, i, k) for k in range(copies) for i, run in enumerate(material.runs))
     models = tuple(replace(m, predictions=m.predictions * copies) for m in material.fit.models)
@@ -124,7 +119,8 @@ def test_a_browser_that_makes_no_pdf_is_reported(campaign, tmp_path, monkeypatch
     browser.write_text("#!/bin/sh\necho 'cannot open display' >&2\nexit 1\n")
     browser.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    result = invoke("report", campaign / "run-1.mcap", "-o", tmp_path / "r.pdf", "--no-diagnosis")
+    nothing_to_fit = campaign_without(campaign, tmp_path / "c", "vertical_load", "drawbar_pull", "driving_torque")
+    result = invoke("report", nothing_to_fit, "-o", tmp_path / "r.pdf", "--no-diagnosis")
     assert result.code == 1
     assert "the browser created no PDF" in result.err and "cannot open display" in result.err
 

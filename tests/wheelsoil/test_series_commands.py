@@ -65,10 +65,17 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_series_are_processed_like_the_frames_that_they_came_from(campaign: Path, tmp_path: Path) -> None:
-    ok("import", campaign / "run-1.csv", "-o", tmp_path / "run-1.mcap")
+@pytest.fixture(scope="module")
+def imported_run(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return its first run as a recording."""
+    target = tmp_path_factory.mktemp("imported") / "run-1.mcap"
+    ok("import", campaign / "run-1.csv", "-o", target)
+    return target
+
+
+def test_series_are_processed_like_the_frames_that_they_came_from(campaign: Path, imported_run: Path) -> None:
     (frames,) = open_runs([CLAY / "run-1.mcap"])
-    direct, imported = (open_runs([path])[0] for path in (campaign / "run-1.csv", tmp_path / "run-1.mcap"))
+    direct, imported = (open_runs([path])[0] for path in (campaign / "run-1.csv", imported_run))
     kept = {role: frames.channels()[role] for role in WANTED}
     wanted = process(kept, frames.vehicle, frames.info)
     for run in (direct, imported):
@@ -79,25 +86,23 @@ def test_series_are_processed_like_the_frames_that_they_came_from(campaign: Path
         np.testing.assert_array_equal(found.reason, wanted.reason)
 
 
-def test_a_recording_of_series_holds_what_the_file_held(campaign: Path, tmp_path: Path) -> None:
-    target = tmp_path / "run.mcap"
-    ok("import", campaign / "run-1.csv", "-o", target)
-    (direct,), (imported,) = open_runs([campaign / "run-1.csv"]), open_runs([target])
+def test_a_recording_of_series_holds_what_the_file_held(campaign: Path, imported_run: Path) -> None:
+    (direct,), (imported,) = open_runs([campaign / "run-1.csv"]), open_runs([imported_run])
     assert direct.series is not None and imported.series is not None
     assert imported.series.topics == direct.series.topics
     for role, channel in direct.channels().items():
         np.testing.assert_array_equal(imported.channels()[role].time_ns, channel.time_ns)
         np.testing.assert_array_equal(imported.channels()[role].values, channel.values)
-    recording = Recording.open(target)
+    recording = Recording.open(imported_run)
     assert "vehicle.toml" in recording.attachments and not recording.loss
-    with target.open("rb") as file:  # an independent reader
+    with imported_run.open("rb") as file:  # an independent reader
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         *_, message = next(iter(reader.iter_decoded_messages(["/series/time_0_s"])))
     assert message.vertical_load_k_n == direct.channels()["vertical_load"].values[0] / 1e3
 
 
 def test_series_go_down_to_a_diagnosis(campaign: Path) -> None:
-    said = ok("diagnose", campaign, "--json").json
+    said = ok("diagnose", campaign, "--effects", "vasilev,lyasko,slope,torque_zero", "--most-causes", 1, "--json").json
     assert said["verdict"] in ("named", "one_of")
     assert said["candidates"][0]["name"] == "slip_sinkage"
     fitted = ok("fit", campaign, "--json").json

@@ -114,11 +114,11 @@ def test_a_run_s_curve_stands_on_its_own_load(view: View, runs: list[ProcessedRu
     )
 
 
-@pytest.mark.parametrize("keep", [None, KEEP, [[0.0, 4.0]]])
-def test_grade_and_usable_share_are_those_of_the_report_also_of_a_cut_run(
-    view: View, folder: Path, keep: list[list[float]] | None
+@pytest.mark.parametrize("keep", [KEEP, [[0.0, 4.0]]])
+def test_grade_and_usable_share_of_a_cut_run_are_those_of_the_report(
+    view: View, folder: Path, keep: list[list[float]]
 ) -> None:
-    choice = {"run": [{"id": "run-1", "keep": keep}]} if keep else {}
+    choice = {"run": [{"id": "run-1", "keep": keep}, {"id": "run-2", "keep": KEEP}]}
     view.post("/api/choose", campaign="c1", choice=choice)
     from wheelsoil.workflows.choice import parse_choice
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_support import ok
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
+from view_in_process import viewing_here
 
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.soils import SOIL_PARAMETERS
@@ -219,7 +220,7 @@ def test_what_is_saved_is_what_was_chosen_and_is_taken_up_again(view: View, fold
     again = tmp_path / "again"
     shutil.copytree(folder, again)
     (again / "choice.toml").write_bytes(before)
-    with viewing(again) as other:
+    with viewing_here(again) as other:
         [campaign] = other.campaigns()
         assert campaign["saved_at"] == str(again.resolve() / "choice.toml")
         assert campaign["choice"]["slip_threshold"] == 0.15

@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.client import HTTPException
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from cli_support import invoke
-from view_client import START, View, taken_from, viewing
+from view_client import START, Program, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,27 +47,56 @@ def test_a_port_that_was_asked_for_and_is_taken_is_a_fault(folder: Path) -> None
     assert f"port {port} is taken" in result.err and "analyst's page" in result.err and "next:" in result.err
 
 
-def test_where_the_usual_port_is_taken_the_next_free_one_is(folder: Path) -> None:
-    with occupied(8200), viewing(folder, port=None) as view:
-        assert 8200 < view.port < 8220
-        assert view.ask("GET", "/api/list").status == 200
-
-
-def test_a_browser_is_opened_where_there_is_a_display(folder: Path, tmp_path: Path) -> None:
+def test_where_the_usual_port_is_taken_the_next_free_one_is_and_a_browser_opens_it(
+    folder: Path, tmp_path: Path
+) -> None:
     script, told = tmp_path / "browser", tmp_path / "told"
     script.write_text(f'#!/bin/sh\necho "$1" >> {told}\n')
     script.chmod(0o755)
-    with viewing(folder, browser=True, DISPLAY="", WAYLAND_DISPLAY="", BROWSER=f"{script} %s"):
-        pass
-    with viewing(folder, DISPLAY=":7", BROWSER=f"{script} %s"):
-        pass
-    assert not told.exists()
-    with viewing(folder, browser=True, DISPLAY=":7", BROWSER=f"{script} %s") as view:
+    shown = {"DISPLAY": ":7", "BROWSER": f"{script} %s"}
+    with occupied(8200), viewing(folder, port=None, browser=True, **shown) as view:
+        assert 8200 < view.port < 8220
+        assert view.ask("GET", "/api/list").status == 200
         until = time.monotonic() + 60
         while not told.exists() or not told.read_text().endswith("\n"):
             assert time.monotonic() < until
             time.sleep(0.02)
         assert told.read_text() == f"{view.address}\n"
+
+
+class _EndedByCtrlC:
+    """A server that is ended as soon as it runs."""
+
+    ended_by = signal.SIGINT
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def handle_exit(self, *_: object) -> None:
+        """Do nothing."""
+
+    async def serve(self, sockets: list[socket.socket]) -> None:
+        """Return at once."""
+        assert sockets
+
+
+@pytest.mark.parametrize(("given", "display", "opens"), [((), ":7", 1), ((), "", 0), (("--no-browser",), ":7", 0)])
+def test_no_browser_is_opened_without_a_display_or_where_none_is_wanted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], display: str, opens: int
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("wheelsoil.view.server.webbrowser", SimpleNamespace(open=opened.append))
+    monkeypatch.setattr("wheelsoil.view.server.server_of", _EndedByCtrlC)
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setenv("WAYLAND_DISPLAY", "")
+    result = invoke("view", folder, "--port", 0, *given)
+    assert result.code == 130 and "analyst's page: http://127.0.0.1:" in result.err
+    until = time.monotonic() + 60
+    while len(opened) < opens:  # it is opened by a thread of its own
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    time.sleep(0.05)
+    assert len(opened) == opens
 
 
 def test_an_address_of_another_machine_is_a_fault(folder: Path) -> None:
@@ -93,34 +123,27 @@ def test_what_cannot_be_opened_is_reported_before_a_page_is(
     assert "http://" not in result.err
 
 
-def test_nothing_is_left_behind_by_ctrl_c_even_while_it_works(folder: Path, tmp_path: Path) -> None:
+def test_ctrl_c_leaves_nothing_behind_and_waits_for_no_fit_or_diagnosis(folder: Path, tmp_path: Path) -> None:
+    asked: list[threading.Thread] = []
+    answers: list[int] = []
     with viewing(folder, TMPDIR=str(tmp_path)) as view:
         view.settled()
         [scratch] = tmp_path.glob("wheelsoil-view-*")
         assert [path.suffix for path in scratch.iterdir()] == [".pickle"]
         assert scratch.stat().st_mode & 0o077 == 0
         assert view.tell("/api/diagnose", campaign="c1").status == 202
-        children = _children(view.process.pid)
-        assert len(children) >= 2
-    assert not list(tmp_path.glob("wheelsoil-view-*"))
-    _gone(children)
-
-
-def test_ctrl_c_waits_for_no_fit(folder: Path) -> None:
-    asked: list[threading.Thread] = []
-    answers: list[int] = []
-    with viewing(folder) as view:
-        view.settled()
         for _ in range(12):  # one after the other
             thread = threading.Thread(target=_ask_for_a_fit, args=(view, answers))
             thread.start()
             asked.append(thread)
-        while not _children(view.process.pid):
-            time.sleep(0.02)
+        children = _children(view.process.pid)
+        assert len(children) >= 2
     done = sum(answer == 200 for answer in answers)
     assert done < len(asked)  # the last of them were not waited for
     for thread in asked:
         thread.join()
+    assert not list(tmp_path.glob("wheelsoil-view-*"))
+    _gone(children)
 
 
 def test_sigterm_ends_it_with_its_helpers(folder: Path, tmp_path: Path) -> None:
@@ -157,7 +180,7 @@ def test_helpers_do_not_outlive_a_page_that_is_killed(folder: Path, tmp_path: Pa
     _gone(children)
 
 
-def _ask_for_a_fit(view: View, answers: list[int]) -> None:
+def _ask_for_a_fit(view: Program, answers: list[int]) -> None:
     with suppress(OSError, HTTPException):
         answers.append(view.tell("/api/fit", campaign="c1").status)
 

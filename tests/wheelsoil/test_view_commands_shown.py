@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,8 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
+from view_in_process import viewing_here
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
@@ -25,7 +27,7 @@ def view(folder: Path) -> Iterator[View]:
     """The page on a folder, and on one that holds nothing."""
     empty = folder.parent / "empty"
     empty.mkdir()
-    with viewing(folder, empty) as running:
+    with viewing_here(folder, empty) as running:
         running.settled()
         yield running
 
@@ -47,9 +49,9 @@ def repeated(view: View, campaign: dict[str, Any], choice: dict[str, Any]) -> li
 
 def test_recordings_of_a_folder_that_holds_more_are_named_one_by_one(tmp_path: Path) -> None:
     folder = taken_from(CLAY, tmp_path / "clay field", 3)
-    with viewing(folder / "run-1.mcap", folder / "run-3.mcap") as view:
+    with viewing_here(folder / "run-1.mcap", folder / "run-3.mcap") as view:
         [campaign] = view.settled()
-        shown = repeated(view, campaign, {"run": [{"id": "run-3", "keep": [[0, 30]]}]})
+        shown = repeated(view, campaign, {"run": [{"id": name, "keep": [[5, 20]]} for name in ("run-1", "run-3")]})
     assert "run-1.mcap" in shown[2] and "run-2.mcap" not in shown[2]
     assert shlex.split(shown[2])[-2:] == ["-o", "report.html"]
 
@@ -62,9 +64,10 @@ def test_what_was_given_beside_the_recordings_is_given_again(tmp_path: Path, run
     truck.write_text((folder / "vehicle.toml").read_text().replace("radius_m = 0.47", "radius_m = 0.48"))
     assert truck.read_text() != (folder / "vehicle.toml").read_text()
     given = [folder / "run-1.mcap"] if runs else [folder]
-    with viewing(*given, "--soil", "sandy", "--vehicle", truck, "--lenient-dbc") as view:
+    with viewing_here(*given, soil="sandy", vehicle=truck, lenient_dbc=True) as view:
         [campaign] = view.settled()
-        shown = repeated(view, campaign, {"effects": ["vasilev"]})
+        kept = [{"id": run["id"], "keep": [[5, 20]]} for run in campaign["runs"]]
+        shown = repeated(view, campaign, {"effects": ["vasilev"], "run": kept})
         answer = view.tell("/api/save", campaign="c1", name="truck.toml", replace=True)
         assert answer.status == 400 and "not a choice" in answer.faults[0]["what"]
     assert "[vehicle]" in truck.read_text()
@@ -76,7 +79,7 @@ def test_recordings_of_one_name_are_distinguished(tmp_path: Path) -> None:
     first, second = taken_from(CLAY, tmp_path / "a", 1), taken_from(CLAY, tmp_path / "b", 1)
     whole = (first / "run-1.mcap").read_bytes()
     (second / "run-1.mcap").write_bytes(whole[: len(whole) * 4 // 5])
-    with viewing(first / "run-1.mcap", second / "run-1.mcap") as view:
+    with viewing_here(first / "run-1.mcap", second / "run-1.mcap") as view:
         [campaign] = view.settled()
         files = [(run["file"], run["id"]) for run in campaign["runs"]]
         assert files == [("run-1.mcap", "run-1"), ("run-1.mcap", "run-1-2")]
@@ -89,9 +92,9 @@ def test_recordings_of_one_name_are_distinguished(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_recordings_of_two_terrains_and_one_name_are_two_campaigns(tmp_path: Path) -> None:
     first, second = taken_from(CLAY, tmp_path / "a", 1), taken_from(SANDY, tmp_path / "b", 1)
-    with viewing(first / "run-1.mcap", second / "run-1.mcap") as view:
+    with viewing_here(first / "run-1.mcap", second / "run-1.mcap") as view:
         for campaign in view.settled():
-            repeated(view, campaign, {"run": [{"id": "run-1", "keep": [[0, 30]]}]})
+            repeated(view, campaign, {"run": [{"id": "run-1", "keep": [[5, 20]]}]})
 
 
 def test_a_run_named_by_its_id_and_another_file_is_a_fault(view: View) -> None:
@@ -107,7 +110,7 @@ def test_a_replacement_that_fails_leaves_nothing_behind(view: View, folder: Path
     view.post("/api/choose", campaign="c1", choice={})
     path = Path(view.post("/api/save", campaign="c1", name="mine.toml")["path"])
     before = path.read_bytes()
-    (folder / f".wheelsoil-{view.process.pid}.toml").write_bytes(b"of a replacement that failed")
+    (folder / f".wheelsoil-{os.getpid()}.toml").write_bytes(b"of a replacement that failed")
     view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
     view.post("/api/save", campaign="c1", name="mine.toml", replace=True)
     assert path.read_bytes() != before

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
+from view_in_process import viewing_here
+
+from wheelsoil.cli.options import page_token
 
 ROOT = Path(__file__).parents[2]
 TOKEN = "a-token-of-the-test"
@@ -251,8 +254,9 @@ def test_a_browser_may_load_nothing_from_elsewhere(view: View) -> None:
     assert b"http" not in view.ask("GET", "/").body
 
 
-def test_without_the_token_nothing_is_answered_or_done(folder: Path) -> None:
-    with viewing(folder, "--host", "0.0.0.0", WHEELSOIL_PAGE_TOKEN=TOKEN) as view:
+def test_without_the_token_nothing_is_answered_or_done(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WHEELSOIL_PAGE_TOKEN", TOKEN)
+    with viewing_here(folder, host="0.0.0.0", token=page_token(None)) as view:
         assert TOKEN not in "".join(view.said)  # a token that people know has no business in a journal
         for given in ("", "Bearer wrong", f"Bearer {TOKEN}x"):
             for path in GETS:
@@ -266,8 +270,9 @@ def test_without_the_token_nothing_is_answered_or_done(folder: Path) -> None:
         assert b"clay" not in view.ask("GET", "/").body
 
 
-def test_a_token_is_made_where_others_can_reach_the_page(folder: Path) -> None:
-    with viewing(folder, "--host", "0.0.0.0", WHEELSOIL_PAGE_TOKEN="") as view:
+def test_a_token_is_made_where_others_can_reach_the_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WHEELSOIL_PAGE_TOKEN", "")
+    with viewing_here(folder, host="0.0.0.0", token=page_token(None)) as view:
         assert len(view.token) > 16
         assert view.ask("GET", "/api/list").status == 200
         assert view.ask("GET", "/api/list", Authorization="").status == 401

@@ -6,7 +6,8 @@ import tempfile
 from pathlib import Path
 
 from closed_folders import as_nobody, closed
-from view_client import taken_from, viewing
+from view_client import taken_from
+from view_in_process import viewing_here
 
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.workflows.runs import Files
@@ -19,7 +20,7 @@ def test_a_folder_of_campaigns_stands_for_all_and_runs_keep_their_names(tmp_path
     for campaign in (CLAY, SANDY):
         taken_from(campaign, tmp_path / "day" / campaign.name, 1)
     (tmp_path / "day" / "notes").mkdir()
-    with viewing(tmp_path / "day") as view:
+    with viewing_here(tmp_path / "day") as view:
         found = view.settled()
     assert [campaign["name"] for campaign in found] == ["clay", "sandy"]
     ids = [[run["id"] for run in campaign["runs"]] for campaign in found]

@@ -20,8 +20,17 @@ from wheelsoil.workflows.fit import known_soil
 PATIENCE_S = 60.0
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def helper() -> Iterator[Helper]:
+    """Return one for all tests that leave its process alive."""
+    one = Helper("test")
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def mortal() -> Iterator[Helper]:
+    """Return one whose process may be ended."""
     one = Helper("test")
     yield one
     one.close()
@@ -69,38 +78,38 @@ def test_what_cannot_come_back_is_an_error_and_not_the_end(helper: Helper) -> No
     assert helper.ask(abs, -1).result(PATIENCE_S) == 1
 
 
-def test_after_its_death_there_is_another(helper: Helper) -> None:
-    first = helper.ask(os.getpid).result(PATIENCE_S)
+def test_after_its_death_there_is_another(mortal: Helper) -> None:
+    first = mortal.ask(os.getpid).result(PATIENCE_S)
     with pytest.raises(HelperEndedError):
-        helper.ask(os.kill, first, signal.SIGKILL).result(PATIENCE_S)
-    assert helper.ask(os.getpid).result(PATIENCE_S) != first
+        mortal.ask(os.kill, first, signal.SIGKILL).result(PATIENCE_S)
+    assert mortal.ask(os.getpid).result(PATIENCE_S) != first
 
 
-def test_what_is_dropped_ends_and_what_waits_is_done(helper: Helper) -> None:
-    helper.ask(os.getpid).result(PATIENCE_S)
-    running, unwanted, waiting = helper.ask(time.sleep, 600), helper.ask(abs, -9), helper.ask(abs, -2)
+def test_what_is_dropped_ends_and_what_waits_is_done(mortal: Helper) -> None:
+    mortal.ask(os.getpid).result(PATIENCE_S)
+    running, unwanted, waiting = mortal.ask(time.sleep, 600), mortal.ask(abs, -9), mortal.ask(abs, -2)
     while not running.running():
         time.sleep(0.01)
-    helper.drop(unwanted)
-    helper.drop(running)
+    mortal.drop(unwanted)
+    mortal.drop(running)
     with pytest.raises(HelperEndedError):
         running.result(PATIENCE_S)
     assert unwanted.cancelled()
     assert waiting.result(PATIENCE_S) == 2
-    helper.drop(waiting)  # it is done
-    assert helper.ask(abs, -3).result(PATIENCE_S) == 3
+    mortal.drop(waiting)  # it is done
+    assert mortal.ask(abs, -3).result(PATIENCE_S) == 3
 
 
-def test_what_is_dropped_while_the_process_starts_is_not_done(helper: Helper, tmp_path: Path) -> None:
+def test_what_is_dropped_while_the_process_starts_is_not_done(mortal: Helper, tmp_path: Path) -> None:
     held = tmp_path / "held"
     os.mkfifo(held)
-    asked = helper.ask(_note, held, "text")  # it cannot be done before somebody reads
+    asked = mortal.ask(_note, held, "text")  # it cannot be done before somebody reads
     while not asked.running():
         time.sleep(0.001)
-    helper.drop(asked)
+    mortal.drop(asked)
     with pytest.raises(HelperEndedError):
         asked.result(PATIENCE_S)
-    assert helper.ask(abs, -3).result(PATIENCE_S) == 3
+    assert mortal.ask(abs, -3).result(PATIENCE_S) == 3
 
 
 def test_what_is_urgent_goes_first(helper: Helper, tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
+from view_in_process import viewing_here
 
 from wheelsoil.workflows.report import report_of
 
@@ -37,7 +38,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def view(home: Path) -> Iterator[View]:
     """The page on a folder for each role, and one that lacks all."""
-    with viewing(*(without(home / role, role) for role in POINTS), without(home / "all", *POINTS)) as running:
+    with viewing_here(*(without(home / role, role) for role in POINTS), without(home / "all", *POINTS)) as running:
         running.settled()
         yield running
 

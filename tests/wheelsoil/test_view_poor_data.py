@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
+from view_in_process import viewing_here
 
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.workflows.report import report_of
@@ -47,7 +48,7 @@ def view(home: Path) -> Iterator[View]:
     folders = [without(home / name, *roles) for name, roles in LACKING.items()]
     folders += [make(home) for make in (_no_soil, _damaged, _two_terrains, _markup)]
     folders += [taken_from(CLAY, home / name, 1) for name in ("a", "b")]
-    with viewing(*folders, taken_from(CLAY, home / "one run", 2) / "run-1.mcap") as running:
+    with viewing_here(*folders, taken_from(CLAY, home / "one run", 2) / "run-1.mcap") as running:
         running.settled()
         yield running
 
@@ -116,7 +117,7 @@ def test_a_soil_that_is_given_stands_in_but_nothing_does_for_a_wheel(tmp_path: P
     shutil.copytree(soil, wheel)
     text = (wheel / "vehicle.toml").read_text()
     (wheel / "vehicle.toml").write_text(re.sub(r"\[wheel\].*?\n\n", "", text, flags=re.DOTALL))
-    with viewing(soil, wheel, "--soil", "sandy") as view:
+    with viewing_here(soil, wheel, soil="sandy") as view:
         known, unknown = view.settled()
         assert known["terrain"] == "sandy"
         assert view.get("/api/parameters?campaign=c1")["soil"][0]["value"] == 1000

@@ -11,7 +11,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from view_client import PATIENCE_S, Answer, View, taken_from, viewing
+from view_client import PATIENCE_S, Answer, View, taken_from
+from view_in_process import ViewInProcess, viewing_here
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +36,7 @@ def fitting(view: View) -> Iterator[list[Answer]]:
 @pytest.mark.slow
 def test_the_same_choice_sent_again_costs_no_fit_and_another_one_ends_it(folder: Path) -> None:
     choice = {"slip_threshold": 0.15, "effects": ["vasilev"]}
-    with viewing(folder) as view:
+    with viewing_here(folder) as view:
         view.settled()
         view.post("/api/choose", campaign="c1", choice=choice)
         with fitting(view) as found:
@@ -54,7 +55,7 @@ def test_the_same_choice_sent_again_costs_no_fit_and_another_one_ends_it(folder:
 
 
 def test_a_helper_that_ends_once_costs_no_run(folder: Path) -> None:
-    with viewing(folder) as view:
+    with viewing_here(folder) as view:
         end = time.monotonic() + PATIENCE_S
         while not _kill_helpers(view):
             assert time.monotonic() < end, "no helper is started"
@@ -64,7 +65,7 @@ def test_a_helper_that_ends_once_costs_no_run(folder: Path) -> None:
 
 def test_a_run_that_ends_every_helper_has_failed_and_may_be_tried_again(folder: Path) -> None:
     file, aside, choice = folder / "run-1.mcap", folder / "run-1.aside", {"cutoff_hz": 2.0}
-    with viewing(folder) as view:
+    with viewing_here(folder) as view:
         view.settled()
         file.rename(aside)
         os.mkfifo(file)  # nobody writes into it: a helper that opens it waits until it is ended
@@ -81,19 +82,10 @@ def test_a_run_that_ends_every_helper_has_failed_and_may_be_tried_again(folder: 
         assert [run["state"] for run in view.settled()[0]["runs"]] == ["ready", "ready"]
 
 
-def _kill_helpers(view: View) -> int:
+def _kill_helpers(view: ViewInProcess) -> int:
     """End the processes that the page has started, as a system does that is short of memory."""
-    found = 0
-    for task in Path(f"/proc/{view.process.pid}/task").iterdir():
-        with suppress(FileNotFoundError, ProcessLookupError):  # threads and helpers come and go
-            children = (task / "children").read_text().split()
-            found += sum(_killed(int(child)) for child in children)
-    return found
-
-
-def _killed(child: int) -> bool:
-    with suppress(FileNotFoundError, ProcessLookupError):
-        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+    found = view.helpers()
+    for child in found:
+        with suppress(ProcessLookupError):  # helpers come and go
             os.kill(child, signal.SIGKILL)
-            return True
-    return False
+    return len(found)

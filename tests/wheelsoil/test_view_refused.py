@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from view_client import viewing
+from view_in_process import viewing_here
 
 
 def test_a_refused_run_is_struck_out_and_not_fitted(campaign: Path, tmp_path: Path) -> None:
@@ -13,7 +13,7 @@ def test_a_refused_run_is_struck_out_and_not_fitted(campaign: Path, tmp_path: Pa
         shutil.copy(campaign / name, tmp_path)
     text = (campaign / "vehicle.toml").read_text(encoding="utf-8")
     (tmp_path / "vehicle.toml").write_text(text.replace('"WFT_Forces.Fx"', '"-WFT_Forces.Fx"'), encoding="utf-8")
-    with viewing(tmp_path) as view:
+    with viewing_here(tmp_path) as view:
         view.settled()
         [found] = view.campaigns()
         for run in found["runs"]:

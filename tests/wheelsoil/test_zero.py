@@ -68,11 +68,8 @@ def test_a_spin_shows_every_channel_in_its_own_axes(bench: Bench, tmp_path: Path
     assert abs(stored.time_ns - START_NS - 9e9) < 2e9
 
 
-@pytest.mark.parametrize(
-    "bench",
-    [pytest.param(Bench(), marks=pytest.mark.slow), replace(WHEEL, duration_s=9.0)],
-    ids=["vehicle axes", "wheel axes, short"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("bench", [Bench(), replace(WHEEL, duration_s=9.0)], ids=["vehicle axes", "wheel axes, short"])
 def test_the_sigmas_hold_for_correlated_noise(bench: Bench, tmp_path: Path) -> None:
     found = []
     for seed in range(COVERAGE_SEEDS):

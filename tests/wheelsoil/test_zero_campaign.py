@@ -90,7 +90,10 @@ def _processed(folder: Path) -> ProcessedRun:
     return run
 
 
-@pytest.mark.parametrize(("frame", "zero"), [("vehicle", "spin"), ("vehicle", "lifted"), ("wheel", "spin")])
+@pytest.mark.parametrize(
+    ("frame", "zero"),
+    [("vehicle", "spin"), pytest.param("vehicle", "lifted", marks=pytest.mark.slow), ("wheel", "spin")],
+)
 def test_the_zero_gives_back_the_run_without_offsets(frame: str, zero: str, tmp_path: Path) -> None:
     setup = _setup(frame, zero)
     run = simulated(setup, seed=4)

@@ -10,9 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 from cli_support import invoke, ok
-from fleet_support import contents, rows_of
+from fleet_support import contents, differing, rows_of
 
 from wheelsoil.fleet import Store, ask, compact, holdings_of, open_store, packs
 from wheelsoil.fleet.manifests import Manifest, pack_of, sealed, text_of_pack, unsealed
@@ -37,21 +38,31 @@ def own(store: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(store, tmp_path / "own"))
 
 
-def _same(url: Path, other: Path) -> None:
-    found, expected = rows_of(url), rows_of(other)
-    for name, table in expected.items():
-        assert found[name].equals(table), name
-    assert ask(open_store(str(url)), SQL).rows.equals(ask(open_store(str(other)), SQL).rows)
-    assert contents(url) == contents(other)
+Same = Callable[[Path], None]
+
+
+@pytest.fixture(scope="module")
+def same(store: Path, whole: dict[str, pa.Table]) -> Same:
+    """Return what holds a store to the rows of that of the fleet."""
+    answer, of_each = ask(open_store(str(store)), SQL).rows, contents(store)
+
+    def check(url: Path) -> None:
+        assert not differing(url, whole)
+        assert ask(open_store(str(url)), SQL).rows.equals(answer)
+        assert contents(url) == of_each
+
+    return check
 
 
 def _files(url: Path) -> list[str]:
     return sorted(str(path.relative_to(url)) for path in url.rglob("*") if path.is_file())
 
 
-def test_a_compacted_store_has_the_same_rows_in_few_files(own: Path, store: Path, fleet: Path, tmp_path: Path) -> None:
+def test_a_compacted_store_has_the_same_rows_in_few_files(
+    own: Path, store: Path, fleet: Path, same: Same, tmp_path: Path
+) -> None:
     assert ok("fleet", "compact", own).out == "8 campaigns put together; 2 packs in the store\n"
-    _same(own, store)
+    same(own)
     assert not list(own.rglob("campaign=*")) and not list(own.glob("done/*"))
     names = _files(own)
     assert len(names) <= 2 + 2 * (2 + 11) and len(list(own.glob("packs/*.json"))) == 2
@@ -120,7 +131,7 @@ def _killed_at(step: int, own: Path, monkeypatch: pytest.MonkeyPatch) -> bool:
     return False
 
 
-def _kills(steps: range, own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+def _kills(steps: range, own: Path, same: Same, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     killed = 0
     monkeypatch.setattr(packs, "_STALE_S", -1.0)  # no other writer is at work
     for step in steps:
@@ -129,9 +140,9 @@ def _kills(steps: range, own: Path, store: Path, tmp_path: Path, monkeypatch: py
         if not _killed_at(step, place, monkeypatch):
             break
         killed += 1
-        _same(place, store)
+        same(place)
         compact(open_store(str(place)))
-        _same(place, store)
+        same(place)
         assert {name.partition("/")[0] for name in _files(place)} == {".compact.lock", "packs", "store.json"}, step
         assert len(list(place.glob("packs/*.json"))) == len(list(place.glob("packs/*/sources.json"))) == 2, step
         shutil.rmtree(place)
@@ -139,20 +150,20 @@ def _kills(steps: range, own: Path, store: Path, tmp_path: Path, monkeypatch: py
 
 
 def test_a_kill_while_it_compacts_changes_no_row(
-    own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own: Path, same: Same, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert _kills(range(10, 90, 40), own, store, tmp_path, monkeypatch) == 2
+    assert _kills(range(10, 90, 40), own, same, tmp_path, monkeypatch) == 2
 
 
 @pytest.mark.slow
-def test_no_kill_changes_a_row(own: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _kills(range(0, 300, 7), own, store, tmp_path, monkeypatch) > 10
+def test_no_kill_changes_a_row(own: Path, same: Same, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _kills(range(0, 300, 7), own, same, tmp_path, monkeypatch) > 10
 
 
 @pytest.mark.parametrize("kind", ["byte flipped", "cut", "another table", "manifest {}", "sources cut"])
-def test_a_damaged_pack_costs_its_row_group_or_its_campaigns(kind: str, own: Path, store: Path) -> None:
+def test_a_damaged_pack_costs_its_row_group_or_its_campaigns(kind: str, own: Path, whole: dict[str, pa.Table]) -> None:
     ok("fleet", "compact", own)
-    everything = [row["campaign"] for row in rows_of(store)["campaigns"].to_pylist()]
+    everything = [row["campaign"] for row in whole["campaigns"].to_pylist()]
     [pack] = [path for path in own.glob("packs/*.json") if "spring/day-5" in path.read_text()]
     of_pack = {
         one.campaign
@@ -186,16 +197,17 @@ def test_a_damaged_pack_costs_its_row_group_or_its_campaigns(kind: str, own: Pat
 
 
 @pytest.mark.slow
-def test_a_damaged_pack_is_made_anew(own: Path, store: Path, fleet: Path) -> None:
+@pytest.mark.usefixtures("warm", "one_process")
+def test_a_damaged_pack_is_made_anew(own: Path, fleet: Path, same: Same) -> None:
     ok("fleet", "compact", own)
     for path in own.glob("packs/*/campaigns.parquet"):
         path.write_bytes(path.read_bytes()[:500])
     again = invoke("fleet", "run", fleet, "--store", own)
     assert "0 in the store already" in again.err and "made anew" in again.err
-    _same(own, store)
+    same(own)
     ok("fleet", "compact", own)
     ok("fleet", "check", own)
-    _same(own, store)
+    same(own)
     assert len(list(own.glob("packs/*.json"))) == 2
 
 
@@ -212,15 +224,15 @@ def _without_tails(values: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("older", [_without_sizes, _without_tails])
 def test_a_store_of_before_is_opened_and_compacted(
-    older: Callable[[dict[str, Any]], dict[str, Any]], own: Path, store: Path
+    older: Callable[[dict[str, Any]], dict[str, Any]], own: Path, same: Same
 ) -> None:
     for path in own.glob("done/*.json"):
         values = json.loads(path.read_text())
         del values["checksum"]
         path.write_text(json.dumps(older(values)))
-    _same(own, store)
+    same(own)
     ok("fleet", "compact", own)
-    _same(own, store)
+    same(own)
 
 
 GROUPS = (

@@ -7,9 +7,10 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 from cli_support import invoke, ok
-from fleet_support import rows_of
+from fleet_support import differing
 
 from wheelsoil.fleet import ask, open_store
 
@@ -121,12 +122,19 @@ DAMAGES: dict[str, Damaging] = {
 OF_ALL = "select campaign from campaigns order by campaign"
 
 
-@pytest.mark.parametrize("kind", DAMAGES)
-def test_a_damaged_campaign_is_named_and_the_others_answer(kind: str, store: Path, tmp_path: Path) -> None:
+EXTREMES = ("cut", "removed", "another campaign", "byte flipped", "manifest {}", "unknown key", "another verdict")
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind not in EXTREMES)) for kind in DAMAGES]
+)
+def test_a_damaged_campaign_is_named_and_the_others_answer(
+    kind: str, store: Path, whole: dict[str, pa.Table], tmp_path: Path
+) -> None:
     campaign, own = "spring/day-3", tmp_path / "own"
     shutil.copytree(store, own)
     DAMAGES[kind](own, campaign)
-    expected = [row["campaign"] for row in rows_of(store)["campaigns"].to_pylist() if row["campaign"] != campaign]
+    expected = [row["campaign"] for row in whole["campaigns"].to_pylist() if row["campaign"] != campaign]
     answer = invoke("fleet", "sql", own, "from campaigns order by campaign", "--json")
     assert answer.code == 1 and [row["campaign"] for row in answer.json] == expected
     assert f"  {campaign}: " in answer.err and "next: `wheelsoil fleet run ROOT" in answer.err
@@ -170,7 +178,8 @@ def test_the_head_of_a_store_is_made_anew(store: Path, tmp_path: Path, fleet: Pa
     assert other.code == 2 and "there is no store" in other.err
 
 
-def test_what_is_damaged_is_made_anew(fleet: Path, store: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("warm", "one_process")
+def test_what_is_damaged_is_made_anew(fleet: Path, store: Path, whole: dict[str, pa.Table], tmp_path: Path) -> None:
     own = tmp_path / "own"
     shutil.copytree(store, own)
     damaged = ("bench/wheel", "broken")  # which are soon made
@@ -180,8 +189,8 @@ def test_what_is_damaged_is_made_anew(fleet: Path, store: Path, tmp_path: Path) 
     assert again.code == 1 and "6 in the store already" in again.err  # one is broken
     assert f"made anew, since their files in the store are damaged: {', '.join(damaged)}" in again.err
     ok("fleet", "check", own)
-    for name, table in rows_of(store).items():
-        assert rows_of(own)[name].equals(table), name
+    assert not differing(own, whole)
+    for name in whole:
         assert len(list((own / name).rglob("*.parquet"))) == len(list((store / name).rglob("*.parquet")))
 
 

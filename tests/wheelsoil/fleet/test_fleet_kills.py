@@ -1,4 +1,7 @@
-"""Kills while campaigns finish, and two drivers: rows are those of an undisturbed run, and no file is left over."""
+"""Kills while campaigns finish, and two drivers: rows are those of an undisturbed run, and no file is left over.
+
+Diagnoses are kept (`warm`), so that most of a call is the finishing of campaigns.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import ok
 from fleet_support import WHEELSOIL, Program, rows_of, running
 
 from wheelsoil.fleet import holdings_of, open_store
@@ -19,13 +21,6 @@ from wheelsoil.fleet.manifests import sources_path
 
 TARGETS = ("driver", "worker", "group")
 CAMPAIGNS = 8
-
-
-@pytest.fixture
-def warm(fleet: Path, place: Path, tmp_path: Path) -> None:
-    """Keep the diagnoses of the fleet, so that most of a call is the finishing of campaigns."""
-    ok("fleet", "run", fleet / "spring", fleet / "autumn", "--store", tmp_path / "warm")
-    assert place.exists()
 
 
 def _finished(url: Path) -> int:

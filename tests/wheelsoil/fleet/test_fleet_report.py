@@ -69,17 +69,19 @@ def test_the_page_shows_its_numbers_and_its_table_is_sorted_and_searched(
     assert not said
 
 
+@pytest.mark.usefixtures("one_process")
 def test_names_are_data_and_reports_are_linked(fleet: Path, tmp_path: Path) -> None:
     place = tmp_path / "field" / "<b>day</b> & 1"
     shutil.copytree(fleet / "spring" / "day-1", place)
     (place / "report.html").write_text("a report")
-    ok("fleet", "run", tmp_path / "field", "--store", tmp_path / "s")
+    ok("fleet", "run", tmp_path / "field", "--store", tmp_path / "s", "--effects", "vasilev")
     html = overview_of(open_store(str(tmp_path / "s"))).html(tmp_path)
     assert "<b>day</b>" not in html and "&lt;b&gt;day&lt;/b&gt; &amp; 1</a>" in html
     assert 'href="field/' in html
     assert invoke("fleet", "report", tmp_path / "s", "-o", tmp_path / "none" / "f.html").code == 2
 
 
+@pytest.mark.usefixtures("warm", "one_process")
 def test_a_store_without_transducers_and_causes_says_so(fleet: Path, tmp_path: Path) -> None:
     shutil.copytree(fleet / "bench", tmp_path / "field" / "bench")
     ok("fleet", "run", tmp_path / "field", "--store", tmp_path / "s")

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import re
 import shutil
-import signal
 import subprocess
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from cli_support import invoke, ok
-from fleet_support import WHEELSOIL, contents, rows_of, running
+from fleet_support import contents, differing, in_one_process, killed_at, rows_of
 
 from processing import LOOK
 from wheelsoil.cache import entries
@@ -22,6 +22,10 @@ from wheelsoil.fleet import FleetOptions, Shard, find_sources, open_store, plan_
 from wheelsoil.workflows import Choice
 
 NAMES = ["autumn/day-2", "autumn/day-4", "autumn/day-6", "bench/wheel", "broken", "spring/day-1", "spring/day-3"]
+
+
+NOBODY = 2**22 + 1
+"""No process has this number."""
 
 
 @pytest.fixture
@@ -80,6 +84,7 @@ def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: P
         pd.testing.assert_series_equal(samples[name], run[name][::20], check_index=False)
 
 
+@pytest.mark.usefixtures("warm")
 def test_evidence_is_what_the_diagnosis_weighed(fleet: Path, store: Path) -> None:
     from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options
     from wheelsoil.workflows.runs import open_and_process
@@ -96,6 +101,7 @@ def test_evidence_is_what_the_diagnosis_weighed(fleet: Path, store: Path) -> Non
     assert row["effects"] == list(told.effects) and row["scales"] == list(told.scales)
 
 
+@pytest.mark.usefixtures("warm", "one_process")
 def test_nothing_is_done_twice_and_what_changed_is_done_again(pair: Path, tmp_path: Path) -> None:
     url = tmp_path / "store"
     assert "0 in the store already" in ok("fleet", "run", pair, "--store", url).err
@@ -114,6 +120,7 @@ def test_nothing_is_done_twice_and_what_changed_is_done_again(pair: Path, tmp_pa
     assert plan_fleet([pair], str(url), FleetOptions(effects=("vasilev",))).todo  # other options
 
 
+@pytest.mark.usefixtures("warm", "one_process")
 def test_what_failed_is_tried_again_when_it_is_mended_or_on_request(pair: Path, tmp_path: Path) -> None:
     url, run = tmp_path / "store", pair / "day-2" / "run-1.mcap"
     whole = run.read_bytes()
@@ -136,31 +143,25 @@ def test_shards_are_all_of_it_and_each_once(fleet: Path, store: Path) -> None:
     assert sorted(names) == sorted(whole) and sum(bool(part) for part in parts) > 1
 
 
-@pytest.mark.slow
-def test_a_worker_that_is_killed_costs_nothing(fleet: Path, store: Path, tmp_path: Path) -> None:
-    with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 2) as process:
-        process.line_with("1/3")
-        workers = [
-            pid for pid in _group(process.process.pid) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
-        ]
-        os.kill(workers[-1], signal.SIGKILL)
-        assert process.process.wait(120) == 0
-    _same(store, tmp_path / "s", "spring/")
-
-
-def test_a_call_that_is_killed_is_taken_up_again(fleet: Path, store: Path, tmp_path: Path) -> None:
-    with running(*WHEELSOIL, "fleet", "run", fleet / "spring", "--store", tmp_path / "s", "--jobs", 1) as process:
-        process.line_with("1/3")
+@pytest.mark.usefixtures("warm", "one_process")
+def test_a_call_that_is_killed_is_taken_up_again(fleet: Path, whole: dict[str, pa.Table], tmp_path: Path) -> None:
+    call = ("fleet", "run", fleet / "spring", "--store", tmp_path / "s")
+    killed_at(20, *call)
     before = contents(tmp_path / "s")
     assert 1 <= len(before) <= 2
-    again = ok("fleet", "run", fleet / "spring", "--store", tmp_path / "s")
+    (tmp_path / "s" / "drafts" / f"{platform.node()}.{NOBODY}.1.draft").touch()
+    again = ok(*call)
     assert f"{len(before)} in the store already" in again.err
-    _same(store, tmp_path / "s", "spring/")
+    for name, table in rows_of(tmp_path / "s").items():  # campaigns of the fleet differ in the prefix
+        expected = [row for row in whole[name].to_pylist() if row["campaign"].startswith("spring/")]
+        assert [{**row, "campaign": f"spring/{row['campaign']}", "content": ""} for row in table.to_pylist()] == [
+            {**row, "content": ""} for row in expected
+        ], name
     assert not list((tmp_path / "s").rglob("*.draft"))
 
 
 def test_a_diagnosis_is_kept_and_taken_and_a_task_says_what_it_cost(
-    fleet: Path, place: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    fleet: Path, place: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, request: pytest.FixtureRequest
 ) -> None:
     def run(name: str, *options: str) -> str:
         said = ok("fleet", "run", fleet / "bench", "--store", tmp_path / name, "--jobs", 1, *options).err
@@ -169,6 +170,7 @@ def test_a_diagnosis_is_kept_and_taken_and_a_task_says_what_it_cost(
 
     run("none", "--no-cache")
     assert not place.exists()
+    request.getfixturevalue("one_process")
     run("first")
     [entry] = entries(place)
     assert entry.path.name.startswith("diagnosis-")
@@ -180,8 +182,9 @@ def test_a_diagnosis_is_kept_and_taken_and_a_task_says_what_it_cost(
     run("open")
     assert "is not used, since anyone may write into it" in caplog.text
     assert next(place.iterdir()).stat().st_mtime == 0
+    without = rows_of(tmp_path / "none")
     for name in ("first", "second", "open"):
-        assert rows_of(tmp_path / name) == rows_of(tmp_path / "none")
+        assert not differing(tmp_path / name, without)
     [task] = ok("fleet", "sql", tmp_path / "none", "from tasks", "--json").json
     status = ok("fleet", "status", tmp_path / "none", "--json").json
     assert (task["campaign"], task["cpu_s"], task["peak_memory_bytes"]) == (
@@ -192,27 +195,8 @@ def test_a_diagnosis_is_kept_and_taken_and_a_task_says_what_it_cost(
     assert task["cpu_s"] > 0 and 30e6 < task["peak_memory_bytes"] < 1e9 and task["made_at"]
 
 
-def _group(leader: int) -> list[int]:
-    """Processes that a program has started."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if os.getpgid(int(place.name)) == leader:
-                found.append(int(place.name))
-    return found
-
-
-def _same(whole: Path, part: Path, prefix: str) -> None:
-    """Compare a store of one folder of the fleet with that of the fleet; their campaigns differ in the prefix."""
-    for name, table in rows_of(part).items():
-        rows = rows_of(whole)[name].to_pylist()
-        rows = [row for row in rows if row["campaign"].startswith(prefix)]
-        assert [{**row, "campaign": prefix + row["campaign"], "content": ""} for row in table.to_pylist()] == [
-            {**row, "content": ""} for row in rows
-        ], name
-
-
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
 def test_a_full_disk_costs_no_finished_campaign(fleet: Path, tmp_path: Path) -> None:
     small = tmp_path / "small"
     small.mkdir()
@@ -225,7 +209,8 @@ def test_a_full_disk_costs_no_finished_campaign(fleet: Path, tmp_path: Path) -> 
         finished = contents(small / "s")
         assert not list(small.rglob("*.draft"))
         subprocess.run(["mount", "-o", "remount,size=10m", small], check=True)
-        ok("fleet", "run", fleet / "spring", "--store", small / "s")
+        with in_one_process():
+            ok("fleet", "run", fleet / "spring", "--store", small / "s")
         assert finished and finished.items() <= contents(small / "s").items() and len(contents(small / "s")) == 3
     finally:
         subprocess.run(["umount", "-l", small], check=True)

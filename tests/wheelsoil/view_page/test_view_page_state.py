@@ -45,11 +45,13 @@ def test_each_campaign_has_its_own_reading_of_the_sinkage(page: Page, view: View
 
 
 def test_a_soil_that_was_let_move_moves_the_curve_by_hand(browser: Browser, view: View) -> None:
-    view.post("/api/choose", campaign="c1", choice={"effects": ["vasilev"], "soil_prior": True})
-    fit = view.post("/api/fit", campaign="c1")
+    used = [{"id": "run-1", "keep": [[5, 20]]}, {"id": "run-2", "use": False}]
+    view.post("/api/choose", campaign="c1", choice={"effects": ["vasilev"], "soil_prior": True, "run": used})
     with looking(browser, view.address) as page:
         drawn(page, *ROWS)
-        page.get_by_role("button", name="Refit").click()
+        with page.expect_response("**/api/fit") as told:
+            page.get_by_role("button", name="Refit").click()
+        fit = told.value.json()
         expect(page.locator("#fit-tables table").first).to_be_visible()
         expect(page.locator("#soil-hint")).to_contain_text("moved")
         fitted = view.post("/api/curve", campaign="c1", run="r1", **fit["curves"]["chosen"])
@@ -59,7 +61,9 @@ def test_a_soil_that_was_let_move_moves_the_curve_by_hand(browser: Browser, view
         assert float(box.input_value()) == pytest.approx(found, rel=1e-5)
 
 
-def test_a_run_that_failed_is_not_shown_with_the_plots_of_another(page: Page) -> None:
+def test_a_run_that_failed_or_cannot_be_read_is_not_shown_with_the_plots_of_another(page: Page) -> None:
+    expect(page.locator("#remarks")).to_contain_text("run-0")
+    expect(page.locator(".campaign").last.locator("button.run")).to_contain_text("run-1")
     page.locator(curve_line("model")).wait_for()
     open_run(page, "broken")
     expect(page.locator("#waiting")).to_contain_text("wheel")
