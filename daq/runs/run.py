@@ -189,7 +189,9 @@ class Run:
         own = ("", vehicle.wheel.id if vehicle.wheel else "")
         rut = tuple(reading for reading in self.info.rut if reading.wheel in own)
         static = tuple(test for test in self.static if test.wheel in own)
-        return replace(self, vehicle=vehicle, info=self.info.model_copy(update={"rut": rut}), static=static)
+        # an unchanged `info` stays as it was read, so that every command finds the kept results of a run
+        info = self.info if rut == self.info.rut else self.info.model_copy(update={"rut": rut})
+        return replace(self, vehicle=vehicle, info=info, static=static)
 
     def by_wheel(self) -> dict[str, Run]:
         """Return the run of each wheel by its id, of a single ``[wheel]`` under its id or an empty text.
