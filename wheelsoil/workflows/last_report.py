@@ -110,7 +110,8 @@ def load_last(path: Path) -> LastReport:
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ConfigError.of("the last report cannot be read", file, found=str(error)[:200]) from None
+        step = "give the JSON file that `wheelsoil report` wrote beside its page"
+        raise ConfigError.of("the last report cannot be read", file, str(error)[:200], "report.json", step) from None
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA or "sections" not in raw:
         found = str(raw.get("schema", "no schema")) if isinstance(raw, dict) else type(raw).__name__
         raise ConfigError.of(
