@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -137,14 +137,23 @@ _GAINS = ("drawbar_pull_gain", "torque_gain")
 
 
 def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
-    """Return the figure of the cause that corrects a channel most; None where slip shows it best, or there is none."""
+    """Return the figure of the cause that changes most; None where slip shows it best, or there is none.
+
+    Parameters
+    ----------
+    channel : str
+        To show it in; a cause that acts in one channel itself is shown in that one.
+    """
     found = inputs.diagnosed
     if found is None or not found.plot_data or not recommended_causes(found):
         return None
-    cause = max(recommended_causes(found), key=lambda each: _share(found, each, channel))
+    shares = {each: _shares(found, each, recommendation.measured) for each in recommended_causes(found)}
+    cause = max(shares, key=lambda each: max(shares[each].values(), default=0.0))
     if cause.name not in _VIEWS or not cause.parameters:
         return None
     view, samples = _VIEWS[cause.name], _samples_of(inputs, recommendation, found)
+    if view.own is not None:
+        channel = max(shares[cause], key=shares[cause].__getitem__, default=channel)
     if view.own is None:
         left, line = (
             recommendation.residual(channel, base=True),
@@ -182,15 +191,17 @@ def _title(view: _View, cause: Cause, channel: str) -> str:
     return view.finding(OUTPUTS[channel].name, size, first.value)
 
 
-def _share(found: Diagnosis, cause: Cause, channel: str) -> float:
-    """Return the root mean square of what a cause changes in a channel, in sigmas of a sample."""
-    total, count = 0.0, 0
+def _shares(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[str, float]:
+    """Return the root mean square of what a cause changes in each of some channels, in sigmas of a sample."""
+    squares: dict[str, list[FloatArray]] = {}
     for seen in found.plot_data:
-        changed = seen.signatures.get(cause.key, {}).get(channel)
-        if changed is not None:
+        for channel, changed in seen.signatures.get(cause.key, {}).items():
+            if channel not in channels:
+                continue
             sigmas = (changed / seen.base_sigma[channel])[np.isfinite(changed)]
-            total, count = total + float(np.sum(sigmas**2)), count + len(sigmas)
-    return float(np.sqrt(total / count)) if count else 0.0
+            squares.setdefault(channel, []).append(sigmas**2)
+    known = {channel: np.concatenate(parts) for channel, parts in squares.items()}
+    return {channel: float(np.sqrt(np.mean(of))) for channel, of in known.items() if len(of)}
 
 
 def _samples_of(inputs: ReportInputs, recommendation: Recommendation, found: Diagnosis) -> _Samples:
