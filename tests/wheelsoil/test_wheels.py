@@ -224,7 +224,8 @@ def test_rut_readings_are_of_the_wheel_that_they_name(two: Path, tmp_path: Path)
         ({"wheels": 3}, "number of instrumented wheels.*\n.*3"),
         ({"wheels": 2, "faulty_wheel": "RR"}, "no wheel is called 'RR'"),
         ({"faulty_wheel": "RL"}, "no wheel is called 'RL'(.|\n)*there is one wheel"),
-        ({"wheels": 4, "rut": 3, "lifted": True}, "rut readings and the lifted wheel are simulated of one wheel"),
+        ({"wheels": 4, "rut": 3, "lifted": True}, "--rut and --lifted: simulated of one wheel only"),
+        ({"wheels": 2, "faulty_wheel": "RL", "effects": {"lyasko": {}}}, "no error of measurement(.|\n)*torque_gain"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(given: dict[str, Any], said: str) -> None:
@@ -233,6 +234,6 @@ def test_what_cannot_be_simulated_is_refused(given: dict[str, Any], said: str) -
 
 
 def test_the_command_of_a_simulation_has_its_wheels() -> None:
-    command = SimulationOptions(wheels=4, faulty_wheel="FR").command
+    command = SimulationOptions(wheels=4, faulty_wheel="FR", effects={"torque_gain": {"relative": 0.1}}).command
     assert "--wheels 4 --faulty-wheel FR" in command
     assert "--wheels" not in SimulationOptions().command

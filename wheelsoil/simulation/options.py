@@ -134,12 +134,16 @@ class SimulationOptions:
         if self.faulty_wheel and self.faulty_wheel not in LAYOUTS[self.wheels]:
             expected = ", ".join(filter(None, LAYOUTS[self.wheels])) or "none: there is one wheel"
             faults.append(Fault(f"no wheel is called {self.faulty_wheel!r}", expected=expected))
-        alone = [name for name, given in (("rut readings", self.rut), ("the lifted wheel", self.lifted)) if given]
+        kinds = {EFFECTS[name].kind for name in self.effects if name in EFFECTS}
+        if self.faulty_wheel and "measurement" not in kinds:
+            step = "add one, for instance --effect torque_gain:relative=0.1"
+            faults.append(Fault(f"no error of measurement is given for wheel {self.faulty_wheel}", next_step=step))
+        alone = [name for name, given in (("--rut", self.rut), ("--lifted", self.lifted)) if given]
         if self.wheels > 1 and alone:
-            step = "omit them, or simulate one wheel"
+            step = f"omit {' and '.join(alone)}, or simulate one wheel"
             faults.append(
                 Fault(
-                    f"{' and '.join(alone)} are simulated of one wheel", found=f"{self.wheels} wheels", next_step=step
+                    f"{' and '.join(alone)}: simulated of one wheel only", found=f"{self.wheels} wheels", next_step=step
                 )
             )
         return faults

@@ -27,9 +27,9 @@ def change_summary(last: LastReport, changes: Sequence[Change]) -> str:
 
 def _sentence(change: Change) -> str:
     if not isfinite(change.last):
-        return f"{_name(change)} is new"
+        return f"{_name(change)} had no value last time"
     if not isfinite(change.now):
-        return f"{_name(change)} is gone"
+        return f"{_name(change)} has no value this time"
     return f"{_name(change)} went from {number(change.last)} to {number(change.now)} {change.unit}".rstrip()
 
 
