@@ -24,7 +24,7 @@ THE_SYSTEMS = [line for line in LINES if not line.startswith("wheelsoil ")]
 def placed(line: str, folder: Path, bus: str) -> list[str]:
     """Return a command's words with the places, the bus and the times of a test."""
     line = line.replace("/etc/wheelsoil", str(folder)).replace("/var/lib/wheelsoil", str(folder / "runs"))
-    words = shlex.split(line.replace("can0=", f"{bus}=").replace("--duration 60", "--duration 3"))[1:]
+    words = shlex.split(line.replace("can0=", f"{bus}=").replace("--duration 60", "--duration 6"))[1:]
     if words[0] in ("log", "doctor"):
         words += ["--page-port", str(free_port())]
     return words
