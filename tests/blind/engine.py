@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 from zlib import crc32
 
 from blind.field import FieldDay, driven
@@ -19,6 +21,7 @@ from blind.tilts import with_pitch
 from daq.config import TerrainConfig, WheelSection
 from daq.runs.open import open_runs
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.result import Diagnosis
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Wheel
@@ -75,8 +78,10 @@ def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, An
         ),
     )
     begin, cpu = time.perf_counter(), time.process_time()
-    said = diagnose([campaign], options)
+    with averages_kept() as kept:
+        said = diagnose([campaign], options)
     out = {**_told(said), "engine_s": time.perf_counter() - begin, "engine_cpu_s": time.process_time() - cpu}
+    out["as_they_are"] = _of_runs_as_they_are(kept[0]) if kept else {}
     member = truth["members"][0] if case.kind == "single" else {}
     if member and not member["variant"]:
         out["given_fit"] = {"causes": fitted(campaign, member["family"], member["key"], options)}
@@ -84,6 +89,28 @@ def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, An
         own = tuple(key for key, effect in EFFECTS.items() if effect.name == member["family"])
         out["given_truth"] = _told(diagnose([campaign], replace(options, effects=own, most_causes=1)))
     return out
+
+
+@contextmanager
+def averages_kept() -> Iterator[list[Posterior]]:
+    """Keep what the engine averages over runs that are drawn anew; the first is that of the verdict."""
+    from model.diagnosis.findings.held_out import bagged
+    from model.diagnosis.time_series import diagnosis
+
+    kept: list[Posterior] = []
+
+    def keeping(*args: Any) -> Posterior:
+        kept.append(bagged(*args))
+        return kept[-1]
+
+    with patch.object(diagnosis, "bagged", keeping):
+        yield kept
+
+
+def _of_runs_as_they_are(average: Posterior) -> dict[str, float]:
+    """Return each family's probability without drawing runs anew: what the average costs, and saves, in names."""
+    alone = probabilities(average.log_evidence, average.hypotheses.log_prior)
+    return replace(average, probability=alone).families()
 
 
 def fitted(campaign: Campaign, family: str, key: str, options: DiagnosisOptions) -> list[dict[str, Any]]:
