@@ -32,10 +32,9 @@ from daq.vehicle_sections import (
     NonNegative,
     Positive,
     Section,
-    SignalName,
+    Sensors,
+    Signals,
     contradictions,
-    known_roles,
-    only_the_antenna_has_a_place,
 )
 from daq.vehicle_sections import SensorSection as SensorSection
 from daq.vehicle_sections import TransducerSection as TransducerSection
@@ -144,9 +143,9 @@ class VehicleConfig(Section):
     wheel: WheelSection | None = None
     wheels: Annotated[tuple[InstrumentedWheel, ...], Field(validation_alias="wheel", max_length=MOST_WHEELS)] = ()
     bus: tuple[BusSection, ...] = ()
-    signals: dict[str, SignalName] = Field(default_factory=dict)
+    signals: Signals = Field(default_factory=dict)
     series: SeriesSection = SeriesSection()
-    sensors: dict[str, SensorSection] = Field(default_factory=dict)
+    sensors: Sensors = Field(default_factory=dict)
     transducer: TransducerSection = TransducerSection()
     logger: LoggerSection = LoggerSection()
     health: HealthSection = HealthSection()
@@ -160,18 +159,6 @@ class VehicleConfig(Section):
     @classmethod
     def _of_several(cls, value: Any) -> Any:
         return value if isinstance(value, list | tuple) else ()
-
-    @field_validator("signals", "sensors")
-    @classmethod
-    def _known_roles(cls, value: dict[str, Any]) -> dict[str, Any]:
-        known_roles(value)
-        return value
-
-    @field_validator("sensors")
-    @classmethod
-    def _only_the_antenna_has_a_place(cls, value: dict[str, SensorSection]) -> dict[str, SensorSection]:
-        only_the_antenna_has_a_place(value)
-        return value
 
     @model_validator(mode="after")
     def _signals_of_a_bus(self) -> Self:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, pairwise
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -190,42 +191,43 @@ class SignalName(Section):
         return f"-{self.signal}" if self.sign < 0 else self.signal
 
 
-def known_roles(roles: Iterable[str]) -> None:
-    """Check names of roles; a ValueError names the nearest."""
-    unknown = [role for role in roles if role not in ROLES]
+def _known_roles(of_roles: dict[str, Any]) -> dict[str, Any]:
+    unknown = [role for role in of_roles if role not in ROLES]
     if unknown:
         raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
+    return of_roles
 
 
-def only_the_antenna_has_a_place(sensors: Mapping[str, SensorSection]) -> None:
-    """Check that no other sensor has one, by a ValueError."""
+def _only_the_antenna_has_a_place(sensors: dict[str, SensorSection]) -> dict[str, SensorSection]:
     for role, sensor in sensors.items():
         given = [key for key in _PLACE if getattr(sensor, key) is not None]
         if given and role != "ground_speed":
             raise ValueError(f"{role} takes no {given[0]}: only ground_speed has a place, that of its antenna")
+    return sensors
+
+
+Signals = Annotated[dict[str, SignalName], AfterValidator(_known_roles)]
+"""By role."""
+Sensors = Annotated[
+    dict[str, SensorSection], AfterValidator(_known_roles), AfterValidator(_only_the_antenna_has_a_place)
+]
+"""By role."""
 
 
 class InstrumentedWheel(WheelSection):
     """``[[wheel]]``: one of several instrumented wheels, with the signals, sensors and transducer of its own."""
 
     id: Annotated[str, Field(min_length=1, max_length=40)]
-    signals: dict[str, SignalName] = Field(default_factory=dict)
-    sensors: dict[str, SensorSection] = Field(default_factory=dict)
+    signals: Signals = Field(default_factory=dict)
+    sensors: Sensors = Field(default_factory=dict)
     transducer: TransducerSection = TransducerSection()
 
     @field_validator("signals", "sensors")
     @classmethod
     def _roles_of_a_wheel(cls, value: dict[str, Any]) -> dict[str, Any]:
-        known_roles(value)
         others = [role for role in value if not ROLES[role].of_wheel]
         if others:
             raise ValueError(f"{', '.join(others)}: of the whole vehicle, for [signals] or [sensors]")
-        return value
-
-    @field_validator("sensors")
-    @classmethod
-    def _no_places(cls, value: dict[str, SensorSection]) -> dict[str, SensorSection]:
-        only_the_antenna_has_a_place(value)
         return value
 
     @property
