@@ -152,8 +152,6 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     if cause.name not in _VIEWS or not cause.parameters:
         return None
     view, samples = _VIEWS[cause.name], _samples_of(inputs, recommendation, found)
-    if view.own is not None:
-        channel = max(shares[cause], key=shares[cause].__getitem__, default=channel)
     if view.own is None:
         left, line = (
             recommendation.residual(channel, base=True),
@@ -161,6 +159,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         )
         against = f"{CALIBRATED}, without the cause"
     else:
+        channel = max(shares[cause], key=shares[cause].__getitem__, default=channel)
         line = view.own(cause.parameters[0].value, samples, recommendation.recommended[channel])
         left, against = recommendation.residual(channel) + line, "the recommended model without its correction"
     across = recommendation.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
