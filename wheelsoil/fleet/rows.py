@@ -21,14 +21,12 @@ from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.grading import grade_of
-from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS, Z95
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import traction_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_SIGMAS = 1.959964
 
 
 @dataclass(frozen=True)
@@ -237,7 +235,7 @@ def _soils(found: Diagnosis | None) -> Iterator[dict[str, Any]]:
     model = MODELS["named"] if found and found.verdict == "named" else CALIBRATED_SOIL
     for soil in found.soils if found else ():
         for name, value in soil.values.items():
-            half = _SIGMAS * soil.sigmas.get(name, nan)
+            half = Z95 * soil.sigmas.get(name, nan)
             yield _estimate(name, SOIL_UNITS.get(name) or "1", value, value - half, value + half) | {"model": model}
 
 

@@ -13,6 +13,8 @@ from wheelsoil.workflows.cause_cost import Cost
 from wheelsoil.workflows.traction import Traction
 
 Digits = Literal["three", "by sigma", "percent", "probability", "three decimals", "change", "percent change"]
+Z95 = 1.959964
+"""One-sigmas from a value to either end of its 95 % interval."""
 CALIBRATED_SOIL = "calibrated_soil"
 MODELS = {"named": "recommended", "one_of": "most_probable"}
 

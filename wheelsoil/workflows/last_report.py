@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daq import ConfigError
+from wheelsoil.workflows.key_figures import Z95
 
 SCHEMA = "wheelsoil/report/2"
-_SIGMAS = 1.959964
 _USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
 
 
@@ -160,7 +160,7 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         where = soil["campaign"] if len(soils) > 1 else "soil"  # a single one is compared whatever its folder is called
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
-            yield Stated("soil", f"{where}.{name}", _float(value), _SIGMAS * sigma, "")
+            yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, "")
     barred = frozenset(causes.get("barred") or ())
     for cause in (cause for cause in causes.get("causes") or () if cause["name"] not in barred):
         for parameter in cause["parameters"]:

@@ -36,6 +36,7 @@ from wheelsoil.report.figures import (
 from wheelsoil.report.inputs import Pool, ReportInputs
 from wheelsoil.report.words import number
 from wheelsoil.wording.notes import note_text
+from wheelsoil.workflows.key_figures import Z95
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
     SinkageFacts,
@@ -65,7 +66,6 @@ _ERRORS_TORQUE = (
     "measured − predicted, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
     "to zero: what lies near it was predicted."
 )
-_SIGMAS = 1.959964
 """Half width of a 95 % interval in sigmas."""
 _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 _SINKAGE_AXIS = "sinkage (mm)"
@@ -150,7 +150,7 @@ def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     model_style = style(name)
     drawn = marked_line(median.centre, median.median, model_style.label, model_style) | {"legendgroup": name}
     known = dict(zip(sigma.centre.tolist(), sigma.median.tolist(), strict=True))
-    half = _SIGMAS * np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
+    half = Z95 * np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
     if not np.isfinite(half).any():
         return [drawn]
     edges = band(

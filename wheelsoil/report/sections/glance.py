@@ -32,12 +32,11 @@ from wheelsoil.wording.verdict import (
     sentences_of,
 )
 from wheelsoil.workflows.grading import Grade
-from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction
 from wheelsoil.workflows.traction import traction_of
 
 _STEPS = 3
 _NAMED = 5
-_SIGMAS = 1.959964
 _ONE_PLACE_DEG = 0.02
 """Two kilometres: runs farther apart have no place in common."""
 
@@ -235,7 +234,7 @@ def hero(inputs: ReportInputs) -> Drawing:
     )
     points, above = binned(slip, measured, EDGES), binned(slip, model, EDGES)
     noise = binned(slip, factor * recommendation.noise[channel][driven], EDGES)
-    half = _SIGMAS * _matched(above.centre, noise.centre, noise.median)
+    half = Z95 * _matched(above.centre, noise.centre, noise.median)
     curves = []
     if not recommendation.is_base:
         below = binned(slip, base, EDGES)

@@ -54,10 +54,9 @@ from wheelsoil.wording.names import (
 )
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
-from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
+from wheelsoil.workflows.key_figures import Z95, KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
 from wheelsoil.workflows.traction import Traction, traction_of
 
-_SIGMAS = 1.959964
 _MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
@@ -151,7 +150,7 @@ def _residual_numbers(recommendation: Recommendation, channel: str) -> dict[str,
 def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     factor, text = page_unit(channel)
     noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
-    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -_SIGMAS * noise.median, _SIGMAS * noise.median)]
+    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
     if not recommendation.is_base:
         below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
         curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
@@ -204,7 +203,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     for soil in found.soils:
         for name, value in soil.values.items():
             sigma = soil.sigmas.get(name, float("nan"))
-            interval_text = interval(value - _SIGMAS * sigma, value + _SIGMAS * sigma)
+            interval_text = interval(value - Z95 * sigma, value + Z95 * sigma)
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
             before = number(soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
             label = _with_unit(

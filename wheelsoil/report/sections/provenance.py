@@ -7,21 +7,12 @@ from math import isfinite
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, letter, named_with_unit, number, signed
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import SOIL_UNITS, plain_name
 from wheelsoil.wording.notes import texts_of
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
 
 _SOIL_HEAD = ["parameter", "value", "sigma", "unit", "off the laboratory's (its sigmas)"]
-_SOIL = {
-    "cohesion_pa": "Pa",
-    "tan_phi": "",
-    "shear_modulus_m": "m",
-    "sinkage_exponent": "",
-    "cohesive_modulus": "N/m^(n+1)",
-    "frictional_modulus": "N/m^(n+2)",
-}
-"""Units of `model.wheel_soil.wheel_soil_model.SOIL_PARAMETERS`."""
 
 
 @section("provenance", "Provenance")
@@ -97,7 +88,7 @@ def workings(inputs: ReportInputs) -> Contents:
                 letter(name),
                 number(value, 4),
                 _sigma(soil.sigmas.get(name, float("nan"))),
-                _SOIL[name],
+                SOIL_UNITS[name],
                 signed(soil.off_laboratory[name], "+.1f") if name in soil.off_laboratory else "–",
             ]
             for name, value in soil.values.items()
