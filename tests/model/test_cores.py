@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from daq import DataError, Fault, WheelsoilError
 from model.cores import in_parallel, one_thread, processes, spread
+
+
+@pytest.fixture(autouse=True)
+def no_process_is_left() -> Iterator[None]:
+    """Of those of other tests some may still run."""
+    before = set(multiprocessing.active_children())
+    yield
+    assert set(multiprocessing.active_children()) <= before
 
 
 def threads() -> set[int]:
@@ -84,7 +92,6 @@ class TestProcesses:
         with processes(2), pytest.raises(DataError, match="no samples") as caught:
             list(in_parallel(fails, range(3)))
         assert caught.value.faults == (Fault("no samples", "run-2", "none", "some"),)
-        assert not multiprocessing.active_children()
 
     def test_a_process_that_ends_is_an_error_with_a_next_step(self) -> None:
         def ends(i: int) -> int:
@@ -95,7 +102,6 @@ class TestProcesses:
 
         with processes(2), pytest.raises(WheelsoilError, match="--jobs 1"):
             list(in_parallel(ends, range(4)))
-        assert not multiprocessing.active_children()
 
     @pytest.mark.parametrize(
         ("sent", "work"),
@@ -152,7 +158,6 @@ def test_spread_objects_keep_what_they_have_seen_in_their_own_process(count: int
     assert [name for name, _, _ in found] == list("abcd")
     assert all(seen == [1, 2] for _, seen, _ in found)
     assert len({pid for _, _, pid in found}) == (min(count, 4) if sys.platform == "linux" else 1)
-    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -168,7 +173,6 @@ def test_an_error_of_a_spread_object_comes_as_it_is(count: int) -> None:
 def test_a_process_of_spread_objects_that_ends_is_an_error_with_a_next_step() -> None:
     with processes(2), pytest.raises(WheelsoilError, match="--jobs 1"), spread([Counter(name) for name in "ab"]) as ask:
         ask("end")
-    assert not multiprocessing.active_children()
 
 
 def test_nothing_spread_is_nothing() -> None:
