@@ -439,6 +439,14 @@ class RunsConfig(Section):
     run: Annotated[tuple[RunInfo, ...], Field(max_length=MOST_RUNS)] = ()
     static: Annotated[tuple[StaticTest, ...], Field(max_length=_MOST_STATIC)] = ()
 
+    @field_validator("run")
+    @classmethod
+    def _once(cls, runs: tuple[RunInfo, ...]) -> tuple[RunInfo, ...]:
+        named = [run.file for run in runs if run.file]
+        if twice := sorted({file for file in named if named.count(file) > 1}):
+            raise ValueError(f"{', '.join(twice)} is there twice: leave one [[run]] of each file")
+        return runs
+
     @field_validator("static")
     @classmethod
     def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:

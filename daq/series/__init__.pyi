@@ -18,6 +18,7 @@ from .single_wheel_tables import read_plate_tests as read_plate_tests
 from .single_wheel_tables import read_shear_tests as read_shear_tests
 from .single_wheel_tables import read_wheel_table as read_wheel_table
 from .single_wheel_tables import read_wheel_tables as read_wheel_tables
+from .single_wheel_tables import refuse_repeated as refuse_repeated
 from .single_wheel_tables import several_wheels as several_wheels
 from .tables import SharedOptions as SharedOptions
 from .tables import column_names as column_names

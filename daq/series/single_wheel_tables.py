@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,21 @@ class ShearTest:
     shear_stress_pa: FloatArray
     normal_stress_pa: float
     name: str = ""
+
+
+def refuse_repeated(tests: Sequence[WheelTable | PlateTest | ShearTest]) -> None:
+    """Raise ConfigError where two tests have the same values: what is given twice would count twice."""
+    faults = [
+        Fault("the same test twice", " and ".join(dict.fromkeys((a.name, b.name))), next_step="leave one of them out")
+        for a, b in combinations(tests, 2)
+        if _values(a) == _values(b)
+    ]
+    if faults:
+        raise ConfigError(*faults)
+
+
+def _values(test: WheelTable | PlateTest | ShearTest) -> list[bytes]:
+    return [value.tobytes() for value in vars(test).values() if isinstance(value, np.ndarray)]
 
 
 def read_wheel_table(

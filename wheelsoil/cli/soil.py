@@ -104,7 +104,7 @@ def soil_command(
     Each test is fitted alone and counts once in the joint fit, so the intervals include the scatter between tests.
     """
     from daq import TerrainConfig, load_toml
-    from daq.series import SharedOptions, write_whole
+    from daq.series import SharedOptions, refuse_repeated, write_whole
     from model.bevameter import WindowOptions
     from wheelsoil.wording.bevameter_text import evaluate, terrain_text
 
@@ -114,6 +114,7 @@ def soil_command(
     plates = _plates(plate or [], radius or [], width or [], columns)
     shears = _shears(shear or [], ring, columns)
     columns.refuse_unused()
+    refuse_repeated([*plates, *shears])
     result = evaluate(
         plates,
         shears,

@@ -37,7 +37,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.runs import process_runs, repetitions
 
 _UNIT_WEIGHT_N_M3 = float(Conditions.unit_weight_n_m3)
 """Until the soil is known: a curve takes that of its own."""
@@ -241,4 +241,8 @@ def _taken(members: Sequence[Member], purpose: str) -> Processed:
         rotating = run.vehicle.transducer.frame == "wheel"
         require_roles(run.vehicle.signals, purpose, rotating=rotating, where=f"run {run.id}, {run.vehicle_source}")
         found.append((run, processed if member.keep is None else keep_only(processed, member.keep, f"run {run.id}")))
+    for i, j in repetitions([processed for _, processed in found]).items():
+        same, run = found[j][0], found[i][0]
+        where, step = f"run {run.id}, {run.path}", f"switch {run.id} off"
+        raise DataError.of(f"the same measurement as run {same.id}", where, str(same.path), "one of them", step)
     return found

@@ -16,6 +16,7 @@ from daq import (
     WheelsoilError,
 )
 from daq.can import no_bus_in_common
+from daq.channels import ROLES, ChannelDefinition
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, one_wheel, open_runs
 from model import in_parallel
@@ -28,6 +29,10 @@ from wheelsoil.workflows.grading import plausibility_of
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
 _LISTED_BYTES = 64 << 20
+_OWN_CHANNELS = tuple(ROLES[role] for role in ("wheel_speed", "vertical_load", "driving_torque"))
+_SAME_NOISE = 0.1
+"""In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
+_PROBED = 64
 
 
 @dataclass(frozen=True)
@@ -135,8 +140,8 @@ def process_runs(
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`.
 
-    A run that is impossible as it is declared is set aside and named on stderr, and is an error where none is left;
-    `accept_implausible` keeps it.
+    A run that repeats another, or is impossible as it is declared, is set aside and named on stderr; it is an error
+    where none is left. `accept_implausible` keeps those that are impossible.
     """
 
     def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
@@ -176,7 +181,51 @@ def process_runs(
             else:
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
-    return processed if accept_implausible else _plausible(processed)
+    once = _once(processed)
+    return once if accept_implausible else _plausible(once)
+
+
+def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
+    """Return the place of each run that measures nothing new, with that of the run that has all of it.
+
+    It is the same measurement where the channels that owe nothing to other sensors have the same noise, from the begin
+    on over half of the shorter run: a copy, a cut one, or what `recover` or `import` made of it.
+    """
+    whole: list[int] = []
+    found: dict[int, int] = {}
+    for i in sorted(range(len(runs)), key=lambda i: -len(runs[i])):
+        same = next((j for j in whole if _repeats(runs[i], runs[j])), None)
+        if same is None:
+            whole.append(i)
+        else:
+            found[i] = same
+    return found
+
+
+def _repeats(run: ProcessedRun, other: ProcessedRun) -> bool:
+    def agree(rows: slice) -> bool:
+        apart = [_apart(run, other, channel, rows) for channel in _OWN_CHANNELS]
+        return max(filter(np.isfinite, apart), default=np.inf) < _SAME_NOISE
+
+    half = len(run) // 2
+    return agree(slice(0, half, half // _PROBED + 1)) and agree(slice(half))
+
+
+def _apart(run: ProcessedRun, other: ProcessedRun, channel: ChannelDefinition, rows: slice) -> float:
+    """Return how many of its sigmas two runs are apart in a channel while the wheel turns; NaN where one lacks it."""
+    a, b, sigma = run.column(channel.field)[rows], other.column(channel.field)[rows], run.column(channel.sigma_field)
+    there = np.isfinite(a) & np.isfinite(b) & (run.wheel_speed_radps[rows] != 0)
+    if not there.any():
+        return np.nan
+    return float(np.median(np.abs(a - b)[there] / np.maximum(sigma[rows][there], np.finfo(float).tiny)))
+
+
+def _once(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+    """Return the runs without those that repeat another, which are named on stderr."""
+    repeated = repetitions([run for _, run in processed])
+    for i, j in sorted(repeated.items()):
+        say(f"set aside: {_name(processed[i][0])}: the same measurement as {_name(processed[j][0])}")
+    return [pair for i, pair in enumerate(processed) if i not in repeated]
 
 
 def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:

@@ -24,6 +24,7 @@ from daq.series import (
     parse_rename,
     parse_where,
     read_wheel_tables,
+    refuse_repeated,
     several_wheels,
 )
 from model.wheel_soil import Soil, Wheel
@@ -153,6 +154,8 @@ def read_wheels(
             found += [
                 WheelRows(part, section, _name(part, parts), i) for part, section in zip(parts, sections, strict=True)
             ]
+    with collected.catch():
+        refuse_repeated([wheel_rows.rows for wheel_rows in found])
     collected.stop_if_any()
     names = [wheel_rows.name for wheel_rows in found]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]

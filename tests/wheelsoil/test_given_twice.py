@@ -1,0 +1,89 @@
+"""What is given twice counts once, or is an error: copies of runs, of tables, of a line of runs.toml."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+from view_client import taken_from
+
+from wheelsoil.view.jobs import Member, fit_members, process_run
+from wheelsoil.workflows.choice import Choice
+from wheelsoil.workflows.runs import Files
+
+CLAY = Path(__file__).parents[2] / "recordings" / "clay"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two runs."""
+    return taken_from(CLAY, tmp_path / "clay", 2)
+
+
+def whole_copy(run: Path, copy: Path) -> None:
+    shutil.copy(run, copy)
+
+
+def cut_copy(run: Path, copy: Path) -> None:
+    copy.write_bytes(run.read_bytes()[:1_000_000])
+
+
+def recovered_copy(run: Path, copy: Path) -> None:
+    cut = copy.with_name("cut.mcap")
+    cut_copy(run, cut)
+    ok("recover", cut, "-o", copy)
+    cut.unlink()
+
+
+@pytest.mark.parametrize("copied", [whole_copy, cut_copy, recovered_copy])
+def test_a_copy_of_a_run_is_set_aside(folder: Path, copied: Callable[[Path, Path], None]) -> None:
+    copied(folder / "run-1.mcap", folder / "another name.mcap")
+    found = invoke("process", folder, "--json")
+    assert found.code == 0
+    assert len(found.json) == 2
+    [said] = [line for line in found.err.splitlines() if line.startswith("set aside")]
+    assert "the same measurement as run" in said and "run-1.mcap" in said and "another name.mcap" in said
+
+
+def test_a_run_given_twice_counts_once(folder: Path) -> None:
+    found = invoke("process", folder, folder / "run-2.mcap", "--json")
+    assert len(found.json) == 2
+    assert found.err.count("set aside") == 1
+
+
+def test_the_page_names_the_run_to_switch_off(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(folder / "run-1.mcap", folder / "run-3.mcap")
+    members = []
+    for run in Files().open_runs([folder], print):
+        members.append(Member(tmp_path / run.id, None))
+        process_run(run, Choice().process_options(), None, members[-1].file)
+    with pytest.raises(Exception, match="the same measurement as run"):
+        fit_members(members, Choice().fit_choices(), None)
+
+
+def test_a_file_stands_once_in_runs_toml(folder: Path) -> None:
+    (folder / "runs.toml").write_text('[[run]]\nfile = "run-1.mcap"\n\n[[run]]\nfile = "run-1.mcap"\nid = "b"\n')
+    found = invoke("info", folder)
+    assert found.code == 2
+    assert "run-1.mcap is there twice: leave one [[run]] of each file" in found.err
+
+
+def test_a_table_given_twice_is_an_error(tmp_path: Path) -> None:
+    table, wheel = tmp_path / "a.csv", tmp_path / "wheel.toml"
+    table.write_text("slip,vertical_load_n,drawbar_pull_n\n0.1,25,3\n0.2,25,5\n0.3,25,6\n")
+    wheel.write_text("[wheel]\nradius_m = 0.1\nwidth_m = 0.08\n")
+    copy = shutil.copy(table, tmp_path / "b.csv")
+    found = invoke("diagnose", "--table", table, "--table", copy, "--vehicle", wheel, "--soil", "lunar")
+    assert found.code == 2
+    assert f"the same test twice\n  where: {table} and {copy}" in found.err
+
+
+def test_a_plate_given_twice_is_an_error(tmp_path: Path) -> None:
+    plate = tmp_path / "plate.csv"
+    plate.write_text("sinkage_m,pressure_pa\n" + "".join(f"0.0{i},{i}000\n" for i in range(1, 9)))
+    found = invoke("soil", "--plate", plate, plate, "--radius", "0.05")
+    assert found.code == 2
+    assert "the same test twice" in found.err
