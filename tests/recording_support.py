@@ -6,6 +6,7 @@ import resource
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -91,3 +92,14 @@ def plain_bytes(frames: FrameArray) -> list[bytes]:
     plain = frames.copy()
     plain["bus"] = 0
     return [row.tobytes() for row in plain]
+
+
+def with_mcap_ros2(path: Path) -> Iterator[tuple[str, int, Any]]:
+    """Yield topic, log time and decoded message of a recording, as mcap-ros2-support reads them."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            yield channel.topic, message.log_time, decoded

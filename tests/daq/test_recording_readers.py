@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from logger_support import Clocks
-from recording_support import START_NS, random_frames
+from recording_support import START_NS, random_frames, with_mcap_ros2
 
 from daq.can.frames import FrameBatch, split
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
@@ -59,16 +59,6 @@ def recording(request, tmp_path_factory):
         for offsets in CLOCK:
             writer.host.write_clock(*offsets)
     return path
-
-
-def with_mcap_ros2(path):
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, message, decoded in reader.iter_decoded_messages():
-            yield channel.topic, message.log_time, decoded
 
 
 def with_rosbags(path):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import SHORT, busy, invoke, kept_demo, ok
+from recording_support import with_mcap_ros2
 from support import data_dir
 
 from daq.can.frames import concatenate
@@ -246,6 +247,28 @@ def test_export_gives_each_bus_a_file_of_its_own(tmp_path):
     assert sorted(firsts) == [1, 2, 3, 4, 101, 102, 103, 104]
     assert len({Path(name).name.casefold() for name in files}) == 8
     assert ok("export", *given, "--force", "--json").json["files"] == files
+
+
+@pytest.mark.parametrize("decode", [(), ("--decode",)])
+def test_an_export_leaves_empty_what_has_no_value(tmp_path, decode):
+    """32767 is declared "Not available"; another bus without that label keeps it as a number."""
+    value = 'VAL_ 1 x 32767 "Not available" ;\n'
+    text = 'VERSION ""\n\nBU_: A\n\nBO_ 1 M: 2 A\n SG_ x : 0|16@1+ (0.02,0) [0|1400] "rpm" A\n'
+    (tmp_path / "said.dbc").write_text(text + value)
+    (tmp_path / "plain.dbc").write_text(text)
+    lines = [f"({1_700_000_000 + i}.000000) {bus} 001#{raw}" for i, raw in enumerate(("0100", "FF7F")) for bus in "ab"]
+    (tmp_path / "run.log").write_text("\n".join(lines) + "\n")
+    buses = "".join(f'[[bus]]\nchannel = "{a}"\ndbc = ["{b}.dbc"]\n' for a, b in (("a", "said"), ("b", "plain")))
+    (tmp_path / "vehicle.toml").write_text(buses)
+    done = ok("export", tmp_path / "run.log", "-o", tmp_path / "out", *decode, *([] if decode else ["--format", "csv"]))
+    assert done.err.splitlines()[-1] == "run run: M.x on a: 1 without a value (Not available) left empty"
+    if decode:
+        messages = list(with_mcap_ros2(tmp_path / "out" / "run.mcap"))
+        found = [[message.x for topic, _, message in messages if topic == f"/can/{bus}/m"] for bus in "ab"]
+    else:
+        tables = [(tmp_path / "out" / f"run.{bus}.M.csv").read_text() for bus in "ab"]
+        found = [[float(line.split(",")[1] or "nan") for line in table.splitlines()[1:]] for table in tables]
+    np.testing.assert_allclose(found, [[0.02, np.nan], [0.02, 655.34]])
 
 
 def test_an_export_that_is_interrupted_leaves_no_file(campaign, tmp_path, monkeypatch):

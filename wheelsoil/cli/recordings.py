@@ -63,7 +63,8 @@ def export_command(
 ) -> None:
     """Write decoded signals in full: a table for each run, bus and message, with time stamps and units.
 
-    Values are physical, in the unit of the DBC; `process` gives them in SI and on one time base.
+    Values are physical, in the unit of the DBC, empty where a code says that there is none; `process` gives them in SI
+    and on one time base.
     """
     from daq.runs import open_runs
     from wheelsoil.workflows.recordings import export_recording, export_tables

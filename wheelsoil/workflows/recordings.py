@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from daq.logs import LogReading, LogReport, interruption_remarks, lenient_remark
 from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
 from daq.runs import LENIENT_KEY, MOST_MESSAGES, MessageFacts, Run, SignalTally, replaced_speed
 from daq.series import Series, SeriesReport, draft_of, write_frame
+from wheelsoil.console import say
 
 Sample = tuple[str, str, IntArray, Mapping[str, FloatArray], Mapping[str, str]]
 """Bus, name, time stamps, values and units of a message."""
@@ -394,15 +396,16 @@ def export_tables(
     RecordingError, HardwareError
         The run cannot be read, or a table cannot be written.
     """
-    decoder = Decoder(run.databases, signals or None)
+    decoder, measured = Decoder(run.databases, signals or None), _Measured(run)
     pieces: dict[tuple[str, str], dict[str, list[Channel]]] = {}
     for batch in run.frame_batches():
-        for (bus, name), channel in decoder.decode(batch).items():
+        for (bus, name), channel in measured.of(decoder.decode(batch)).items():
             message, _, signal = name.rpartition(".")
             pieces.setdefault((bus, message), {}).setdefault(signal, []).append(channel)
     taken = set() if taken is None else taken
     targets = {key: folder / _free_name(f"{run.id}.{key[0]}.{key[1]}", suffix, taken) for key in sorted(pieces)}
     _refuse_existing(targets.values(), overwrite=overwrite)
+    measured.say()
     return [_write_table(targets[key], columns) for key, columns in pieces.items()]
 
 
@@ -441,10 +444,43 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False, taken: 
         )
         with writer:
             topics, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
+            measured = _Measured(run)
             for batch in run.frame_batches():
                 writer.write_frames(batch)
-                topics.write(decoder.decode(batch))
+                topics.write(measured.of(decoder.decode(batch)))
+    measured.say()
     return target
+
+
+class _Measured:
+    """Takes from decoded channels what their sender says is no value, and counts it."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._none = {
+            (bus, f"{name}.{signal}"): no_data
+            for (bus, name), signals in _no_data(run).items()
+            for signal, no_data in signals.items()
+        }
+        self._counts: Counter[tuple[str, str, str]] = Counter()
+
+    def of(self, channels: Mapping[tuple[str, str], Channel]) -> dict[tuple[str, str], Channel]:
+        """Return the channels, NaN where there is no value."""
+        return {key: self._measured(key, channel) for key, channel in channels.items()}
+
+    def _measured(self, key: tuple[str, str], channel: Channel) -> Channel:
+        masks = self._none[key].masks(channel.values) if key in self._none else {}
+        if not masks:
+            return channel
+        values = channel.values.copy()
+        for word, mask in masks.items():
+            values[mask] = np.nan
+            self._counts[*key, word] += int(np.count_nonzero(mask))
+        return replace(channel, values=values)
+
+    def say(self) -> None:
+        for (bus, name, word), count in self._counts.items():
+            say(f"run {self._run.id}: {name} on {bus}: {count} without a value ({word}) left empty")
 
 
 def _refuse_existing(targets: Iterable[Path], *, overwrite: bool) -> None:
