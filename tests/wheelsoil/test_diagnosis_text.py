@@ -125,7 +125,7 @@ def test_everything_is_said():
 
 def test_under_one_of_the_causes_are_a_set():
     text = text_of(diagnosis("one_of"))
-    assert "One of, each as if it were the one" in text
+    assert "Possible causes, each with its size if it acts" in text
     assert re.search(r"bulldozing +fraction +40\.0 % +0\.20 +–\n", text)
 
 

@@ -37,6 +37,7 @@ from wheelsoil.wording.verdict import (
     details_of,
     finding_of,
     gain_words,
+    headline_of,
     named_words,
     nothing_words,
     one_of_words,
@@ -115,7 +116,7 @@ def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     assert named.startswith("Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %): ")
     assert "H = 0.0310 (0.0270 to 0.0350) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
-    assert "A further cause acts: one of slope (40.0 %), bulldozing (50.0 %)" in named
+    assert "A further cause acts: slope (40.0 %) or bulldozing (50.0 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
     alone = words(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
     assert "H = 0.031" in alone
@@ -142,12 +143,29 @@ def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     runs = (NextRun(MORE_LOAD, ("slope",), 4.0),)
     said = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
     one_of = words(said)
-    assert one_of.startswith("A cause acts (with probability 96.0 %): one of slope (40.0 %), bulldozing (50.0 %).")
+    assert one_of.startswith("A cause acts (with probability 96.0 %): slope (40.0 %) or bulldozing (50.0 %).")
     assert one_of.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
     barred = words(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
     assert "Slope is not named: all runs go one way: drive some back" in barred
     assert "Grouser (1.0 %) has a similar signature, but is separable in these data" in barred
+
+
+def test_causes_that_surely_act_are_joined_by_and() -> None:
+    """Two above 95 % are no choice; a third one that is open stands beside them."""
+    chances = {"slope": 0.97, "bulldozing": 0.96, "grouser": 0.3}
+    both = one_of_words(replace(BARE, verdict="one_of", causes=causes("slope", "bulldozing")), chances, 0.0)
+    assert words(both).startswith(
+        "Several causes act (with probability > 99.9 %): slope (97.0 %) and bulldozing (96.0 %). "
+        "None is sure enough for a name."
+    )
+    three = one_of_words(replace(BARE, verdict="one_of", causes=causes(*chances)), chances, 0.0)
+    assert "slope (97.0 %) and bulldozing (96.0 %), perhaps with grouser (30.0 %)" in words(three)
+    likely = [replace(cause, probability=chances[cause.name]) for cause in causes(*chances)]
+    title = headline_of(replace(BARE, verdict="one_of", causes=tuple(likely), gain=None))
+    assert title == "Slope and bulldozing, perhaps with grouser: these data cannot separate them."
+    title = headline_of(replace(BARE, verdict="one_of", causes=tuple(likely[:2]), gain=None))
+    assert title == "Slope and bulldozing: not sure enough for names."
 
 
 def test_how_well_two_are_separated_is_said_by_one_probability() -> None:

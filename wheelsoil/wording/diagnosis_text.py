@@ -193,7 +193,7 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
     title = "Causes"
     if diagnosis.verdict == "one_of":
         several = len(diagnosis.causes) > 1
-        title = "One of, each as if it were the one" if several else "Most probable, not named"
+        title = "Possible causes, each with its size if it acts" if several else "Most probable, not named"
     head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
     return [title, *_indented(table_lines(head, rows, left=2, width=width - 2))]
 

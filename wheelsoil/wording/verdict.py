@@ -54,6 +54,8 @@ _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
 _IN_ALL = 0.99
 """Probability above which a family is said to be in every explanation."""
+_SURE = 0.95
+"""Probability above which a cause that is not named acts, whichever others do."""
 _OPEN_AT = 0.05
 """Posterior probability from which on a confounded family would fit almost as well."""
 _UNLISTED_AT = 0.05
@@ -95,15 +97,18 @@ def statements_of(found: Diagnosis) -> list[Statement]:
 
 def headline_of(found: Diagnosis) -> str:
     """Return the verdict in one short sentence, with the gain on held-out runs where there is one."""
-    names = [plain_name(cause.name) for cause in found.causes]
+    names, chances = [plain_name(cause.name) for cause in found.causes], [cause.probability for cause in found.causes]
     if len(names) > _MOST_NAMES:
         names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} more"]
+        chances = [*chances[: _MOST_NAMES - 1], min(chances[_MOST_NAMES - 1 :])]
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
     if found.verdict == "named":
         sentence = f"{listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
     elif found.verdict == "one_of" and len(names) > 1:
-        sentence = f"{listed(names, 'or').capitalize()}: these data cannot separate them"
+        sure = all(cause.probability > _SURE for cause in found.causes)
+        why = "not sure enough for names" if sure else "these data cannot separate them"
+        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {why}"
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
@@ -339,7 +344,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     if worth := gain_words(found.gain, found.main_channel):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
-        statements.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
+        statements.append(f"A further cause acts: {_alternatives(found.grounds.beside, chances)}")
     statements += rival_words(alike, chances)
     if alike and found.next_run:
         statements.append(_next(found.next_run[0]))
@@ -357,8 +362,10 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         if barred is None:
             statements.append(f"That is not sure enough for a name{_unlisted_words(found.adequacy)}")
     else:
-        statements = [f"A cause acts ({likely}): {_one_of(families, chances)}"]
-        if barred is None and (why := _unlisted_words(found.adequacy)):
+        sure = [family for family in families if chances[family] > _SURE]
+        acts = "Several causes act" if len(sure) > 1 else "A cause acts"
+        statements = [f"{acts} ({likely}): {_alternatives(families, chances)}"]
+        if barred is None and ((why := _unlisted_words(found.adequacy)) or sure):
             statements.append(f"None is sure enough for a name{why}")
     together = [
         cause_set for cause_set in found.sets if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
@@ -554,9 +561,16 @@ def gain_words(gain: Gain | None, first: str = "") -> str:
     return listed(changes)
 
 
-def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
-    each = [f"{plain_name(family)} ({chance(chances[family])})" for family in families]
-    return each[0] if len(each) == 1 else f"one of {', '.join(each)}"
+def alternatives(causes: Sequence[tuple[str, float]]) -> str:
+    """Return causes, each with its probability, that are not parted: "and" between those that act for sure."""
+    sure, others = ([name for name, p in causes if (p > _SURE) == acts] for acts in (True, False))
+    if not sure:
+        return listed(others, "or")
+    return listed(sure) + (f", perhaps with {listed(others, 'or')}" if others else "")
+
+
+def _alternatives(families: Sequence[str], chances: Mapping[str, float]) -> str:
+    return alternatives([(f"{plain_name(family)} ({chance(chances[family])})", chances[family]) for family in families])
 
 
 def _findings(found: Sequence[Finding], *, sigmas: bool = True) -> str:

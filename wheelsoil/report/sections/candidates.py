@@ -81,7 +81,7 @@ def _figure(found: Diagnosis) -> Figure:
 def _table(found: Diagnosis) -> Table:
     head = ["cause", "parameter", "value", "95 % interval", "unit", "probability", "form", "kind"]
     rows = [row for cause in found.causes for row in _rows(cause)]
-    several = "The set: each as if it were the one" if len(found.causes) > 1 else "Most probable, not named"
+    several = "Possible causes, each with its size if it acts" if len(found.causes) > 1 else "Most probable, not named"
     title = several if found.verdict == "one_of" else "What was found"
     note = (
         "The family is named first; the form within it only conditionally, with its probability given the family in "

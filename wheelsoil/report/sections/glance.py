@@ -26,6 +26,7 @@ from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
     adequacy_words,
+    alternatives,
     details_of,
     headline_of,
     reduction_in,
@@ -169,7 +170,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         named = listed([plain_name(cause.name) for cause in found.causes])
         return Tile(title, *share, f"in {named}, alone or with others{_chosen(found)}", keys=keys)
     if found.verdict == "one_of":
-        names = " or ".join(f"{plain_name(c.name)} {chance(c.probability)}" for c in found.causes)
+        names = alternatives([(f"{plain_name(c.name)} {chance(c.probability)}", c.probability) for c in found.causes])
         return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
         return Tile(title, *share, "that no cause acts", keys=keys)
