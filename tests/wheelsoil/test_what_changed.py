@@ -14,6 +14,7 @@ from daq.errors import ConfigError
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
+from wheelsoil.wording.change_text import change_summary
 from wheelsoil.workflows.cause_cost import costs_of
 from wheelsoil.workflows.last_report import changes_since, load_last
 
@@ -106,6 +107,15 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
     gone = {one.name: one for one in changes_since(last, sections(0.26, None, 700.0))}
     assert gone["torque_zero.offset_nm"].beyond and not gone["soil.tan_phi"].beyond
     assert abs(gone["soil.tan_phi"].difference) < inf
+
+
+def test_another_wheel_than_last_time_is_said_first(tmp_path: Path) -> None:
+    facts = {"provenance": {"facts": [["vehicle", "truck"], ["wheel", "RL"], ["mass", "1 kg"]]}}
+    last = load_last(write(tmp_path / "last.json", sections(0.25, None, 700.0) | facts))
+    assert last.subject == {"vehicle": "truck", "wheel": "RL"}
+    said = change_summary(last, (), {"vehicle": "truck", "wheel": "FL"})
+    assert said.startswith("Not the same thing: the last report is of wheel RL, not FL. Against the report of ")
+    assert change_summary(last, (), {"vehicle": "truck"}).startswith("Against the report of ")
 
 
 def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:

@@ -258,6 +258,7 @@ class ReportInputs:
             rows.append(["mass", f"{self.vehicle.vehicle.mass_kg:g} kg"])
         wheel = self.vehicle.wheel
         if wheel:
+            rows += [["wheel", wheel.id]] if wheel.id else []
             rows.append(["wheel radius r", f"{wheel.radius_m:g} m"])
             rows.append(["wheel width b", f"{wheel.width_m:g} m"])
         if self.campaign is None:

@@ -50,7 +50,9 @@ def changes_since_last(place: str, found: Mapping[str, Any], processed: Processe
     except ConfigError as error:
         return {"says": "; ".join(f"{fault.what}: {fault.found}" for fault in error.faults), "rows": []}
     changes = changes_since(last, sections_of(found) | _ground(processed, found))
-    return {"says": change_summary(last, changes), "rows": [change_row(change) for change in changes]}
+    vehicle = processed[0][0].vehicle
+    subject = {"vehicle": vehicle.vehicle.name, "wheel": vehicle.wheel.id if vehicle.wheel else ""}
+    return {"says": change_summary(last, changes, subject), "rows": [change_row(change) for change in changes]}
 
 
 def _ground(processed: Processed, found: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, upper
@@ -17,11 +17,18 @@ _NAMES = {
 }
 
 
-def change_summary(last: LastReport, changes: Sequence[Change]) -> str:
-    """Return how many quantities differ beyond their intervals, and what became of the first three."""
+def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping[str, str]) -> str:
+    """Return how many quantities differ beyond their intervals, and what became of the first three.
+
+    First that they are of different things where vehicle, wheel or soil, the `subject`, is another than last time.
+    """
     beyond = [change for change in changes if change.beyond]
     when = f"the {last.kind} of {last.made_at[:10]} ({last.name})"
     summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
+    others = [name for name in last.subject if subject.get(name, "") not in ("", last.subject[name])]
+    if others:
+        each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in sorted(others)])
+        summary = f"Not the same thing: the last {last.kind} is of {each}. {summary}"
     return f"{summary} {upper(listed([_sentence(change) for change in beyond[:3]]))}." if beyond else summary
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
@@ -71,6 +71,8 @@ class LastReport:
         When the report was made, or the campaign's first run began.
     title : str
     kind : "report" or "campaign"
+    subject : mapping str -> str
+        Vehicle, wheel and soil that it is of, as far as it says so.
     """
 
     name: str
@@ -78,6 +80,7 @@ class LastReport:
     title: str
     stated: tuple[Stated, ...]
     kind: Literal["report", "campaign"] = "report"
+    subject: Mapping[str, str] = field(default_factory=dict)
 
 
 def store_meant(place: str) -> str | None:
@@ -123,11 +126,13 @@ def load_last(path: Path) -> LastReport:
         )
     try:
         stated = tuple(stated_in(raw["sections"]))
+        facts = dict((raw["sections"].get("provenance") or {}).get("facts") or ())
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         found = f"{type(error).__name__}: {error}"[:200]
         step = "make it anew with `wheelsoil report`"
         raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
-    return LastReport(file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated)
+    subject = {name: str(facts[name]) for name in ("vehicle", "wheel", "soil") if facts.get(name)}
+    return LastReport(file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated, subject=subject)
 
 
 def _file_of(path: Path) -> Path:

@@ -46,7 +46,8 @@ def against(inputs: ReportInputs) -> Contents:
     changes = changes_since(inputs.last, _sections(inputs))
     differs = any(change.beyond for change in changes)
     note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
-    blocks: list[Block] = [Text(change_summary(inputs.last, changes), "warning" if differs else "good")]
+    summary = change_summary(inputs.last, changes, dict(inputs.facts))
+    blocks: list[Block] = [Text(summary, "warning" if differs else "good")]
     rows = [change_row(change) for change in changes]
     blocks.append(Table("Last time and now", CHANGE_HEAD, rows, note, words=CHANGE_HEAD[4:]))
     return blocks, {
