@@ -528,12 +528,14 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[Fault]:
     faults = []
+    file = where
     for item in error.errors()[:MOST_FAULTS]:
-        location = ".".join(str(part) for part in item["loc"])
+        where, location = _place(file, item["loc"])
         message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
-            faults.append(Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known)))
+            expected, step = nearest(str(item["loc"][-1]), known), "correct the key, or take it out"
+            faults.append(Fault(f"unknown key {location!r}", where, "", expected, step))
         elif item["type"] == "missing":
             faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
         elif item["type"] == "literal_error":
@@ -543,10 +545,19 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
         elif not location:
             faults.append(Fault(message, where))
         else:
-            faults.append(Fault(f"{location}: {message}", where, found=shortened(repr(item["input"]))))
+            found = "" if isinstance(item["input"], Mapping | list) else shortened(repr(item["input"]))
+            faults.append(Fault(f"{location}: {message}", where, found, next_step="correct it"))
     if error.error_count() > MOST_FAULTS:
-        faults.append(Fault(f"{error.error_count() - MOST_FAULTS} more faults", where))
+        faults.append(Fault(f"{error.error_count() - MOST_FAULTS} more faults", file))
     return faults
+
+
+def _place(file: str, location: tuple[int | str, ...]) -> tuple[str, str]:
+    """Return the file with the numbered sections that a fault is in, counted from 1, and the key within the last."""
+    sections = [i for i, part in enumerate(location[:-1]) if isinstance(part, int)]
+    tables = [f"[[{location[i - 1]}]] {int(location[i]) + 1}" for i in sections]
+    last = max(sections, default=-1)
+    return ", ".join([file, *tables]), ".".join(map(str, location[last + 1 :]))
 
 
 def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
