@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -384,27 +385,27 @@ def simulate_campaign(
         "terrain.toml": to_toml(options.terrain),
         **{name: shipped_dbc(name).read_bytes() for name in DBC_FILES},
     }
-    folder.mkdir(exist_ok=True)
-    for name, content in carried.items():
-        (folder / name).write_bytes(content)
-    suffixes = {"mcap": (".mcap",), "candump": (".log",), "both": (".mcap", ".log")}[kind]
-    infos: list[RunInfo] = []
-    files: list[Path] = []
-    entries: list[dict[str, Any]] = []
-    for index, (run, batches) in enumerate(campaign_frames(options)):
-        paths = [folder / f"{run.id}{suffix}" for suffix in suffixes]
-        info = run.model_copy(update={"file": paths[0].name})
-        counted = _Counted(batches)
-        _write_run(paths, info, counted, carried, vehicle, decoded=decoded)
-        infos.append(info.model_copy(update={"rut": simulated_ruts(options, index)}))
-        files += paths
-        entries.append({"file": paths[0].name, "frames": counted.frames, "frames_sha256": counted.hash.hexdigest()})
-    for lifted in lifted_runs(options):
-        paths = [folder / f"{lifted.info.id}{suffix}" for suffix in suffixes]
-        _write_run(paths, lifted.info, frame_batches([lifted], BUS), carried, vehicle, decoded=decoded)
-        files += paths
-    (folder / "runs.toml").write_bytes(runs_toml(infos))
-    (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
+    with _nothing_left_of_a_failure(folder):
+        for name, content in carried.items():
+            (folder / name).write_bytes(content)
+        suffixes = {"mcap": (".mcap",), "candump": (".log",), "both": (".mcap", ".log")}[kind]
+        infos: list[RunInfo] = []
+        files: list[Path] = []
+        entries: list[dict[str, Any]] = []
+        for index, (run, batches) in enumerate(campaign_frames(options)):
+            paths = [folder / f"{run.id}{suffix}" for suffix in suffixes]
+            info = run.model_copy(update={"file": paths[0].name})
+            counted = _Counted(batches)
+            _write_run(paths, info, counted, carried, vehicle, decoded=decoded)
+            infos.append(info.model_copy(update={"rut": simulated_ruts(options, index)}))
+            files += paths
+            entries.append({"file": paths[0].name, "frames": counted.frames, "frames_sha256": counted.hash.hexdigest()})
+        for lifted in lifted_runs(options):
+            paths = [folder / f"{lifted.info.id}{suffix}" for suffix in suffixes]
+            _write_run(paths, lifted.info, frame_batches([lifted], BUS), carried, vehicle, decoded=decoded)
+            files += paths
+        (folder / "runs.toml").write_bytes(runs_toml(infos))
+        (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
     files.sort(key=lambda path: suffixes.index(path.suffix))
     return SimulatedCampaign(folder, tuple(files), sum(entry["frames"] for entry in entries))
 
@@ -431,6 +432,21 @@ def _check_folder(folder: Path, *, force: bool) -> None:
         raise ConfigError.of("no such folder", folder.parent, next_step="create it or choose another output")
     if not force and folder.is_dir() and any(folder.iterdir()):
         raise ConfigError.of("the folder is not empty", folder, next_step="choose another name, or --force")
+
+
+@contextmanager
+def _nothing_left_of_a_failure(folder: Path) -> Iterator[None]:
+    """Make a folder if it does not exist; on any error take out what was added, and the folder if it is new."""
+    before = set(folder.iterdir()) if folder.is_dir() else None
+    folder.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        for path in set(folder.iterdir()) - (before or set()):
+            path.unlink()
+        if before is None:
+            folder.rmdir()
+        raise
 
 
 class _Counted:
