@@ -10,7 +10,7 @@ from referee_world import WAYS, Way, World, firm, mistaken, sound_world
 from daq import Severity, VehicleConfig
 from model.wheel_soil import SOILS
 from processing import RunCode, is_refused
-from processing.referee import BY_KEY, LISTED, MENDS, REFUSED_BELOW, Evidence, Kind, Ruling, evidence_of, judge
+from processing.referee import BY_KEY, LISTED, MENDS, Evidence, Kind, Ruling, evidence_of, judge
 
 UNLISTED_SEED = 9000
 
@@ -98,8 +98,8 @@ def test_what_is_named() -> None:
     assert sure.named == (first,)
     open_ = Ruling(1e-9, ((first, 0.6), (second, 0.395), (third, 0.005)))
     assert open_.named == (first, second)
-    assert Ruling(REFUSED_BELOW * 1.01, ((first, 0.9),)).refused is False
-    assert Ruling(REFUSED_BELOW * 0.99, ((first, 0.9),)).refused is True
+    assert Ruling(1.01e-3, ((first, 0.9),)).refused is False
+    assert Ruling(0.99e-3, ((first, 0.9),)).refused is True
     assert Ruling(0.5, ((first, 0.4),)).doubted is False
 
 
