@@ -12,7 +12,7 @@ from view_client import taken_from
 
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.workflows.choice import Choice
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.runs import Files, process_runs
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 
@@ -48,10 +48,12 @@ def test_a_copy_of_a_run_is_set_aside(folder: Path, copied: Callable[[Path, Path
     assert "the same measurement as run" in said and "run-1.mcap" in said and "another name.mcap" in said
 
 
-def test_a_run_given_twice_counts_once(folder: Path) -> None:
-    found = invoke("process", folder, folder / "run-2.mcap", "--json")
-    assert len(found.json) == 2
-    assert found.err.count("set aside") == 1
+def test_who_processes_is_told_of_a_run_given_twice(folder: Path) -> None:
+    said: list[str] = []
+    opened = Files().open_runs([folder, folder / "run-2.mcap"], print)
+    found = process_runs(opened, Choice().process_options(), set_aside=said.append)
+    assert [run.id for run, _ in found] == ["run-1", "run-2"]
+    assert [text.split(",")[0] for text in said] == ["set aside: run run-2-2"]
 
 
 def test_the_page_names_the_run_to_switch_off(folder: Path, tmp_path: Path) -> None:

@@ -156,9 +156,14 @@ def _hashes(files: Iterable[str]) -> list[list[str]]:
 
 
 def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
-    choice = opened.choice
-    processed = process_runs(opened.runs, choice.process_options(LOOK), choice=choice, accept_implausible=True)
-    fit, remarks = None, list(opened.remarks)
+    choice, fit, remarks = opened.choice, None, list(opened.remarks)
+    processed = process_runs(
+        opened.runs,
+        choice.process_options(LOOK),
+        choice=choice,
+        accept_implausible=True,
+        set_aside=lambda text: remarks.append(("opening", text)),
+    )
     try:
         fit = fit_runs(processed, choice.fit_choices(), None)
     except WheelsoilError as error:

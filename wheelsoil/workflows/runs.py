@@ -137,11 +137,12 @@ def process_runs(
     choice: Choice | None = None,
     accept_implausible: bool = False,
     check: Check | None = None,
+    set_aside: Callable[[str], None] = say,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`.
 
-    A run that repeats another, or is impossible as it is declared, is set aside and named on stderr; it is an error
-    where none is left. `accept_implausible` keeps those that are impossible.
+    A run that repeats another, or is impossible as it is declared, is set aside, and `set_aside` is called with the
+    reason; it is an error where none is left. `accept_implausible` keeps those that are impossible.
     """
 
     def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
@@ -181,8 +182,8 @@ def process_runs(
             else:
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
-    once = _once(processed)
-    return once if accept_implausible else _plausible(once)
+    once = _once(processed, set_aside)
+    return once if accept_implausible else _plausible(once, set_aside)
 
 
 def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
@@ -220,15 +221,19 @@ def _apart(run: ProcessedRun, other: ProcessedRun, channel: ChannelDefinition, r
     return float(np.median(np.abs(a - b)[there] / np.maximum(sigma[rows][there], np.finfo(float).tiny)))
 
 
-def _once(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
-    """Return the runs without those that repeat another, which are named on stderr."""
+def _once(
+    processed: list[tuple[Run, ProcessedRun]], set_aside: Callable[[str], None]
+) -> list[tuple[Run, ProcessedRun]]:
+    """Return the runs without those that repeat another."""
     repeated = repetitions([run for _, run in processed])
     for i, j in sorted(repeated.items()):
-        say(f"set aside: {_name(processed[i][0])}: the same measurement as {_name(processed[j][0])}")
+        set_aside(f"set aside: {_name(processed[i][0])}: the same measurement as {_name(processed[j][0])}")
     return [pair for i, pair in enumerate(processed) if i not in repeated]
 
 
-def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+def _plausible(
+    processed: list[tuple[Run, ProcessedRun]], set_aside: Callable[[str], None]
+) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs that are possible as they are declared.
 
     Raises
@@ -246,7 +251,7 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pro
     if len(refused) == len(processed) and refused:
         raise ConfigError(*refused)
     for fault in refused:
-        say(f"set aside: {fault}")
+        set_aside(f"set aside: {fault}")
     return [pair for pair in processed if not is_refused(pair[1])]
 
 
