@@ -295,7 +295,7 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
     ]
 
 
-COVERED = "covers 90 % where runs are few"
+COVERED = "holds the truth in 90 % of cases where runs are few"
 """Of the interval of a gain: measured by studies/gain_interval on 200 campaigns."""
 
 

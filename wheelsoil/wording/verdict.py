@@ -186,18 +186,18 @@ def prior_words(found: Diagnosis) -> list[Statement]:
     if not shifts or found.verdict not in ("named", "one_of"):
         return []
     first = shifts[0]
-    times = "three times as large" if first.factor > 1 else "a third as large"
+    times = "three times" if first.factor > 1 else "a third"
     families = [plain_name(family) for family in first.families]
     other = {"named": f"{listed(families)} named", "one_of": f"one of {', '.join(families)}" if families else ""}.get(
         first.verdict, ""
     )
     other = other or VERDICT_WORDS[first.verdict]
     turned = dict.fromkeys(shift.family for shift in shifts[1:] if shift.family != first.family)
-    more = f"; it also depends on that of {listed([plain_name(family) for family in turned])}" if turned else ""
+    more = f"; so it is with {listed([plain_name(family) for family in turned])}" if turned else ""
     return _sentences(
         [
-            f"The verdict depends on the prior: with a prior probability of {plain_name(first.family)} that is "
-            f"{times}, it is {other}{more}"
+            f"Whoever expects {plain_name(first.family)} {times} as often as the prior does gets another verdict, "
+            f"{other}{more}"
         ]
     )
 
