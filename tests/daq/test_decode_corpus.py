@@ -88,8 +88,9 @@ def test_decoder_equals_cantools_on_the_corpus() -> None:
         assert any("line" in note for note in database.left_out)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize(
+    "part", [pytest.param(part, marks=pytest.mark.slow if part < 2 else pytest.mark.study) for part in range(8)]
+)
 def test_decoder_equals_cantools_on_the_corpus_thoroughly(part: int) -> None:
     loaded, _ = compare(part, 8, 6)
     assert loaded > 10

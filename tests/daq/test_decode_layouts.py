@@ -43,9 +43,10 @@ def compare(database: Any, message: Any, payloads: list[bytes]) -> None:
     np.testing.assert_allclose(got.values, want, rtol=0, atol=ulp)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("big", [False, True])
-@pytest.mark.parametrize("length", [1, 3, 8, 24, 64])
+@pytest.mark.parametrize(
+    "length", [pytest.param(n, marks=pytest.mark.study if n == 24 else pytest.mark.slow) for n in (1, 3, 8, 24, 64)]
+)
 def test_every_place_equals_cantools(length: int, big: bool) -> None:
     rng = np.random.default_rng(length)
     firsts = range(8 * length) if length <= 8 else sorted(rng.choice(8 * length, 60, replace=False))

@@ -48,8 +48,13 @@ def test_a_drive_on_the_highway() -> None:
     assert reason_places(quiet) == set()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "lacking"), [("car_3BA199E2_165_2", 29), ("car_3BA199E2_165_4", 30)])
+@pytest.mark.parametrize(
+    ("name", "lacking"),
+    [
+        pytest.param("car_3BA199E2_165_2", 29, marks=pytest.mark.slow),
+        pytest.param("car_3BA199E2_165_4", 30, marks=pytest.mark.study),
+    ],
+)
 def test_drives_with_missing_seconds_of_gnss(name: str, lacking: int) -> None:
     folder = data_dir("css-canedge")
     signals = {

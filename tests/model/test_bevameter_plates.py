@@ -131,7 +131,7 @@ def _covered(found: PressureSinkage, truth: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "seeds",
-    [range(15), pytest.param(range(400), marks=pytest.mark.slow)],
+    [range(15), pytest.param(range(200), marks=pytest.mark.slow)],
     ids=["fast", "slow"],
 )
 @pytest.mark.parametrize(

@@ -49,9 +49,12 @@ def test_no_formula_of_an_instrument_is_set_free() -> None:
     assert with_free_form(seen, unlisted(seen.grams)) is None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("key", "level", "family"), [("skid_hyperbola", 12.0, "skid_sinkage"), ("hump", 16.0, "shear_softening")]
+    ("key", "level", "family"),
+    [
+        pytest.param("skid_hyperbola", 12.0, "skid_sinkage", marks=pytest.mark.slow),
+        pytest.param("hump", 16.0, "shear_softening", marks=pytest.mark.study),
+    ],
 )
 def test_a_cause_by_another_formula_is_no_longer_unexplained(key: str, level: float, family: str) -> None:
     """Skid sinkage that levels off, softening with a hump: so many times the noise, by the study's own formulas."""
@@ -63,8 +66,13 @@ def test_a_cause_by_another_formula_is_no_longer_unexplained(key: str, level: fl
     assert said["adequacy"]["ok"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("key", ["brake_asymmetry", "bridge_gain_drift"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param("brake_asymmetry", marks=pytest.mark.slow),
+        pytest.param("bridge_gain_drift", marks=pytest.mark.study),
+    ],
+)
 def test_what_no_cause_does_stays_unexplained(key: str) -> None:
     case = Case("outside", 0, ((key, 5.0, 1.0),))
     truth = truth_of(case)

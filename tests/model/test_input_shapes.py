@@ -97,8 +97,9 @@ def misread_speed(bump_mps: float) -> Campaign:
     return Campaign("clay", tuple(runs), options.wheel, soil, prior_of(soil, options.terrain))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bump_mps", [0.15, -0.15])
+@pytest.mark.parametrize(
+    "bump_mps", [pytest.param(0.15, marks=pytest.mark.slow), pytest.param(-0.15, marks=pytest.mark.study)]
+)
 def test_a_receiver_that_is_off_at_some_speeds_is_no_listed_cause(bump_mps: float) -> None:
     found = diagnose([misread_speed(bump_mps)], DiagnosisOptions(effects=LISTED))
     assert found.verdict == "unexplained", sentence_of(found)

@@ -9,9 +9,9 @@ from benchmarks.recovery import PARAMETER, clopper_pearson, coverage, one
 
 @pytest.mark.slow
 def test_intervals_are_not_for_certain_too_short_or_too_long() -> None:
-    """For H, p = m1 + m2 and n1, 20 campaigns each."""
-    found = [coverage("clay", law, 20) for law in PARAMETER]
-    low, high = clopper_pearson(sum(result.hits for result in found), 20 * len(found))
+    """For H, p = m1 + m2 and n1, 12 campaigns each."""
+    found = [coverage("clay", law, 12) for law in PARAMETER]
+    low, high = clopper_pearson(sum(result.hits for result in found), 12 * len(found))
     assert high >= 0.90 and low <= 0.98, found
 
 
