@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -118,6 +119,9 @@ def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[
 def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:
     shown = ok("diagnose", two, *QUICK).out
     assert shown.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown
+    assert re.search(
+        r"\n\nwheel FL  No cause is detected.*\nwheel RL  \S.*torque.*\n$", shown, re.IGNORECASE | re.DOTALL
+    )
 
 
 @pytest.mark.parametrize("command", ["report", "zero"])

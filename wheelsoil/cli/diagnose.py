@@ -215,6 +215,7 @@ def _shown(wheels: PerWheel, vehicle: VehicleConfig | None, *, verbose: bool) ->
     def show(diagnosis: Diagnosis) -> None:
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
+        from wheelsoil.wording.verdict import headline_of
 
         width = terminal_width()
 
@@ -224,7 +225,7 @@ def _shown(wheels: PerWheel, vehicle: VehicleConfig | None, *, verbose: bool) ->
             lines = diagnosis_lines(diagnosis, vehicle, width, checks=checks_of(diagnosis), verbose=verbose)
             print("\n".join(lines))
 
-        wheels.show(lambda: diagnosis_json(diagnosis), print_text)
+        wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))
         for line in stages_lines(diagnosis, width):
             say(line)
 

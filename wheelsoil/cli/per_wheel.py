@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from wheelsoil.console import print_json, say
+from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq.runs import Run
@@ -26,6 +26,7 @@ class PerWheel:
         self._opened, self._json = opened, json
         self._found: list[dict[str, Any]] = []
         self._shown = 0
+        self._said: dict[str, str] = {}
         self.wheel = ""
         """Of which the work is done now."""
 
@@ -49,10 +50,13 @@ class PerWheel:
         finally:
             if self._found:
                 print_json(self._found if self.several else self._found[0])
+            if len(self._said) > 1:
+                print()
+                print_pairs((f"wheel {wheel}", sentence) for wheel, sentence in self._said.items())
         collected.stop_if_any()
 
-    def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None]) -> None:
-        """Print what was found of the wheel, or keep it for the JSON of all."""
+    def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
+        """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
             self._found.append(self._with_wheel(as_json()))
             return
@@ -60,6 +64,8 @@ class PerWheel:
             print(f"\nwheel {self.wheel}" if self._shown else f"wheel {self.wheel}")
         self._shown += 1
         print_text()
+        if sentence:
+            self._said[self.wheel] = sentence
 
     def _with_wheel(self, found: dict[str, Any]) -> dict[str, Any]:
         """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`."""
