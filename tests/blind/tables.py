@@ -105,6 +105,11 @@ def _safety(lines: Sequence[Line]) -> list[Figure]:
         Figure("names right, listed causes (nulls, singles, pairs)", NAMES_RIGHT, *named_causes(listed)),
         share("nulls: a cause named", NULLS_NAMED, of(lines, "null"), lambda x: bool(said(x))),
         share("false `unexplained`, nulls and singles", FALSE_UNEXPLAINED, library, _unexplained),
+        Figure(
+            "names right over all campaigns but those of unlisted causes that three listed ones explain, too",
+            None,
+            *named_causes([*listed, *_unlike([x for x in everything if x not in listed], 5.0)]),
+        ),
     ]
 
 
