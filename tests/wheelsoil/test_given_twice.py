@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_support import invoke, ok
 from view_client import taken_from
 
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.workflows.choice import Choice
-from wheelsoil.workflows.runs import Files, process_runs
+from wheelsoil.workflows.runs import Files, process_runs, repetitions
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 
@@ -54,6 +56,19 @@ def test_who_processes_is_told_of_a_run_given_twice(folder: Path) -> None:
     found = process_runs(opened, Choice().process_options(), set_aside=said.append)
     assert [run.id for run, _ in found] == ["run-1", "run-2"]
     assert [text.split(",")[0] for text in said] == ["set aside: run run-2-2"]
+
+
+def test_two_runs_of_a_bench_may_share_speed_and_load(folder: Path) -> None:
+    """Only what is measured anew has noise of its own; what was not measured tells nothing."""
+    [(_, run), _] = process_runs(Files().open_runs([folder], print), Choice().process_options())
+    noise = np.random.default_rng(0).normal(size=(2, len(run)))
+    pull = run.drawbar_pull_n + noise[0] * run.drawbar_pull_sigma_n
+    torque = run.driving_torque_nm + noise[1] * run.driving_torque_sigma_nm
+    anew = replace(run, drawbar_pull_n=pull, driving_torque_nm=torque)
+    assert repetitions([run, run, anew]) == {1: 0}
+    unknown = np.full(len(run), np.nan)
+    bare = replace(run, drawbar_pull_n=unknown, driving_torque_nm=unknown)
+    assert repetitions([bare, bare]) == {}
 
 
 def test_the_page_names_the_run_to_switch_off(folder: Path, tmp_path: Path) -> None:

@@ -29,7 +29,9 @@ from wheelsoil.workflows.grading import plausibility_of
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
 _LISTED_BYTES = 64 << 20
-_OWN_CHANNELS = tuple(ROLES[role] for role in ("wheel_speed", "vertical_load", "driving_torque"))
+_NOISY = tuple(ROLES[role] for role in ("drawbar_pull", "driving_torque"))
+_MAY_BE_EVEN = tuple(ROLES[role] for role in ("wheel_speed", "vertical_load"))
+"""On a test bench two runs may have the same."""
 _SAME_NOISE = 0.1
 """In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
 _PROBED = 64
@@ -189,8 +191,8 @@ def process_runs(
 def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
     """Return the place of each run that measures nothing new, with that of the run that has all of it.
 
-    It is the same measurement where the channels that owe nothing to other sensors have the same noise, from the begin
-    on over half of the shorter run: a copy, a cut one, or what `recover` or `import` made of it.
+    It is the same measurement where pull, torque, load and wheel speed have the same noise, from the begin on over half
+    of the shorter run: a copy, a cut one, or what `recover` or `import` made of it. Without pull and torque none is.
     """
     whole: list[int] = []
     found: dict[int, int] = {}
@@ -205,8 +207,10 @@ def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
 
 def _repeats(run: ProcessedRun, other: ProcessedRun) -> bool:
     def agree(rows: slice) -> bool:
-        apart = [_apart(run, other, channel, rows) for channel in _OWN_CHANNELS]
-        return max(filter(np.isfinite, apart), default=np.inf) < _SAME_NOISE
+        noisy, even = (
+            [_apart(run, other, channel, rows) for channel in channels] for channels in (_NOISY, _MAY_BE_EVEN)
+        )
+        return bool(np.isfinite(noisy).any()) and bool(np.nanmax([*noisy, *even]) < _SAME_NOISE)
 
     half = len(run) // 2
     return agree(slice(0, half, half // _PROBED + 1)) and agree(slice(half))
