@@ -42,7 +42,7 @@ kill $phone 2> /dev/null || true
 
 
 @pytest.mark.parametrize(
-    "seconds", [pytest.param(20, marks=pytest.mark.slow), pytest.param(1800, marks=pytest.mark.study)]
+    "seconds", [pytest.param(60, marks=pytest.mark.slow), pytest.param(1800, marks=pytest.mark.study)]
 )
 def test_a_busy_bus_for_long(vcan: Callable[..., GuestResult], tmp_path: Path, seconds: int) -> None:
     make_vehicle(tmp_path, "vcan0", logger="rotate_mb = 20", more=ROLES)
