@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tomllib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from cli_support import invoke, ok
 from diagnosis_samples import SENTENCES, diagnosis
 
 from daq.errors import ConfigError
+from daq.runs import Run
 from daq.runs.open import open_runs
 from model.effects.catalogue import EFFECTS
+from processing import ProcessedRun
 from processing.options import ProcessOptions
 from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
@@ -125,6 +128,12 @@ def test_the_same_seed_gives_the_same_answer(found, campaign):
     assert timeless(again) == timeless(found[0])
 
 
+def each_by_itself(paths: Sequence[Path]) -> Iterator[tuple[Run, ProcessedRun]]:
+    """Process runs of which some are copies of others, all of which count."""
+    for run in open_runs(paths):
+        yield from process_runs([run], ProcessOptions(purpose="diagnose"))
+
+
 def test_folders_are_campaigns_and_loose_runs_are_grouped_by_soil(campaign, tmp_path):
     other = tmp_path / "meadow"
     shutil.copytree(campaign, other)
@@ -134,11 +143,11 @@ def test_folders_are_campaigns_and_loose_runs_are_grouped_by_soil(campaign, tmp_
     single = tmp_path / "single.mcap"
     shutil.copy(campaign / "run-1.mcap", single)
     paths = [campaign, other, single]
-    grouped = campaigns_of(paths, process_runs(open_runs(paths), ProcessOptions(purpose="diagnose")))
+    grouped = campaigns_of(paths, [*each_by_itself(paths)])
     assert [(c.name, len(c.runs)) for c in grouped] == [("clay (1)", 2), ("meadow", 2), ("clay (2)", 1)]
     assert [c.soil.cohesion_pa for c in grouped] == pytest.approx([7580.0, 8000.0, 7580.0])
     loose = [campaign / "run-1.mcap", other / "run-1.mcap", campaign / "run-2.mcap"]
-    apart = campaigns_of(loose, process_runs(open_runs(loose), ProcessOptions(purpose="diagnose")))
+    apart = campaigns_of(loose, [*each_by_itself(loose)])
     assert [len(c.runs) for c in apart] == [2, 1]
 
 
