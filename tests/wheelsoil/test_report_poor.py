@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -99,9 +100,11 @@ def test_two_soils_are_refused_before_the_work(tmp_path):
         report_of([recordings / "clay" / "run-1.mcap", recordings / "sandy" / "run-1.mcap"], files=absent)
 
 
-def test_runs_of_one_name_are_distinguished(campaign):
-    report = report_of([campaign / "run-1.mcap", campaign / "run-2.mcap", campaign / "run-1.mcap"], diagnose=False)
-    names = ["run-1", "run-2", "run-1-2"]
+def test_runs_of_one_name_are_distinguished(campaign, tmp_path):
+    shutil.copytree(campaign, tmp_path / "other")
+    (tmp_path / "other" / "runs.toml").write_text('[[run]]\nfile = "run-2.mcap"\nid = "run-1"\n')
+    report = report_of([campaign / "run-1.mcap", tmp_path / "other"], diagnose=False)
+    names = ["run-1", "run-1-2"]
     assert list(report.numbers()["sections"]["glance"]["grades"]) == names
     assert {trace["shown_for"] for trace in _drawn(report, "time-dp")} == set(names)
 

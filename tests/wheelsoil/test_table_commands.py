@@ -82,7 +82,7 @@ def test_a_report_of_a_table(tmp_path: Path, wheel: Path) -> None:
 
 
 def test_a_report_of_two_wheels_without_a_diagnosis(tmp_path: Path, wheel: Path) -> None:
-    tables = ("--table", made(tmp_path, "a.csv", {}), "--table", made(tmp_path, "b.csv", {}))
+    tables = ("--table", made(tmp_path, "a.csv", {}), "--table", made(tmp_path, "b.csv", {"vasilev": {"H_m": 0.02}}))
     page = tmp_path / "two.html"
     ok("report", *tables, "--vehicle", wheel, "--soil", "lunar", "--no-diagnosis", "-o", page)
     numbers = json.loads(page.with_suffix(".json").read_text())

@@ -77,8 +77,8 @@ def test_what_was_given_beside_the_recordings_is_given_again(tmp_path: Path, run
 
 def test_recordings_of_one_name_are_distinguished(tmp_path: Path) -> None:
     first, second = taken_from(CLAY, tmp_path / "a", 1), taken_from(CLAY, tmp_path / "b", 1)
-    whole = (first / "run-1.mcap").read_bytes()
-    (second / "run-1.mcap").write_bytes(whole[: len(whole) * 4 // 5])
+    (second / "run-1.mcap").write_bytes((CLAY / "run-2.mcap").read_bytes())
+    (second / "runs.toml").write_text('[[run]]\nfile = "run-1.mcap"\nid = "run-1"\n')
     with viewing_here(first / "run-1.mcap", second / "run-1.mcap") as view:
         [campaign] = view.settled()
         files = [(run["file"], run["id"]) for run in campaign["runs"]]

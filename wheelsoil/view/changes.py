@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError
+from daq import ConfigError, VehicleConfig
 from wheelsoil.fleet import last_campaign, open_store
 from wheelsoil.to_json import plain
 from wheelsoil.wording.change_text import change_row, change_summary
@@ -50,9 +50,12 @@ def changes_since_last(place: str, found: Mapping[str, Any], processed: Processe
     except ConfigError as error:
         return {"says": "; ".join(f"{fault.what}: {fault.found}" for fault in error.faults), "rows": []}
     changes = changes_since(last, sections_of(found) | _ground(processed, found))
-    vehicle = processed[0][0].vehicle
-    subject = {"vehicle": vehicle.vehicle.name, "wheel": vehicle.wheel.id if vehicle.wheel else ""}
+    subject = _subject(processed[0][0].vehicle) if processed else {}
     return {"says": change_summary(last, changes, subject), "rows": [change_row(change) for change in changes]}
+
+
+def _subject(vehicle: VehicleConfig) -> dict[str, str]:
+    return {"vehicle": vehicle.vehicle.name, "wheel": vehicle.wheel.id if vehicle.wheel else ""}
 
 
 def _ground(processed: Processed, found: Mapping[str, Any]) -> dict[str, Any]:

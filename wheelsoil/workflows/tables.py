@@ -154,8 +154,12 @@ def read_wheels(
             found += [
                 WheelRows(part, section, _name(part, parts), i) for part, section in zip(parts, sections, strict=True)
             ]
-    with collected.catch():
-        refuse_repeated([wheel_rows.rows for wheel_rows in found])
+    of_one_wheel: dict[str, list[WheelTable]] = {}
+    for wheel_rows in found:
+        of_one_wheel.setdefault(repr(wheel_rows.section), []).append(wheel_rows.rows)
+    for rows in of_one_wheel.values():
+        with collected.catch():
+            refuse_repeated(rows)
     collected.stop_if_any()
     names = [wheel_rows.name for wheel_rows in found]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
