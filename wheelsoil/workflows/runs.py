@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from daq import (
+    ROLES,
+    ChannelDefinition,
     ConfigError,
     DataError,
     Fault,
@@ -16,7 +18,6 @@ from daq import (
     WheelsoilError,
 )
 from daq.can import no_bus_in_common
-from daq.channels import ROLES, ChannelDefinition
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, one_wheel, open_runs
 from model import in_parallel
