@@ -526,9 +526,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     return _toml_mapping(text, str(path))
 
 
-def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[Fault]:
+def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> list[Fault]:
     faults = []
-    file = where
     for item in error.errors()[:MOST_FAULTS]:
         where, location = _place(file, item["loc"])
         message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]

@@ -47,9 +47,8 @@ def test_samples_lie_on_the_correction(key: str) -> None:
     found = replace(diagnosis(), causes=(cause(key, value),), plot_data=(data,))
     assert found.main_channel == channel
     inputs = ReportInputs((), None, "", VEHICLE, "clay", diagnosed=found)
-    drawing = cause_figure(
-        inputs, of_diagnosis(found), "dp"
-    )  # the soil that is fitted beside it may change the pull more
+    # the soil that is fitted beside it may change the pull more
+    drawing = cause_figure(inputs, of_diagnosis(found), "dp")
     assert drawing is not None and OUTPUTS[channel].name in drawing.title
     line, points = drawing.curves
     assert list(line["x"]) == list(points["x"])

@@ -12,6 +12,7 @@ import pytest
 from cli_support import invoke, ok
 from view_client import taken_from
 
+from daq import DataError
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.workflows.choice import Choice
 from wheelsoil.workflows.runs import Files, process_runs, repetitions
@@ -77,7 +78,7 @@ def test_the_page_names_the_run_to_switch_off(folder: Path, tmp_path: Path) -> N
     for run in Files().open_runs([folder], print):
         members.append(Member(tmp_path / run.id, None))
         process_run(run, Choice().process_options(), None, members[-1].file)
-    with pytest.raises(Exception, match="the same measurement as run"):
+    with pytest.raises(DataError, match="the same measurement as run"):
         fit_members(members, Choice().fit_choices(), None)
 
 
