@@ -59,7 +59,7 @@ def _diagnosed(folder: Path, runs: int, least: float) -> Row:
 
 
 def _report(folder: Path, page: str) -> Callable[[], CommandCost]:
-    return lambda: wheelsoil_cost("report", str(folder), "-o", page)
+    return lambda: wheelsoil_cost("report", str(folder), "-o", page, "--force")
 
 
 def _beside_numpy(what: str, least: float, command: Callable[[], CommandCost]) -> Row:
