@@ -81,6 +81,7 @@ def posterior_with_usual_soil(
         found = best_set(with_usual_soil(grams), linearised.excluded, linearised.most_causes, best)
         best = found.keys
         points = linearisation_points(campaigns, grams, _in_columns_of(grams, found))
+        del campaigns, grams  # as large as those that come
         last = rounds == _ROUNDS - 1
         campaigns, _ = campaigns_at(linearised.starts, points, clock, keep_noise=True, catch_all=last)
         grams = joined_grams(campaigns)

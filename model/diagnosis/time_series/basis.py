@@ -257,8 +257,9 @@ def basis(
         column = place(error.shape)
         columns[..., column] = error.columns
         heights[column] = error.height
-    unit = np.array([amplitude_of(samples, channel) for channel in channels])[:, None]
-    together = float(np.mean(np.sum((columns / unit[..., None]) ** 2, axis=-1)))
+    unit = [amplitude_of(samples, channel) for channel in channels]
+    squares = (np.vdot(of, of) / one**2 for of, one in zip(columns, unit, strict=True))
+    together = float(sum(squares)) / linear.value.size
     form = np.full(width, FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0)
     for shape, x in formulas:
         column = place(shape)
