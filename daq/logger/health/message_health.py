@@ -269,7 +269,7 @@ def _role_reasons(
         return found
     if stuck_s:
         usual_s = float(values.longest_ns[row]) * 1e-9
-        what = f"{value:g}{unit} for {stuck_s:.1f} s, before never longer than {usual_s:.2g} s the same"
+        what = f"has stood at {value:g}{unit} for {stuck_s:.1f} s; never above {usual_s:.2g} s before"
         found.append(reason("signal_stuck", Level.AMBER, message.bus, what, name=name))
     elif _constant(role, row, message, scene):
         what = f"{value:g}{unit} since the start, although the vehicle has moved"

@@ -168,7 +168,7 @@ function absence({ role, age_s }) {
 }
 
 /** A slip in whole percent that it has reached. */
-const percent = (slip) => `${Math.floor(100 * slip + 1e-6)} %`;
+const percent = (slip) => `${Math.floor(100 * slip + 1e-6)}\u00a0%`;
 
 /** Whether the run is good to leave, and why: what it has reached, what is wrong, and what is to be looked at. */
 function leaving() {
