@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import shutil
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -281,3 +282,28 @@ def test_two_compactions_do_not_meet(own: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)
         said = invoke("fleet", "compact", own)
     assert said.code == 2 and "another compaction is running" in said.err and list(own.glob("done/*"))
+
+
+def test_a_store_of_the_first_version_is_read_and_compacted_without_loss(tmp_path: Path) -> None:
+    """A single-wheel table of 24 November 2026: its manifest has no checksums, and there were no packs."""
+    with tarfile.open(Path(__file__).with_name("store_of_2026_11_24.tar.xz")) as kept:
+        kept.extractall(tmp_path, filter="data")
+    url = tmp_path / "store"
+    before = rows_of(url)
+    assert {table: len(rows) for table, rows in before.items() if len(rows)} == {
+        "campaigns": 1,
+        "notes": 9,
+        "fits": 8,
+        "coefficients": 5,
+        "diagnoses": 1,
+        "causes": 16,
+        "gains": 4,
+    }
+    assert ask(open_store(str(url)), "select campaign, verdict from diagnoses").rows.to_pylist() == [
+        {"campaign": "bench/tests", "verdict": "one_of"}
+    ]
+    assert "1 one of" in ok("fleet", "status", url).out
+    compact(open_store(str(url)))
+    assert not holdings_of(open_store(str(url)), thorough=True).damaged
+    assert not differing(url, before)
+    assert not any(name.startswith("done/") for name in _files(url))

@@ -42,16 +42,19 @@ def _workers(leader: int) -> list[int]:
     return [pid for pid, line in with_spawn if line.exists() and b"spawn_main" in line.read_bytes()]
 
 
-def _kill(target: str, program: Program, random: np.random.Generator) -> None:
+def _kill(target: str, program: Program, random: np.random.Generator) -> str:
+    """Kill it, or the driver where no worker is there; return what was killed."""
     leader = program.process.pid
     workers = _workers(leader)
     if target == "group":
         program.kill()
     elif target == "driver" or not workers:
         os.kill(leader, signal.SIGKILL)
+        return "driver"
     else:
         with suppress(ProcessLookupError):
             os.kill(int(random.choice(workers)), signal.SIGKILL)
+    return target
 
 
 def _rows_are(url: Path, whole: Path, *, all_of_it: bool) -> None:
@@ -88,7 +91,7 @@ def _disturbed(kills: int, fleet: Path, whole: Path, folder: Path) -> Counter[st
             time.sleep(float(random.uniform(0.0, 0.4)))
             there = _finished(url)
             ended = program.process.poll() is not None
-            _kill(target, program, random)
+            target = _kill(target, program, random)
             if target == "worker":
                 assert program.process.wait(120) == 1 or ended  # one campaign is broken
             else:
