@@ -15,7 +15,7 @@ import numpy as np
 from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
 from model.diagnosis import Diagnosis
-from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Soil, Wheel, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
@@ -27,7 +27,7 @@ from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import finding_of, reduction_in, refusal_words, size_text, statements_of
-from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
+from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, steady_traction
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -179,15 +179,24 @@ def _on_page(
     """Return a diagnosis for the page; `against` is the place of the last report or of a store, if there is one."""
     shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices))
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
-    return found | {"since": changes_since_last(against, found, taken) if against else None}
+    if not against:
+        return found | {"since": None}
+    runs = whole_runs(run for _, run in taken)
+    traction = steady_traction(diagnosis, runs, *_ground_of(taken, soil), choices.reading)
+    return found | {"since": changes_since_last(against, found, taken, traction)}
+
+
+def _ground_of(taken: Processed, soil: str | None) -> tuple[Wheel, Soil]:
+    """Return the wheel and the laboratory soil."""
+    first = taken[0][0]
+    return wheel_of(first.vehicle, first.vehicle_source), known_soil(soil, first.terrain)
 
 
 def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices) -> CausesCost | None:
     """Return what the causes cost; None where none is named, or the model has no answer."""
-    first, runs = taken[0][0], whole_runs(run for _, run in taken)
-    wheel, laboratory = wheel_of(first.vehicle, first.vehicle_source), known_soil(soil, first.terrain)
+    runs = whole_runs(run for _, run in taken)
     try:
-        return cost_of_verdict(diagnosis, runs, wheel, laboratory, choices.reading)
+        return cost_of_verdict(diagnosis, runs, *_ground_of(taken, soil), choices.reading)
     except DataError:
         return None
 
