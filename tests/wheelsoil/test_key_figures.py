@@ -154,8 +154,12 @@ def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInput
 def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) -> None:
     size = ParameterEstimate("offset_n", "N", 80.0, (60.0, 100.0), 10.0)
     zero = Cause("drawbar_pull_zero", "", "measurement", "drawbar_pull_zero", 0.99, 1.0, (size,))
-    clean, wrong = (replace(diagnosis(), causes=causes) for causes in ((), (zero,)))
-    without, with_it = (replace(material, diagnosed=found).traction.pull for found in (clean, wrong))
-    assert without is not None and with_it is not None and with_it.pull_n == without.pull_n
+    inputs, fit = replace(material, diagnosed=replace(diagnosis(), causes=(zero,))), material.fit
+    wheel = wheel_of(material.vehicle)
+    found = cost_of_verdict(inputs.diagnosis, material.fitted, wheel, fit.soil, fit.options.reading)
+    with_it = inputs.traction.pull
+    assert with_it is not None and with_it.pull_n == found.costs[0].without
+    assert found.costs[0].difference == pytest.approx(80.0)
     assert with_it.interval95[1] - with_it.pull_n > 20.0
     assert replace(material, diagnosed=diagnosis("unexplained")).traction.model == "calibrated_soil"
+    assert material.traction.model == "laboratory_soil"

@@ -246,7 +246,7 @@ class ReportInputs:
 
     @cached_property
     def traction(self) -> Traction:
-        """Pull at slip 0.2, best drawbar coefficient and efficiency; measured where there is no diagnosis or soil."""
+        """Pull at slip 0.2, best drawbar coefficient and efficiency; measured where there is no soil."""
         if self.campaign is None or self.vehicle.wheel is None:
             return traction_of(self.fitted)
         wheel, fit = wheel_of(self.vehicle), self.campaign

@@ -62,7 +62,7 @@ def _sentences(beyond: Sequence[Change]) -> Iterator[str]:
             yield f"{_name(change)} is {_value(change, change.now)}, and last time {earlier}"
             told |= {each.name for each in before}
         elif isfinite(change.now) or change.name not in told:
-            yield _sentence(change)
+            yield size_sentence(change)
 
 
 def _family(change: Change) -> str:
@@ -73,7 +73,8 @@ def _was(change: Change) -> str:
     return f"{_name(change)} was {_value(change, change.last)}"
 
 
-def _sentence(change: Change) -> str:
+def size_sentence(change: Change) -> str:
+    """Return what became of one quantity."""
     if not isfinite(change.last):
         return f"{_name(change)} is {_value(change, change.now)} and had no value last time"
     if not isfinite(change.now):

@@ -126,18 +126,19 @@ def steady_traction(
 
     Under a `named` verdict all is the recommended model's, without the errors of the measurement that it names. The
     interval of the pull at slip 0.2 is as wide as the median residual there with its interval may be to either side,
-    put together with the intervals of the named errors. Otherwise that pull is the calibrated soil's plus the median
-    residual, and the rest is measured. Without a diagnosis, or where the model has no answer, all is as `traction_of`
-    returns it.
+    put together with the intervals of the named errors. Otherwise that pull is the calibrated soil's, or without a
+    diagnosis the laboratory's, plus the median residual, and the rest is measured. Where the model has no answer, all
+    is as `traction_of` returns it.
     """
     measured = traction_of(tuple(runs))
-    if found is None or not found.soils or measured.pull is None:
+    if measured.pull is None:
         return measured
-    causes = found.causes if found.verdict == "named" else ()
+    soil = found.soils[0] if found is not None and found.soils else SoilEstimate("", {}, {})
+    causes = found.causes if found is not None and found.verdict == "named" and found.soils else ()
     load_n, speed_mps = _usual_driving(runs)
 
     def model_of(chosen: Sequence[Cause]) -> ExtendedModel:
-        return extended_model(wheel, laboratory, found.soils[0], tuple(chosen), reading)
+        return extended_model(wheel, laboratory, soil, tuple(chosen), reading)
 
     def pull_of(chosen: Sequence[Cause]) -> float:
         return float(_curves(model_of(chosen), load_n, speed_mps)["drawbar_pull"][_USUAL])
@@ -147,10 +148,10 @@ def steady_traction(
     if not isfinite(pull_n) or left is None:
         return measured
     low, high = left.interval95
-    if found.verdict != "named":
+    if not causes:
         ends, shifted_n = (pull_n + low, pull_n + high), pull_n + left.pull_n
         pull = PullAtSlip(USUAL_SLIP, shifted_n, ends, load_n, left.passes, speed_mps)
-        return replace(measured, pull=pull, model="calibrated_soil")
+        return replace(measured, pull=pull, model="calibrated_soil" if soil.values else "laboratory_soil")
     errors = [i for i, cause in enumerate(causes) if cause.kind != "physical"] if _known(causes) else []
     moved = [[pull_of(_with_one_at(causes, i, end)) for end in (0, 1)] for i in errors]
     below, above = _half_widths(np.reshape(moved, (-1, 2)) - pull_of(causes))

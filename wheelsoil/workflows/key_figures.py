@@ -33,7 +33,7 @@ class KeyFigure:
         "" for a plain number, a probability and a share.
     digits : str
         Rule by which it is written; see `wheelsoil.wording.figures`.
-    model : "calibrated_soil", "recommended", "most_probable" or ""
+    model : "calibrated_soil", "laboratory_soil", "recommended", "most_probable" or ""
         Which model it is of; "" for what is measured.
     sigma : float
         Its standard error; NaN where it has none.

@@ -233,11 +233,15 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
     Causes come before the pull and the soil. Of the quality of the data only what both have, of causes those that one
     of the two compares.
     """
-    before, now = last.stated, tuple(stated_in(sections))
-    families = {_family(each) for each in (*before, *now) if each.kind == "cause" and each.compared}
+    return changes_between(last.stated, tuple(stated_in(sections)))
+
+
+def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[Change]:
+    """Return what differs between two reports or campaigns; see `changes_since`."""
+    of_both = (tuple(earlier), tuple(later))
+    families = {_family(each) for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
     before, now = (
-        {each.name: each for each in stated if each.kind != "cause" or _family(each) in families}
-        for stated in (before, now)
+        {each.name: each for each in of_one if each.kind != "cause" or _family(each) in families} for of_one in of_both
     )
     both = before.keys() & now.keys()
     found = []

@@ -43,9 +43,9 @@ class Traction:
         The highest Dp/W (median in bins of slip), and the slip there; NaN without drawbar pull or load.
     efficiency, efficiency_at_slip : float
         The highest tractive efficiency Dp v / (T omega) = Dp r (1 - s) / T, and the slip there; NaN without torque.
-    model : "", "recommended" or "calibrated_soil"
-        What the pull is of: "" is measured, with the loads and speeds as driven; with the calibrated soil it is
-        measured, and taken to one load and speed by it. The rest is the recommended model's or measured.
+    model : "", "recommended", "calibrated_soil" or "laboratory_soil"
+        What the pull is of: "" is measured, with the loads and speeds as driven; with a soil it is measured, and taken
+        to one load and speed by Wong's model with it. The rest is the recommended model's or measured.
     """
 
     pull: PullAtSlip | None

@@ -54,7 +54,15 @@ from wheelsoil.wording.names import (
 )
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, adequacy_words, refusal_words, rival_words, undetectable
-from wheelsoil.workflows.key_figures import MODELS, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
+from wheelsoil.workflows.key_figures import (
+    CALIBRATED_SOIL,
+    MODELS,
+    Z95,
+    KeyFigure,
+    figures_of_diagnosis,
+    figures_of_traction,
+    sizes_of,
+)
 from wheelsoil.workflows.traction import PullAtSlip, Traction, traction_of
 
 _MOST_CAUSES, _MOST_RUNS = 6, 40
@@ -268,7 +276,9 @@ def _of_pull(pull: PullAtSlip, traction: Traction) -> str:
     load = f"{pull.load_n / 1e3:.1f} kN"
     if not traction.model:
         return f"{interval_text}{count(pull.passes)} passes, loads and speeds as driven, {load} on average"
-    by = "recommended model" if traction.model == MODELS["named"] else f"measured, taken there by {CALIBRATED}"
+    if traction.model == MODELS["named"]:
+        return f"{interval_text}steady driving at {load} and {pull.speed_mps:.1f} m/s, recommended model"
+    by = f"measured, taken there by {CALIBRATED if traction.model == CALIBRATED_SOIL else LABORATORY}"
     return f"{interval_text}steady driving at {load} and {pull.speed_mps:.1f} m/s, {by}"
 
 
