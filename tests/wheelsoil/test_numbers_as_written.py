@@ -69,6 +69,7 @@ def test_a_value_has_two_digits_of_its_error(value: float, sigma: float, said: s
     [
         ("median -1.08e+03 to 599 N", "median −1\u202f080 to 599 N"),
         ("of 12,300 samples, 50% of run-1 (-0.2)", "of 12\u202f300 samples, 50 % of run-1 (−0.2)"),
+        ("2210 N, above 1000 : 1, in 2026", "2\u202f210 N, above 1\u202f000 : 1, in 2026"),
         ("reads -140.3 +- 10.6 N", "reads −140.3 ± 10.6 N"),
         ("write latency_s = -0.02, or --max-gap 1", "write latency_s = -0.02, or --max-gap 1"),
         ("2026-09-15 in a-12,3 with 3.1e-05", "2026-09-15 in a-12,3 with 3.1 × 10⁻⁵"),

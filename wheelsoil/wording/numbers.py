@@ -9,6 +9,7 @@ _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
 _THIN = "\u202f"
 _E_NOTATION = re.compile(r"(?<![\w.])[-−]?\d(?:\.\d+)?e[+−-]\d\d(?!\w)")
 _THOUSANDS = re.compile(r"(?<![\w.,])\d{1,3}(?:,\d{3})+(?![\w,])")
+_UNGROUPED = re.compile(r"(?<![\w.,/-])\d{4,9}(?= (?:: 1|k?N|kg|k?Pa|m|mm|s|ms|Hz|samples|frames)\b)")
 _MINUS = re.compile(r"(?:^|(?<=[\s(\[]))(?<!= )-(?=\.?\d)")
 _PLUS_MINUS = re.compile(r"\+-(?=\s*[\d.])")
 _PERCENT = re.compile(r"(?<=\d)%(?!\w)")
@@ -47,6 +48,7 @@ def typeset(text: str) -> str:
     """
     text = _E_NOTATION.sub(_without_exponent, text)
     text = _THOUSANDS.sub(lambda found: found[0].replace(",", _THIN), text)
+    text = _UNGROUPED.sub(lambda found: f"{int(found[0]):,}".replace(",", _THIN), text)
     return percent_apart(_PLUS_MINUS.sub("±", _MINUS.sub("−", text)))
 
 
