@@ -278,8 +278,8 @@ def _of_pull(pull: PullAtSlip, traction: Traction) -> str:
         return f"{interval_text}{count(pull.passes)} passes, loads and speeds as driven, {load} on average"
     if traction.model == MODELS["named"]:
         return f"{interval_text}steady driving at {load} and {pull.speed_mps:.1f} m/s, recommended model"
-    by = f"measured, taken there by {CALIBRATED if traction.model == CALIBRATED_SOIL else LABORATORY}"
-    return f"{interval_text}steady driving at {load} and {pull.speed_mps:.1f} m/s, {by}"
+    by = CALIBRATED if traction.model == CALIBRATED_SOIL else LABORATORY
+    return f"{interval_text}measured, shifted to {load} and {pull.speed_mps:.1f} m/s by {by}"
 
 
 @section("causes", "Causes")
