@@ -10,11 +10,12 @@ from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
 from processing import ProcessedRun
-from wheelsoil.web.bidi import isolated
+from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.figures import figure_html, figure_interval
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
 from wheelsoil.wording.names import chance, place_text, plain_name
 from wheelsoil.wording.notes import naming_text, odds_text, step_text, texts_of
+from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.run_summary import summary_table
 from wheelsoil.wording.verdict import refusal_words, sentence_of
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, errors_of, figures_of_diagnosis, sizes_of
@@ -131,12 +132,12 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, left: int
     if head:
         parts.append(f"<thead><tr>{_html_cells('th', head, left)}</tr></thead>")
     parts += ["<tbody>", *(f"<tr>{_html_cells('td', row, left)}</tr>" for row in rows), "</tbody></table>"]
-    return isolated("".join(parts))
+    return isolated(in_texts("".join(parts), typeset))
 
 
 def html_paragraph(text: str) -> str:
     """Return an escaped text as a paragraph, or nothing of an empty one."""
-    return isolated(f"<p>{escape(text)}</p>") if text else ""
+    return isolated(f"<p>{escape(typeset(text))}</p>") if text else ""
 
 
 def _html_cells(tag: str, cells: Sequence[Cell], left: int) -> str:

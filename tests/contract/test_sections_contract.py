@@ -24,7 +24,7 @@ from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.runs import process_runs
 
-NUMBER = re.compile(r"[<>±+−-]?\s?[\d.,\u202f]+.*|[–-]$|∞$|not counted|unknown|at no size|above \d")
+NUMBER = re.compile(r"[<>±+−-]?\s?[\d.,\u202f]+.*|[–-]$|∞$|not counted|unknown|not detectable in these data|above \d")
 every_section = pytest.mark.parametrize("builder", SECTIONS, ids=lambda builder: builder.key)
 
 

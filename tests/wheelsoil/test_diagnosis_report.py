@@ -186,7 +186,7 @@ def test_what_cannot_be_shown_is_said(plain_material):
     assert "No cause can be seen" in text(nothing, "evidence")
     assert "at least two runs" in text(nothing, "gain")
     assert "asks for no further run" in text(nothing, "next_run")
-    assert "at no size" in text(nothing, "detectable")
+    assert "not detectable in these data" in text(nothing, "detectable")
     assert figures(nothing, "misfit") == []
 
 

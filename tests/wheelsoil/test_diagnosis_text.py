@@ -114,7 +114,7 @@ def test_everything_is_said():
         "* detectable, not identifiable: see above",
         "slip sinkage 90.0 %, slip sinkage + bulldozing 6.0 %, all other sets 4.0 %",
         "slip sinkage (vasilev) H_m 0.012 m",
-        "at no size: slope",
+        "not detectable in these data: slope",
         "1. a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far: expected odds "
         "545 : 1, costs 1 run, separates slip sinkage, bulldozing",
         "the usual laboratory's is taken",

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import get_args
 
 import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, processed_of
 
-from model.diagnosis.core.result import Verdict
+from model.diagnosis.core.result import Cause, ParameterEstimate, Verdict
+from wheelsoil.fleet.roots import Source
+from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
 from wheelsoil.report.inputs import ReportInputs
@@ -28,7 +31,7 @@ from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_o
 from wheelsoil.workflows.traction import traction_of
 
 GATE = ("named", "nothing_detectable")
-GROUND = ("pull_at_slip_0.2", "drawbar_coefficient_at_slip_0.2", "drawbar_coefficient")
+GROUND = {"pull_at_slip_0.2", "drawbar_coefficient_at_slip_0.2", "drawbar_coefficient"}
 
 
 class Keyed(HTMLParser):
@@ -77,7 +80,7 @@ def required(verdict: str) -> set[str]:
 def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) -> None:
     found = diagnosis(verdict)
     expected = {key: (one.value, figure_value(one)) for key, one in figures_of_diagnosis(found).items()}
-    for key, one in figures_of_traction(traction_of(material.fitted)).items():
+    for key, one in figures_of_traction(replace(material, diagnosed=found).traction).items():
         expected[key] = (one.value, figure_value(one))
     in_json = set(expected)
     found_cost = cost(material) if verdict == "named" else None
@@ -102,7 +105,7 @@ def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) 
     shown_in_report = page.keys() | ({key for key in wanted if key.startswith("error.t")} & written.keys())
     for name, surface in {"notebook": notebook, "terminal": terminal, "view": viewed, "json": written}.items():
         assert wanted <= surface.keys(), (name, wanted - surface.keys())
-    assert wanted | set(GROUND) <= shown_in_report, wanted | set(GROUND) - shown_in_report
+    assert wanted | GROUND <= shown_in_report, wanted | GROUND - shown_in_report
     assert {one.key for one in costs} <= page.keys() & viewed.keys()
 
 
@@ -129,5 +132,34 @@ def test_the_page_and_the_json_of_diagnose_have_the_values_of_the_report(materia
     assert told["causes"][0]["parameters"][0]["value"] == figures["cause.slip_sinkage.H_m"].value
     ground = figures_of_traction(traction_of(material.fitted))
     [group] = compared([material.fitted])["groups"]
-    assert group["pull_n"] == ground["pull_at_slip_0.2"].value
-    assert group["pull_coefficient"] == ground["drawbar_coefficient_at_slip_0.2"].value
+    assert group["pull_n"] == ground["measured_pull_near_slip_0.2"].value
+    assert group["pull_coefficient"] == ground["measured_drawbar_coefficient_near_slip_0.2"].value
+
+
+def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInputs, campaign: Path) -> None:
+    inputs = replace(material, diagnosed=diagnosis())
+    pull, [row, *_] = inputs.traction.pull, cost_rows(cost(material))
+    assert pull is not None and figure_value(figures_of_traction(inputs.traction)["pull_at_slip_0.2"]) == row[3]
+    assert pull.pull_n == cost(material).costs[0].with_causes and pull.load_n == cost(material).load_n
+    assert pull.interval95[0] < pull.pull_n < pull.interval95[1]
+    written = build_report(inputs).numbers()["sections"]
+    assert written["fit"]["traction"]["pull"]["pull_n"] == written["cost"]["costs"][0]["with_causes"]
+    assert inputs.traction.efficiency >= cost(material).costs[2].with_causes
+    found = Found(Source("a", "a"), processed_of(campaign), fit=material.fit, diagnosis=diagnosis())
+    [row_of_fleet] = tables_of(found, "")["campaigns"].to_pylist()
+    assert row_of_fleet["pull_at_slip_0_2_n"] == pull.pull_n
+    assert row_of_fleet["pull_at_slip_0_2_lower95_n"] == pull.interval95[0]
+
+
+def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) -> None:
+    size = ParameterEstimate("offset_n", "N", 80.0, (60.0, 100.0), 10.0)
+    zero = Cause("drawbar_pull_zero", "", "measurement", "drawbar_pull_zero", 0.99, 1.0, (size,))
+    inputs, fit = replace(material, diagnosed=replace(diagnosis(), causes=(zero,))), material.fit
+    wheel = wheel_of(material.vehicle)
+    found = cost_of_verdict(inputs.diagnosis, material.fitted, wheel, fit.soil, fit.options.reading)
+    with_it = inputs.traction.pull
+    assert with_it is not None and with_it.pull_n == found.costs[0].without
+    assert found.costs[0].difference == pytest.approx(80.0)
+    assert with_it.interval95[1] - with_it.pull_n > 20.0
+    assert replace(material, diagnosed=diagnosis("unexplained")).traction.model == "calibrated_soil"
+    assert material.traction.model == "laboratory_soil"

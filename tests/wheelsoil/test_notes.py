@@ -22,7 +22,7 @@ def test_every_code_has_one_sentence_and_every_sentence_a_code() -> None:
 
 def test_a_sentence_is_made_of_the_values() -> None:
     gaps = Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": "ground_speed", "share": 0.25})
-    assert note_text(gaps) == "ground_speed is missing for 25% of the run, and those samples are excluded"
+    assert note_text(gaps) == "ground_speed is missing for 25 % of the run, and those samples are excluded"
     assert texts_of([gaps, gaps]) == [note_text(gaps)], "each once"
 
 

@@ -6,9 +6,15 @@ import math
 
 import pytest
 
+from daq import Note
 from daq.formatting import moment
+from model import DiagnosisCode
+from model.diagnosis import Detectable
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
+from wheelsoil.web.bidi import in_texts
 from wheelsoil.wording.names import chance, shares_percent
+from wheelsoil.wording.numbers import typeset
+from wheelsoil.wording.verdict import undetectable
 
 NAN, INF = math.nan, math.inf
 
@@ -38,9 +44,10 @@ def test_shares_add_up_to_100_percent(shares, said):
         (-0.012345, 3, "−0.0123"),
         (1234.5, 3, "1\u202f234"),
         (9_999_999.0, 7, "9\u202f999\u202f999"),
-        (12_345_678.0, 3, "1.23e+07"),
+        (16_667_475.0, 3, "16\u202f667\u202f475"),
+        (1.2345e9, 3, "1.23 × 10⁹"),
         (0.000123, 3, "0.000123"),
-        (0.0000123, 3, "1.23e-05"),
+        (-0.0000123, 3, "−1.23 × 10⁻⁵"),
         (NAN, 3, "–"),
         (INF, 3, "∞"),
     ],
@@ -55,6 +62,35 @@ def test_a_number_has_its_significant_digits(value: float, digits: int, said: st
 )
 def test_a_value_has_two_digits_of_its_error(value: float, sigma: float, said: str) -> None:
     assert measured(value, sigma) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("median -1.08e+03 to 599 N", "median −1\u202f080 to 599 N"),
+        ("of 12,300 samples, 50% of run-1 (-0.2)", "of 12\u202f300 samples, 50 % of run-1 (−0.2)"),
+        ("2210 N, above 1000 : 1, in 2026", "2\u202f210 N, above 1\u202f000 : 1, in 2026"),
+        ("reads -140.3 +- 10.6 N", "reads −140.3 ± 10.6 N"),
+        ("write latency_s = -0.02, or --max-gap 1", "write latency_s = -0.02, or --max-gap 1"),
+        ("2026-09-15 in a-12,3 with 3.1e-05", "2026-09-15 in a-12,3 with 3.1 × 10⁻⁵"),
+    ],
+)
+def test_a_page_writes_the_numbers_of_a_sentence_its_own_way(text: str, said: str) -> None:
+    assert typeset(text) == said
+    page = f'<p style="width:5%">{text}</p><code>{text}</code>'
+    assert in_texts(page, typeset) == f'<p style="width:5%">{said}</p><code>{text}</code>'
+
+
+def test_what_is_beyond_the_plausible_is_not_detectable() -> None:
+    sizes = {
+        "load_gain": Detectable("relative", 1.64, "1"),
+        "slope": Detectable("angle_rad", math.inf, "rad"),
+        "drawbar_pull_zero": Detectable("offset_n", 13.4, "N"),
+        "vasilev": Detectable("H_m", 0.01, "m"),
+    }
+    assert undetectable(sizes) == {"load_gain", "slope"}
+    light = Note(DiagnosisCode.PRIOR_SCALED, values={"share": 0.0025, "load_n": 25.0})
+    assert undetectable(sizes, [light]) == {"load_gain", "slope", "drawbar_pull_zero"}
 
 
 def test_signs_counts_and_intervals() -> None:

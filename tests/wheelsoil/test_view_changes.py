@@ -19,6 +19,7 @@ from wheelsoil.view.jobs import shown_of
 from wheelsoil.wording.change_text import change_row
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.workflows.last_report import Change
+from wheelsoil.workflows.traction import traction_of
 
 
 def on_page(found: Diagnosis) -> dict[str, Any]:
@@ -31,11 +32,11 @@ def test_soils_and_causes_are_compared_with_their_intervals() -> None:
     soil = SoilEstimate("sandy", {"cohesion_pa": 4200.0, "tan_phi": 0.31}, {"cohesion_pa": 300.0, "tan_phi": 0.01})
     none = replace(diagnosis("nothing_detectable"), soils=(soil,))
     rows = {row[0]: row[1:] for row in rows_of_difference(on_page(named), on_page(none))}
-    assert rows["tan φ of the soil"] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.09", "yes", ""]
-    assert rows["c of the soil"][2:4] == ["−100", "no"]
+    assert rows["tan φ of the soil"] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.090", "yes", ""]
+    assert rows["c of the soil"][2:] == ["−100", "no", "Pa"]
     assert rows["slip sinkage, H"][0] == "–" and rows["slip sinkage, H"][3:] == ["yes", "m"]
     assert rows["error of drawbar pull on held-out runs, calibrated soil"][2:] == ["0", "no interval", "N"]
-    assert list(rows)[:2] == ["tan φ of the soil", "slip sinkage, H"]  # beyond their intervals first
+    assert list(rows)[:2] == ["slip sinkage, H", "tan φ of the soil"]  # beyond their intervals first
 
 
 @pytest.mark.parametrize(
@@ -45,10 +46,11 @@ def test_a_large_difference_is_written_in_full(difference: float, written: str) 
     assert change_row(Change("soil", "soil.k", "", 0.0, nan, difference, nan))[3] == written
 
 
-def test_a_barred_cause_is_not_compared() -> None:
+def test_a_cause_that_both_bar_is_not_compared() -> None:
     told = on_page(diagnosis())
     told["causes"][0]["barred"] = {"code": "x", "text": "x", "values": {}}
-    assert not [row for row in rows_of_difference(told, on_page(diagnosis())) if row[2].startswith("0.051")]
+    assert not [row for row in rows_of_difference(told, told) if row[0].startswith("slip sinkage")]
+    assert [row[3] for row in rows_of_difference(told, on_page(diagnosis())) if row[0] == "slip sinkage, H"] == ["0"]
 
 
 def test_what_changed_since_the_last_report_is_said_as_in_the_report(tmp_path: Path) -> None:
@@ -56,14 +58,15 @@ def test_what_changed_since_the_last_report_is_said_as_in_the_report(tmp_path: P
     sections = {"fit": {"soils": [soil]}, "causes": {"causes": []}}
     last = {"schema": "wheelsoil/report/2", "made_at": "2026-05-04T10:00:00", "sections": sections}
     (tmp_path / "report.json").write_text(json.dumps(last))
-    told = changes_since_last(str(tmp_path), on_page(diagnosis()), [])
-    assert told["says"].startswith("Against the report of 2026-05-04 (report.json): 2 of 5 quantities differ beyond")
-    assert [row[0] for row in told["rows"][:2]] == ["tan φ of the soil", "slip sinkage, H"]
-    assert told["rows"][0][1:] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.09", "yes", ""]
+    told = changes_since_last(str(tmp_path), on_page(diagnosis()), [], traction_of(()))
+    assert told["says"].startswith("Slip sinkage, H is 0.0510 m and had no value last time and tan φ of the soil went")
+    assert told["says"].endswith("Last time: report report.json, made 2026-05-04.")
+    assert [row[0] for row in told["rows"][:2]] == ["slip sinkage, H", "tan φ of the soil"]
+    assert told["rows"][1][1:] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.090", "yes", ""]
 
 
 def test_a_last_report_that_cannot_be_read_costs_its_own_section_only(tmp_path: Path) -> None:
-    told = changes_since_last(str(tmp_path), on_page(diagnosis()), [])
+    told = changes_since_last(str(tmp_path), on_page(diagnosis()), [], traction_of(()))
     assert told == {"says": "this folder holds no report, or several: none", "rows": []}
     said = invoke("view", tmp_path, "--against", tmp_path, "--no-browser")
     assert said.code == 2 and "no report, or several" in said.err

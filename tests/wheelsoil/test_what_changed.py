@@ -14,7 +14,7 @@ from daq.errors import ConfigError
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
-from wheelsoil.wording.change_text import change_summary
+from wheelsoil.wording.change_text import change_row, change_summary
 from wheelsoil.workflows.cause_cost import costs_of
 from wheelsoil.workflows.last_report import changes_since, load_last
 
@@ -97,13 +97,13 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
     last = load_last(write(tmp_path / "last.json", sections(0.25, (78.0, 5.0), 700.0)))
     found = changes_since(last, sections(0.31, (20.0, 5.0), 720.0))
     assert [(one.name, one.beyond) for one in found] == [
-        ("soil.tan_phi", True),
         ("torque_zero.offset_nm", True),
+        ("soil.tan_phi", True),
         ("pull_at_slip_0.2", False),
         ("error.dp.calibrated_soil", False),
         ("usable_share", False),
     ]
-    assert found[1].difference == pytest.approx(-58.0)
+    assert found[0].difference == pytest.approx(-58.0)
     gone = {one.name: one for one in changes_since(last, sections(0.26, None, 700.0))}
     assert gone["torque_zero.offset_nm"].beyond and not gone["soil.tan_phi"].beyond
     assert abs(gone["soil.tan_phi"].difference) < inf
@@ -114,8 +114,8 @@ def test_another_wheel_than_last_time_is_said_first(tmp_path: Path) -> None:
     last = load_last(write(tmp_path / "last.json", sections(0.25, None, 700.0) | facts))
     assert last.subject == {"vehicle": "truck", "wheel": "RL"}
     said = change_summary(last, (), {"vehicle": "truck", "wheel": "FL"})
-    assert said.startswith("Not the same thing: the last report is of wheel RL, not FL. Against the report of ")
-    assert change_summary(last, (), {"vehicle": "truck"}).startswith("Against the report of ")
+    assert said.startswith("Not the same thing: the last report is of wheel RL, not FL. Nothing differs ")
+    assert change_summary(last, (), {"vehicle": "truck"}).startswith("Nothing differs beyond the intervals")
 
 
 def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
@@ -124,7 +124,47 @@ def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
     last = load_last(write(tmp_path / "last.json", barred))
     assert "torque_zero.offset_nm" not in {one.name for one in changes_since(last, sections(0.25, None, 700.0))}
     named = {one.name: one for one in changes_since(last, sections(0.25, (78.0, 5.0), 700.0))}
-    assert named["torque_zero.offset_nm"].beyond, "it was not named, and is"
+    assert named["torque_zero.offset_nm"].last == 78.0, "its size was known, though no name was given"
+
+
+def slip_sinkage(p: float, *, m1: float, probability: float = 0.99) -> dict[str, Any]:
+    sizes = [{"name": "p", "unit": "1", "value": p, "interval95": [p - 0.04, p + 0.04]}]
+    sizes += [{"name": "m1", "unit": "1", "value": m1, "interval95": [None, None]}]
+    return {"name": "slip_sinkage", "probability": probability, "parameters": sizes}
+
+
+def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_path: Path) -> None:
+    last, now = (sections(0.25, None, pull) for pull in (822.0, 753.0))
+    peak = {"name": "c2", "unit": "1", "value": 0.2, "interval95": [0.0, 0.6]}
+    improbable = {"name": "stress_peak_shift", "probability": 3e-4, "parameters": [peak]}
+    last["causes"] = {"causes": [slip_sinkage(0.32, m1=0.23), improbable], "barred": ["slip_sinkage"]}
+    now["causes"] = {"causes": [slip_sinkage(0.62, m1=0.59)]}
+    path = write(tmp_path / "last.json", last)
+    dated = json.loads(path.read_text()) | {
+        "head": {"facts": [["", "16 June 2026, 08:00 to 08:53 UTC"], ["Runs", "6"]]}
+    }
+    path.write_text(json.dumps(dated))
+    found = changes_since(load_last(path), now)
+    assert [one.name for one in found if one.kind == "cause"] == ["slip_sinkage.p"]
+    said = change_summary(load_last(path), found, {})
+    assert said.startswith(
+        "Slip sinkage, p = m₁ + m₂ went from 0.320 to 0.620 and pull at slip 0.2 went from 822 to 753 N."
+    )
+    assert said.endswith("Last time: report last.json, driven 16 June 2026, 08:00 to 08:53 UTC.")
+    rows = {row[0]: row for row in map(change_row, found)}
+    assert rows["usable share of the samples in motion"][1:4] == ["90.0", "90.0", "0"]
+    assert rows["usable share of the samples in motion"][5] == "%"
+    assert rows["slip sinkage, p = m₁ + m₂"][1:4] == ["0.320 ± 0.040", "0.620 ± 0.040", "+0.300"]
+
+
+def test_another_law_than_last_time_is_said_in_one_sentence(tmp_path: Path) -> None:
+    last, now = sections(0.25, None, 700.0), sections(0.25, None, 700.0)
+    depth = {"name": "H_m", "unit": "m", "value": 0.05, "interval95": [0.04, 0.06]}
+    last["causes"] = {"causes": [{"name": "slip_sinkage", "probability": 0.99, "parameters": [depth]}]}
+    now["causes"] = {"causes": [slip_sinkage(0.62, m1=0.59)]}
+    before = load_last(write(tmp_path / "last.json", last))
+    said = change_summary(before, changes_since(before, now), {})
+    assert "p = m₁ + m₂ is 0.620, and last time slip sinkage, H was 0.0500 m." in said and "no value" not in said
 
 
 def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from math import hypot
+from math import hypot, isfinite
 from typing import Any, Literal
 
+from wheelsoil.fleet.earlier_campaign import OF_A_CAUSE, causes_stated
 from wheelsoil.fleet.holdings import Holdings
+from wheelsoil.workflows.last_report import Change as SizeChange
+from wheelsoil.workflows.last_report import changes_between
 
 _PULL = "pull_at_slip_0_2_n"
 _COLUMNS = ("state", "vehicle", "transducer", "terrain", "start", "wheel_radius_m", "tread", _PULL)
@@ -43,6 +46,8 @@ class Change:
     start, start_before : datetime
     differs : mapping what -> (before, now)
         Vehicle, transducer, terrain, wheel, verdict and causes that are not the same.
+    sizes : tuple of SizeChange
+        Sizes of causes that both have and that differ beyond their intervals.
     pull : PullChange or None
         None where one of them has no pull at slip 0.2.
     """
@@ -55,6 +60,7 @@ class Change:
     start_before: datetime
     differs: dict[str, tuple[Any, Any]]
     pull: PullChange | None
+    sizes: tuple[SizeChange, ...] = ()
 
 
 def changes_of(holdings: Holdings) -> tuple[Change, ...]:
@@ -67,7 +73,8 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
     kinds: tuple[Literal["vehicle", "terrain"], ...] = ("vehicle", "terrain")
     pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
     shown = {row["campaign"] for _, *pair in pairs for row in pair}
-    causes = _causes(holdings, shown)
+    stated = _causes(holdings, shown)
+    causes = {name: tuple(dict.fromkeys(map(_family, rows))) for name, rows in stated.items()}
     known = (manifest for part in holdings.parts for manifest in part.manifests)
     verdicts = {manifest.campaign: manifest.verdict for manifest in known if manifest.campaign in shown}
     found = []
@@ -77,7 +84,9 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
             row["causes"] = causes.get(row["campaign"], ())
         differs = {what: (before[what], now[what]) for what in _COMPARED if before[what] != now[what]}
         names = now["campaign"], before["campaign"], now["start"], before["start"]
-        found.append(Change(of, now[of], *names, differs, _pull(before, now)))
+        both = (causes_stated(stated.get(row["campaign"], ())) for row in (before, now))
+        sizes = tuple(size for size in changes_between(*both) if size.beyond and isfinite(size.difference))
+        found.append(Change(of, now[of], *names, differs, _pull(before, now), sizes))
     return tuple(sorted(found, key=lambda change: change.start, reverse=True))
 
 
@@ -99,17 +108,21 @@ def _last_two(dated: Iterable[dict[str, Any]], of: str) -> list[tuple[dict[str, 
     return [(before[name], last[name]) for name in last if name in before]
 
 
-def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the families of the verdicts of some campaigns."""
+def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, list[dict[str, Any]]]:
+    """Return the causes of the verdicts of some campaigns, a row a parameter."""
     import pyarrow as pa
     from pyarrow import dataset
 
     wanted = dataset.field("campaign").isin(pa.array(sorted(campaigns), pa.string()))
     wanted = wanted & dataset.field("role").isin(["named", "one_of"])
-    found: dict[str, dict[str, None]] = {}
-    for row in holdings.where("causes", ("campaign", "family"), wanted).to_pylist():
-        found.setdefault(row["campaign"], {})[row["family"]] = None
-    return {campaign: tuple(families) for campaign, families in found.items()}
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in holdings.where("causes", ("campaign", *OF_A_CAUSE), wanted).to_pylist():
+        found.setdefault(row["campaign"], []).append(row)
+    return found
+
+
+def _family(row: Mapping[str, Any]) -> str:
+    return str(row["family"])
 
 
 def _pull(before: Mapping[str, Any], now: Mapping[str, Any]) -> PullChange | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from math import nan
 from typing import Any
@@ -11,16 +12,17 @@ from daq import OUTPUTS, ConfigError
 from wheelsoil.fleet.holdings import Holdings, read
 from wheelsoil.fleet.manifests import Damage
 from wheelsoil.fleet.store import Store
+from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
-from wheelsoil.workflows.last_report import LastReport, Stated
+from wheelsoil.workflows.last_report import LEAST_COMPARED, LastReport, Stated, sizes_with_interval
 
 _PULL = ("pull_at_slip_0_2_n", "pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
 _CAMPAIGN = ("state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
 _ESTIMATE = ("parameter", "unit", "value", "lower95", "upper95")
+OF_A_CAUSE = ("family", "role", "probability", *_ESTIMATE)
 _TABLES = ("campaigns", "coefficients", "causes", "gains")
 _SOILS = (CALIBRATED_SOIL, MODELS["named"])
-_NOT_STATED = ("barred", "candidate")
 
 
 def last_campaign(store: Store, processed: Processed) -> tuple[LastReport, tuple[Damage, ...]]:
@@ -43,7 +45,9 @@ def last_campaign(store: Store, processed: Processed) -> tuple[LastReport, tuple
         rows = holdings.table("campaigns", _CAMPAIGN).to_pylist()
         row = _before(rows, processed, store.url)
         stated = tuple(_stated(holdings, row))
-        return LastReport(row["campaign"], row["start"].isoformat(), row["terrain"] or "", stated, "campaign")
+        start = row["start"]
+        driven = f"{start.day} {start:%B %Y}"
+        return LastReport(row["campaign"], start.isoformat(), row["terrain"] or "", stated, "campaign", driven=driven)
 
     return read(store, _TABLES, find)
 
@@ -80,11 +84,8 @@ def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:
     name = row["campaign"]
     for soil in _rows(holdings, "coefficients", name, ("model", *_ESTIMATE)):
         if soil["model"] in _SOILS:
-            yield _of_estimate("soil", f"soil.{soil['parameter']}", soil, "")
-    for cause in _rows(holdings, "causes", name, ("family", "role", *_ESTIMATE)):
-        if cause["role"] not in _NOT_STATED and cause["parameter"]:
-            unit = "" if cause["unit"] == "1" else cause["unit"] or ""
-            yield _of_estimate("cause", f"{cause['family']}.{cause['parameter']}", cause, unit)
+            yield _of_estimate("soil", f"soil.{soil['parameter']}", soil, SOIL_UNITS.get(soil["parameter"], ""))
+    yield from causes_stated(_rows(holdings, "causes", name, OF_A_CAUSE))
     if row[_PULL[0]] is not None:
         pull = dict(zip(("value", "lower95", "upper95"), (row[key] for key in _PULL), strict=True))
         yield _of_estimate("pull", "pull_at_slip_0.2", pull, "N")
@@ -95,6 +96,20 @@ def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:
             yield Stated("error", f"error.{channel}.{CALIBRATED_SOIL}", gain["R0"], nan, unit)
     if row["used_share"] is not None:
         yield Stated("data", "used_share", row["used_share"], nan, "")
+
+
+def causes_stated(rows: Iterable[Mapping[str, Any]]) -> Iterator[Stated]:
+    """Yield the sizes of a campaign's causes, of rows with the columns `OF_A_CAUSE`."""
+    sizes: dict[str, list[Stated]] = {}
+    for cause in rows:
+        if cause["role"] != "candidate" and cause["parameter"]:
+            unit = "" if cause["unit"] == "1" else cause["unit"] or ""
+            size = _of_estimate("cause", f"{cause['family']}.{cause['parameter']}", cause, unit)
+            probable = cause["probability"] is None or cause["probability"] >= LEAST_COMPARED
+            size = replace(size, compared=probable and cause["role"] != "barred")
+            sizes.setdefault(cause["family"], []).append(size)
+    for each in sizes.values():
+        yield from sizes_with_interval(each)
 
 
 def _rows(holdings: Holdings, table: str, campaign: str, columns: Iterable[str]) -> list[dict[str, Any]]:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from daq import number
 from daq.series import draft_of, write_whole
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
@@ -27,10 +26,12 @@ from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
-from wheelsoil.web.bidi import isolated
+from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.names import plain_name, upper
+from wheelsoil.wording.numbers import number, typeset
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
 from wheelsoil.wording.verdict import VERDICT_WORDS
+from wheelsoil.workflows.traction import median_interval
 
 SCHEMA = "wheelsoil/fleet-report/1"
 REPORT = "report.html"
@@ -118,7 +119,7 @@ class Overview:
         found = []
         for terrain, own in self.campaigns.dropna(subset="pull_at_slip_0_2_n").groupby("terrain"):
             pull = np.sort(own["pull_at_slip_0_2_n"].to_numpy(float))
-            low, high = _median_interval(pull)
+            low, high = median_interval(pull)
             found.append(
                 {
                     "terrain": terrain,
@@ -174,7 +175,7 @@ class Overview:
             script_hash=f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'",
             style="".join(part.read_text(encoding="utf-8") for part in style),
         )
-        return isolated(page)
+        return isolated(in_texts(page, typeset))
 
 
 def overview_of(store: Store) -> Overview:
@@ -205,16 +206,6 @@ def _overview(holdings: Holdings) -> Overview:
         pooled=pooled,
         made_at=datetime.now(UTC),
     )
-
-
-def _median_interval(ordered: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """Return the 95 % interval of a median by order statistics; NaN below six values, where there is none."""
-    from scipy.stats import binom
-
-    rank = int(binom.ppf(0.025, len(ordered), 0.5)) - 1
-    if len(ordered) < 6 or rank < 0:
-        return float("nan"), float("nan")
-    return float(ordered[rank]), float(ordered[-1 - rank])
 
 
 def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:

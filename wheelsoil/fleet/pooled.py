@@ -238,8 +238,9 @@ def _named_json(error: NamedError) -> dict[str, Any]:
 def _change_json(change: Change) -> dict[str, Any]:
     pull = change.pull and {**vars(change.pull), "beyond": change.pull.is_beyond}
     dates = {"start": change.start.isoformat(), "start_before": change.start_before.isoformat()}
-    own = {key: value for key, value in vars(change).items() if key != "pull"}
-    return {**own, **dates, "pull_at_slip_0_2": pull}
+    own = {key: value for key, value in vars(change).items() if key not in ("pull", "sizes")}
+    sizes = [vars(size) | {"difference": size.difference} for size in change.sizes]
+    return {**own, **dates, "pull_at_slip_0_2": pull, "sizes": sizes}
 
 
 def _passport_json(passport: Passport) -> dict[str, Any]:

@@ -20,10 +20,12 @@ from wheelsoil.fleet.tables import SAMPLES_HZ, schema_of
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.workflows.cause_cost import steady_traction
+from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import grade_of
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS, Z95
 from wheelsoil.workflows.tables import BenchFiles
-from wheelsoil.workflows.traction import traction_of
+from wheelsoil.workflows.traction import Traction, traction_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -107,8 +109,8 @@ def _campaign(found: Found) -> dict[str, Any]:
         if section is None:
             return row
         wheel = section
-        traction = traction_of(runs)
-        pull = traction.pull
+        traction = _traction(found, runs)
+        pull = traction.pull if traction.model else None
         starts = [run.start_ns for run in runs if run.start_ns > 0]
         row |= {
             "vehicle": first.vehicle.vehicle.name,
@@ -129,6 +131,15 @@ def _campaign(found: Found) -> dict[str, Any]:
     else:
         return row
     return row | {"wheel_radius_m": wheel.radius_m, "wheel_width_m": wheel.width_m, "tread": wheel.tread}
+
+
+def _traction(found: Found, runs: tuple[ProcessedRun, ...]) -> Traction:
+    """Return what the report shows as the traction; measured where there is no fit."""
+    first, whole = found.processed[0][0], whole_runs(runs)
+    if found.fit is None or not whole:
+        return traction_of(whole)
+    wheel = wheel_of(first.vehicle, first.vehicle_source)
+    return steady_traction(found.diagnosis, whole, wheel, found.fit.soil, found.fit.options.reading)
 
 
 def _run(run: Run, done: ProcessedRun) -> dict[str, Any]:

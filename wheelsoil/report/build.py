@@ -26,8 +26,9 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import EVIDENCE, GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
-from wheelsoil.web.bidi import isolated
+from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.wording.numbers import typeset
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -95,7 +96,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         drawing_json=lambda drawing: _json({"title": drawing.title, "curves": plain(drawing.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
-    return isolated(page)
+    return isolated(in_texts(page, typeset))
 
 
 def _text_columns(table: Table) -> set[int]:

@@ -27,11 +27,13 @@ from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
-from wheelsoil.workflows.fit import whole_runs
+from wheelsoil.workflows.cause_cost import steady_traction
+from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.tables import BenchFiles
+from wheelsoil.workflows.traction import Traction, traction_of
 
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
@@ -241,6 +243,14 @@ class ReportInputs:
     def sigmas(self) -> dict[str, dict[str, FloatArray]]:
         """One-sigma of each model on the pool's samples; see `model_sigmas`."""
         return model_sigmas(self.fitted, self.fit)
+
+    @cached_property
+    def traction(self) -> Traction:
+        """Pull at slip 0.2, best drawbar coefficient and efficiency; measured where there is no soil."""
+        if self.campaign is None or self.vehicle.wheel is None:
+            return traction_of(self.fitted)
+        wheel, fit = wheel_of(self.vehicle), self.campaign
+        return steady_traction(self.diagnosed, self.fitted, wheel, fit.soil, fit.options.reading)
 
     @cached_property
     def grades(self) -> tuple[Grade, ...]:

@@ -224,9 +224,7 @@ def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     if not beyond.any():
         return ""
     factor, unit = page_unit(channel)
-    ends = dict.fromkeys(
-        signed(factor * float(end), ".3g") for end in (min(bins.median[beyond]), max(bins.median[beyond]))
-    )
+    ends = dict.fromkeys(number(factor * float(end)) for end in (min(bins.median[beyond]), max(bins.median[beyond])))
     size = f"median residual {' to '.join(ends)} {unit}, noise of a driven sample {number(factor * ruler, 2)} {unit}"
     return f"The model is not confirmed for braking: {OUTPUTS[channel].name}, {size}."
 

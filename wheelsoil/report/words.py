@@ -12,9 +12,9 @@ from wheelsoil.wording.names import named_with_unit as named_with_unit
 from wheelsoil.wording.numbers import measured as measured
 from wheelsoil.wording.numbers import number as number
 from wheelsoil.wording.numbers import signed as signed
+from wheelsoil.wording.numbers import unit as unit
 
 _FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
-_POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
 
 
 def form_name(text: str) -> str:
@@ -30,8 +30,3 @@ def count(value: int) -> str:
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Return "low … high", "–" where there is none."""
     return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
-
-
-def unit(text: str) -> str:
-    """Return a unit as people write it; a plain number has none."""
-    return "" if text == "1" else re.sub(r"\^\(?([\dn+-]+)\)?", lambda power: power[1].translate(_POWERS), text)

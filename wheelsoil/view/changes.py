@@ -13,10 +13,9 @@ from wheelsoil.fleet import last_campaign, open_store
 from wheelsoil.to_json import plain
 from wheelsoil.wording.change_text import change_row, change_summary
 from wheelsoil.workflows.diagnosis import Processed
-from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import grade_of
 from wheelsoil.workflows.last_report import LastReport, changes_since, load_last, stated_in, store_meant
-from wheelsoil.workflows.traction import traction_of
+from wheelsoil.workflows.traction import Traction
 
 
 def rows_of_difference(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[list[str]]:
@@ -36,8 +35,15 @@ def sections_of(found: Mapping[str, Any]) -> dict[str, Any]:
     return {"fit": {"soils": found["soils"]}, "causes": causes, "glance": {"key_figures": found["figures"]}}
 
 
-def changes_since_last(place: str, found: Mapping[str, Any], processed: Processed) -> dict[str, Any]:
+def changes_since_last(
+    place: str, found: Mapping[str, Any], processed: Processed, traction: Traction
+) -> dict[str, Any]:
     """Return what has changed since the last report, or the last campaign in a store, at a place.
+
+    Parameters
+    ----------
+    traction : Traction
+        Of the runs, as the report shows it.
 
     Returns
     -------
@@ -49,7 +55,7 @@ def changes_since_last(place: str, found: Mapping[str, Any], processed: Processe
         last = load_last(Path(place)) if url is None else last_campaign(open_store(url), processed)[0]
     except ConfigError as error:
         return {"says": "; ".join(f"{fault.what}: {fault.found}" for fault in error.faults), "rows": []}
-    changes = changes_since(last, sections_of(found) | _ground(processed, found))
+    changes = changes_since(last, sections_of(found) | _ground(processed, found, traction))
     subject = _subject(processed[0][0].vehicle) if processed else {}
     return {"says": change_summary(last, changes, subject), "rows": [change_row(change) for change in changes]}
 
@@ -58,12 +64,12 @@ def _subject(vehicle: VehicleConfig) -> dict[str, str]:
     return {"vehicle": vehicle.vehicle.name, "wheel": vehicle.wheel.id if vehicle.wheel else ""}
 
 
-def _ground(processed: Processed, found: Mapping[str, Any]) -> dict[str, Any]:
+def _ground(processed: Processed, found: Mapping[str, Any], traction: Traction) -> dict[str, Any]:
     """Return the sections of report.json that are of the runs themselves, as far as they are compared."""
     runs = tuple(run for _, run in processed)
     shares = {run.run.id: {"samples": len(run), "used_share": float(np.mean(run.used))} for run in runs if len(run)}
     return {
-        "fit": {"soils": found["soils"], "traction": plain(traction_of(whole_runs(runs)))},
+        "fit": {"soils": found["soils"], "traction": plain(traction)},
         "quality": shares,
         "runs": {run.run.id: {"usable_share": plain(grade_of(run).usable_share)} for run in runs},
     }

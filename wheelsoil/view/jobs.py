@@ -15,7 +15,7 @@ import numpy as np
 from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
 from model.diagnosis import Diagnosis
-from model.wheel_soil import SOIL_PARAMETERS, Conditions, conditions_of
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Soil, Wheel, conditions_of
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
@@ -26,8 +26,9 @@ from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import finding_of, reduction_in, refusal_words, size_text, statements_of
-from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
+from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, steady_traction
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -108,7 +109,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         run=_slim(processed),
         trace=trace,
         lost=tuple(source.lost),
-        notes=(*texts_of(processed.quality.notes), *filter(None, stderr.getvalue().splitlines())),
+        notes=(*map(typeset, texts_of(processed.quality.notes)), *filter(None, stderr.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
         conditions=conditions.rows(trace.rows),
@@ -179,15 +180,24 @@ def _on_page(
     """Return a diagnosis for the page; `against` is the place of the last report or of a store, if there is one."""
     shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices))
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
-    return found | {"since": changes_since_last(against, found, taken) if against else None}
+    if not against:
+        return found | {"since": None}
+    runs = whole_runs(run for _, run in taken)
+    traction = steady_traction(diagnosis, runs, *_ground_of(taken, soil), choices.reading)
+    return found | {"since": changes_since_last(against, found, taken, traction)}
+
+
+def _ground_of(taken: Processed, soil: str | None) -> tuple[Wheel, Soil]:
+    """Return the wheel and the laboratory soil."""
+    first = taken[0][0]
+    return wheel_of(first.vehicle, first.vehicle_source), known_soil(soil, first.terrain)
 
 
 def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices) -> CausesCost | None:
     """Return what the causes cost; None where none is named, or the model has no answer."""
-    first, runs = taken[0][0], whole_runs(run for _, run in taken)
-    wheel, laboratory = wheel_of(first.vehicle, first.vehicle_source), known_soil(soil, first.terrain)
+    runs = whole_runs(run for _, run in taken)
     try:
-        return cost_of_verdict(diagnosis, runs, wheel, laboratory, choices.reading)
+        return cost_of_verdict(diagnosis, runs, *_ground_of(taken, soil), choices.reading)
     except DataError:
         return None
 
@@ -199,15 +209,15 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
     figures |= {cell.key: cell for row in rows for cell in row if isinstance(cell, KeyFigure)}
     _, *others = statements_of(diagnosis)
     return {
-        "finding": finding_of(diagnosis),
-        "details": " ".join(statement.text for statement in others if statement.about != "next"),
-        "next": next((statement.text for statement in others if statement.about == "next"), ""),
-        "refused": refusal_words(diagnosis),
+        "finding": typeset(finding_of(diagnosis)),
+        "details": typeset(" ".join(statement.text for statement in others if statement.about != "next")),
+        "next": typeset(next((statement.text for statement in others if statement.about == "next"), "")),
+        "refused": typeset(refusal_words(diagnosis)),
         "main_channel": diagnosis.main_channel,
         "change_percent": None
         if diagnosis.gain is None
         else reduction_in(diagnosis.gain, diagnosis.main_channel).percent,
-        "sizes": [size_text(cause) for cause in diagnosis.causes],
+        "sizes": [typeset(size_text(cause)) for cause in diagnosis.causes],
         "figures": {
             key: {"value": figure.value, "text": figure_value(figure), "unit": figure.unit, "model": figure.model}
             for key, figure in figures.items()
@@ -231,7 +241,7 @@ def not_identifiable(members: Sequence[Member], paths: Sequence[Path], soil: str
         raise DataError("no run is used")
     [campaign] = campaigns_of(paths, taken, soil)
     lacking = not_identifiable(coverage_of(campaign, samples_of(campaign)))
-    return {family: note_text(why) for family, why in lacking.items()}
+    return {family: typeset(note_text(why)) for family, why in lacking.items()}
 
 
 def _taken(members: Sequence[Member], purpose: str) -> Processed:

@@ -183,11 +183,12 @@ def facts(result: BenchSoil) -> list[tuple[str, str]]:
     if result.pressure:
         share, exponent = np.sqrt(np.diag(result.pressure.joint.scatter))
         depth = result.pressure.reference_sinkage_m * 1e3
-        text = f"{share:.1%} of the pressure at {depth:.1f} mm, {exponent:.3f} in n ({_source(result.pressure.joint)})"
+        source = _source(result.pressure.joint)
+        text = f"{100 * share:.1f} % of the pressure at {depth:.1f} mm, {exponent:.3f} in n ({source})"
         lines += [("plate scatter", text), ("plate zero", ZEROS[result.window.zero])]
     if result.shear:
         share, modulus = np.sqrt(np.diag(result.shear.joint.scatter))
-        text = f"{share:.1%} of the strength, {modulus:.1%} of K ({_source(result.shear.joint)})"
+        text = f"{100 * share:.1f} % of the strength, {100 * modulus:.1f} % of K ({_source(result.shear.joint)})"
         angle = _angle_text(result.shear)
         lines += [("shear scatter", text), *([("friction angle", angle)] if angle else [])]
     return lines

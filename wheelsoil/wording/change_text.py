@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import isfinite
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite, nan
 
 from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, upper
-from wheelsoil.wording.numbers import number, signed
+from wheelsoil.wording.numbers import measured, number, signed
+from wheelsoil.wording.numbers import unit as unit_text
+from wheelsoil.workflows.key_figures import Z95
 from wheelsoil.workflows.last_report import Change, LastReport
 
+_MOST_SAID = 3
 CHANGE_HEAD = ("quantity", "last time", "now", "difference", "beyond the intervals", "unit")
 _NAMES = {
     "pull_at_slip_0.2": "pull at slip 0.2",
@@ -18,39 +21,96 @@ _NAMES = {
 
 
 def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping[str, str]) -> str:
-    """Return how many quantities differ beyond their intervals, and what became of the first three.
+    """Return in a sentence what differs beyond the intervals, with both values, and then what it is compared with.
 
     First that they are of different things where vehicle, wheel or soil, the `subject`, is another than last time.
     """
     beyond = [change for change in changes if change.beyond]
-    when = f"the {last.kind} of {last.made_at[:10]} ({last.name})"
-    summary = f"Against {when}: {len(beyond)} of {len(changes)} quantities differ beyond their intervals."
+    judged = sum(isfinite(change.last_half95) or isfinite(change.now_half95) or change.beyond for change in changes)
+    said = list(_sentences(beyond))
+    rest = judged - len(beyond)
+    if said:
+        more = [f"{len(said) - _MOST_SAID} more (see the table)"] if len(said) > _MOST_SAID else []
+        summary = f"{upper(listed(said[:_MOST_SAID] + more))}."
+        summary += f" The other {rest} quantities with an interval do not differ beyond it." if rest > 1 else ""
+    else:
+        summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
+    summary += f" Last time: {last.kind} {last.name}, {_when(last)}."
     others = [name for name in last.subject if subject.get(name, "") not in ("", last.subject[name])]
     if others:
         each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in sorted(others)])
         summary = f"Not the same thing: the last {last.kind} is of {each}. {summary}"
-    return f"{summary} {upper(listed([_sentence(change) for change in beyond[:3]]))}." if beyond else summary
+    return summary
 
 
-def _sentence(change: Change) -> str:
+def _when(last: LastReport) -> str:
+    if last.driven:
+        return f"driven {last.driven}"
+    return f"{'driven' if last.kind == 'campaign' else 'made'} {last.made_at[:10]}"
+
+
+def _sentences(beyond: Sequence[Change]) -> Iterator[str]:
+    """Yield what became of each quantity; of a cause with another law than last time both sizes in one."""
+    gone = {
+        family: [c for c in beyond if _family(c) == family and not isfinite(c.now)] for family in map(_family, beyond)
+    }
+    told = set()
+    for change in beyond:
+        before = gone[_family(change)] if change.kind == "cause" else []
+        if before and not isfinite(change.last):
+            earlier = listed([_was(each) for each in before])
+            yield f"{_name(change)} is {_value(change, change.now)}, and last time {earlier}"
+            told |= {each.name for each in before}
+        elif isfinite(change.now) or change.name not in told:
+            yield size_sentence(change)
+
+
+def _family(change: Change) -> str:
+    return change.name.partition(".")[0]
+
+
+def _was(change: Change) -> str:
+    return f"{_name(change)} was {_value(change, change.last)}"
+
+
+def size_sentence(change: Change) -> str:
+    """Return what became of one quantity."""
     if not isfinite(change.last):
-        return f"{_name(change)} had no value last time"
+        return f"{_name(change)} is {_value(change, change.now)} and had no value last time"
     if not isfinite(change.now):
-        return f"{_name(change)} has no value this time"
-    return f"{_name(change)} went from {number(change.last)} to {number(change.now)} {change.unit}".rstrip()
+        return f"{_was(change)} last time and has no value now"
+    unit = _unit(change)
+    return f"{_name(change)} went from {_number(change, change.last)} to {_number(change, change.now)} {unit}".rstrip()
 
 
 def change_row(change: Change) -> list[str]:
-    """Return a quantity with the columns of `CHANGE_HEAD`."""
+    """Return a quantity with the columns of `CHANGE_HEAD`; shares are in percent."""
     halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
-    difference = _difference(change.difference) if isfinite(change.difference) else "–"
+    difference = "–"
+    if isfinite(change.difference):
+        halves_known = [half for half in (change.last_half95, change.now_half95) if isfinite(half)]
+        sigma = max(halves_known, default=nan) / Z95
+        step = measured(change.difference, sigma) if halves_known else _number(change, change.difference)
+        step = step if step.strip("0.") else "0"
+        difference = f"+{step}" if change.difference > 0 and step != "0" else step
     verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
-    values = [number(change.last) + halves[0], number(change.now) + halves[1]]
-    return [_name(change), *values, difference, verdict, change.unit]
+    values = [_number(change, change.last) + halves[0], _number(change, change.now) + halves[1]]
+    return [_name(change), *values, difference, verdict, _unit(change)]
 
 
-def _difference(value: float) -> str:
-    return signed(value, "+.3g") if abs(value) < 999.5 else signed(value, "+,.0f").replace(",", "\u202f")
+def _number(change: Change, value: float) -> str:
+    """Return a value; of a share in percent with one decimal, as the difference of two is then readable."""
+    if change.kind != "data":
+        return number(value)
+    return signed(100 * value, ".1f") if isfinite(value) else number(value)
+
+
+def _value(change: Change, value: float) -> str:
+    return f"{_number(change, value)} {_unit(change)}".rstrip()
+
+
+def _unit(change: Change) -> str:
+    return "%" if change.kind == "data" else unit_text(change.unit)
 
 
 def _name(change: Change) -> str:

@@ -39,7 +39,8 @@ def cost_note(found: CausesCost) -> str:
     """Return for which driving it holds, and what the interval is of."""
     return (
         f"Steady driving at {found.load_n / 1e3:.1f} kN and {found.ground_speed_mps:.1f} m/s, "
-        "by the recommended model. Interval: of the causes' sizes, soil held."
+        f"by the recommended model. Efficiency without is highest at slip {found.costs[-1].slip:.2f}. "
+        "Interval: of the causes' sizes, soil held."
     )
 
 

@@ -22,7 +22,14 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, refusal_words
+from wheelsoil.wording.verdict import (
+    NOT_IN_THESE_DATA,
+    adequacy_words,
+    details_of,
+    headline_of,
+    refusal_words,
+    undetectable,
+)
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
@@ -376,17 +383,18 @@ def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
 
 def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
     found = diagnosis.minimum_detectable
+    hidden = undetectable(found, diagnosis.notes)
     never_named = [key for key in found if family_of(key) in diagnosis.not_identifiable]
     cells = [
         f"{effect_name(key)}{' *' if key in never_named else ''}  {least.parameter} {number(least.value, 2)} "
         f"{'' if least.unit == '1' else least.unit}"
         for key, least in found.items()
-        if isfinite(least.value)
+        if key not in hidden
     ]
-    never = ", ".join(effect_name(key) for key, least in found.items() if not isfinite(least.value))
+    never = ", ".join(effect_name(key) for key in found if key in hidden)
     lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
-    lines += wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
-    starred = any(isfinite(found[key].value) for key in never_named)
+    lines += wrapped(f"{NOT_IN_THESE_DATA}: {never}", width - 2, "", "  ") if never else []
+    starred = any(key not in hidden for key in never_named)
     lines += ["* detectable, not identifiable: see above"] if starred else []
     return ["Minimum detectable effect", *_indented(lines)] if lines else []
 

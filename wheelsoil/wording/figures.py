@@ -44,7 +44,7 @@ def _written_as(figure: KeyFigure, value: float) -> str:
         text = number(100 * value if figure.digits == "percent change" else value, 2)
         return f"+{text}" if value > 0 and text != "0" else text
     if figure.digits == "percent":
-        return f"{100 * value:.0f} %".replace("-", "−") if isfinite(value) else "–"
+        return f"{100 * value:.1f} %".replace("-", "−") if isfinite(value) else "–"
     if figure.digits == "three decimals":
         return f"{value:.3f}".replace("-", "−") if isfinite(value) else "–"
     return measured(value, figure.sigma) if figure.digits == "by sigma" else number(value)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from daq import without_powers
 from wheelsoil.wording import run_notes
-from wheelsoil.wording.numbers import number
+from wheelsoil.wording.numbers import number, percent_apart
 
 if TYPE_CHECKING:
     from daq import Note
@@ -23,7 +23,7 @@ def note_text(note: Note) -> str:
     """Return the sentence of a note, without a capital letter and a full stop."""
     sentence = run_notes.SENTENCES.get(note.code) or _of_a_model(note.code)
     text = sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
-    return without_powers(text)
+    return percent_apart(without_powers(text))
 
 
 def _of_a_model(code: str) -> run_notes.Sentence:

@@ -3,6 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+
+_POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
+_THIN = "\u202f"
+_E_NOTATION = re.compile(r"(?<![\w.])[-−]?\d(?:\.\d+)?e[+−-]\d\d(?!\w)")
+_THOUSANDS = re.compile(r"(?<![\w.,])\d{1,3}(?:,\d{3})+(?![\w,])")
+_UNGROUPED = re.compile(r"(?<![\w.,/-])\d{4,9}(?= (?:: 1|k?N|kg|k?Pa|m|mm|s|ms|Hz|samples|frames)\b)")
+_MINUS = re.compile(r"(?:^|(?<=[\s(\[]))(?<!= )-(?=\.?\d)")
+_PLUS_MINUS = re.compile(r"\+-(?=\s*[\d.])")
+_PERCENT = re.compile(r"(?<=\d)%(?!\w)")
 
 
 def measured(value: float, sigma: float) -> str:
@@ -10,20 +20,46 @@ def measured(value: float, sigma: float) -> str:
     if not (math.isfinite(value) and math.isfinite(sigma) and sigma > 0):
         return number(value, 4)
     decimals = max(1 - math.floor(math.log10(sigma)), 0)
-    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
+    return signed(value, f",.{decimals}f").replace(",", _THIN)
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with `digits` significant digits and no exponent where that is readable; "–" for none."""
+    """Return a number with `digits` significant digits, "–" for none.
+
+    Below 0.0001 and from 10⁹ on it has a power of ten.
+    """
     if not math.isfinite(value):
         return "–" if math.isnan(value) else "∞"
     if value == 0:
         return "0"
     size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if size < -4 or size >= 7:
-        return f"{value:.{digits - 1}e}"
+    if size < -4 or size >= 9:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa} × 10{str(int(power)).translate(_POWERS)}".replace("-", "−")
     rounded = f"{value:,.{max(digits - 1 - size, 0)}f}"
-    return rounded.replace(",", "\u202f").replace("-", "−")
+    return rounded.replace(",", _THIN).replace("-", "−")
+
+
+def typeset(text: str) -> str:
+    """Return a sentence of the terminal with its numbers as pages write them.
+
+    Thin spaces between thousands, a true minus, ± and a space before %, no exponents. What follows "= " is left, as
+    it is there to be copied into a file.
+    """
+    text = _E_NOTATION.sub(_without_exponent, text)
+    text = _THOUSANDS.sub(lambda found: found[0].replace(",", _THIN), text)
+    text = _UNGROUPED.sub(lambda found: f"{int(found[0]):,}".replace(",", _THIN), text)
+    return percent_apart(_PLUS_MINUS.sub("±", _MINUS.sub("−", text)))
+
+
+def percent_apart(text: str) -> str:
+    """Return a text with a space before each percent sign behind a number."""
+    return _PERCENT.sub(" %", text)
+
+
+def _without_exponent(found: re.Match[str]) -> str:
+    digits = sum(map(str.isdigit, found[0].partition("e")[0]))
+    return number(float(found[0].replace("−", "-")), digits)
 
 
 def signed(value: float, form: str) -> str:
@@ -38,3 +74,8 @@ def estimate(value: float, sigma: float, interval95: tuple[float, float], unit: 
     known = math.isfinite(low) and math.isfinite(high)
     band = f" ({measured(low, sigma)} to {measured(high, sigma)})" if known else ""
     return f"{measured(value, sigma)}{band}{'' if unit in ('', '1') else f' {unit}'}"
+
+
+def unit(text: str) -> str:
+    """Return a unit as people write it; a plain number has none."""
+    return "" if text == "1" else re.sub(r"\^\(?([\dn+-]+)\)?", lambda power: power[1].translate(_POWERS), text)

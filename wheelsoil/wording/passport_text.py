@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from daq import number
 from model.diagnosis.pooling import Passport, SoilDeparture, Trend
 from wheelsoil.fleet import Change, NamedError, day_of
+from wheelsoil.wording.change_text import size_sentence
 from wheelsoil.wording.names import SOIL_LETTERS, chance, plain_name
 
 _Z95 = 1.96
@@ -107,6 +108,7 @@ def _changed(change: Change) -> Iterator[str]:
             yield f"drawbar pull at slip 0.2 from {before} to {now} N, beyond their intervals (± {half} N)"
         elif change.pull.half95_n is None and before != now:
             yield f"drawbar pull at slip 0.2 from {before} to {now} N, without an interval"
+    yield from map(size_sentence, change.sizes)
     for what, (before, now) in change.differs.items():
         yield f"{_WHAT.get(what, what)} {_as_text(before)} → {_as_text(now)}"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import isfinite
 
 from daq import FloatArray, number, table_lines
 from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
@@ -11,6 +10,7 @@ from model.effects import EFFECTS
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 from wheelsoil.wording.notes import step_text, worth_text
+from wheelsoil.wording.verdict import undetectable
 
 _FAINT = 0.3
 
@@ -57,8 +57,8 @@ def _effects(plan: Plan, width: int) -> list[str]:
             number(d, 2),
             number(apart, 2),
             _short(rival) if rival else "-",
-            _size(plan.minimum_detectable[key]),
-            "not named" if family in plan.not_identifiable else _size(plan.minimum_separable[key]),
+            _size(key, plan.minimum_detectable[key]),
+            "not named" if family in plan.not_identifiable else _size(key, plan.minimum_separable[key]),
         ]
         for key, family, left, d, apart, rival in zip(
             found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
@@ -89,8 +89,8 @@ def _short(key: str) -> str:
     return plain_name(EFFECTS[key].form) or effect_name(key)
 
 
-def _size(found: Detectable) -> str:
-    if not isfinite(found.value):
+def _size(key: str, found: Detectable) -> str:
+    if undetectable({key: found}):
         return "at no size"
     return f"{number(found.value, 2)} {'' if found.unit == '1' else found.unit}".rstrip()
 

@@ -31,7 +31,7 @@ def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
         ("run", run.run.id or "-"),
         ("start", moment(run.start_ns)),
         ("duration", f"{len(run) / run.rate_hz:.1f} s at {run.rate_hz:g} Hz, filtered at {run.cutoff_hz:.3g} Hz"),
-        ("used", f"{quality.shares.get(Reason.USED.name, 0.0):.1%} of {len(run)} samples"),
+        ("used", f"{100 * quality.shares.get(Reason.USED.name, 0.0):.1f} % of {len(run)} samples"),
         ("left out", _left_out(quality.shares)),
         ("segments", _segments(run)),
         *_ranges(run),
@@ -47,7 +47,7 @@ def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
 
 def _left_out(shares: dict[str, float]) -> str:
     parts = [
-        f"{name.lower().replace('_', ' ')} {share:.1%}"
+        f"{name.lower().replace('_', ' ')} {100 * share:.1f} %"
         for name, share in sorted(shares.items(), key=lambda item: -item[1])
         if name != Reason.USED.name
     ]

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Literal, NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, number, without_powers
-from model import LackCode
+from model import DiagnosisCode, LackCode
 from model.diagnosis import (
     Adequacy,
     Cause,
@@ -22,6 +22,7 @@ from model.diagnosis import (
     ParameterEstimate,
     Reduction,
 )
+from model.effects import EFFECTS
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -43,6 +44,8 @@ VERDICT_WORDS = {
     "nothing_detectable": "nothing detectable",
     "unexplained": "unexplained",
 }
+NOT_IN_THESE_DATA = "not detectable in these data"
+"""Of an effect whose minimum detectable size is beyond what is plausible."""
 MOST_WORDS = 25
 """Of a headline."""
 _MOST_NAMES = 3
@@ -233,8 +236,28 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
         left, best = grounds.lack_of_fit, grounds.most_probable
         statements = unexplained_words(found.adequacy, left, best, grounds.terrains, grounds.barred)
     else:
-        statements = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
+        hidden = undetectable(found.minimum_detectable, found.notes)
+        sizes = {key: size for key, size in found.minimum_detectable.items() if key not in hidden}
+        statements = nothing_words(chances, none, _by_family(sizes), found.what_is_wrong)
     return [*statements, *want_words(found.not_identifiable)]
+
+
+def undetectable(sizes: Mapping[str, Detectable], notes: Sequence[Note] = ()) -> set[str]:
+    """Return the effects whose minimum detectable size is beyond the bounds of what is plausible.
+
+    Bounds in N and N m are of a wheel under 10 kN; of a lighter one they go with its load.
+    """
+    share = next((note.values["share"] for note in notes if note.code == DiagnosisCode.PRIOR_SCALED), 1.0)
+    return {key for key, size in sizes.items() if not _is_plausible(key, size, share)}
+
+
+def _is_plausible(key: str, size: Detectable, share: float) -> bool:
+    known = {p.name: p for p in EFFECTS[key].parameters} if key in EFFECTS else {}
+    bounds = known.get(size.parameter)
+    if bounds is None or not isfinite(size.value):
+        return isfinite(size.value)
+    factor = share if size.unit in ("N", "N m") else 1.0
+    return factor * bounds.lower <= size.value <= factor * bounds.upper
 
 
 def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:

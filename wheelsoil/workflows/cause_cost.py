@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import isfinite, nan
+from dataclasses import dataclass, fields, replace
+from math import hypot, isfinite, nan
 
 import numpy as np
 
-from daq import DataError, FloatArray
-from model import extended_model
+from daq import BoolArray, DataError, FloatArray
+from model import ExtendedModel, extended_model
 from model.diagnosis import Cause, Diagnosis, SoilEstimate
-from model.wheel_soil import Conditions, Reading, Soil, Wheel
+from model.wheel_soil import Conditions, Reading, Soil, Wheel, conditions_of
 from processing import ProcessedRun
+from wheelsoil.workflows.traction import PullAtSlip, Traction, median_of_passes, near_usual_slip, traction_of
 
 USUAL_SLIP = 0.2
 _SLIPS = np.round(np.linspace(0.02, 0.95, 94), 2)
+_USUAL = int(np.argmin(np.abs(_SLIPS - USUAL_SLIP)))
 _QUANTITIES = (("drawbar_pull", "N"), ("driving_torque", "N m"), ("tractive_efficiency", "1"))
 
 
@@ -65,10 +67,7 @@ def cost_of_verdict(
     """
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
-    load_n, speed_mps = (
-        float(np.nanmedian(np.concatenate([getattr(run, name)[run.used] for run in runs])))
-        for name in ("vertical_load_n", "ground_speed_mps")
-    )
+    load_n, speed_mps = _usual_driving(runs)
     costs = costs_of(
         found.causes, wheel, laboratory, found.soils[0], load_n=load_n, speed_mps=speed_mps, reading=reading
     )
@@ -101,12 +100,7 @@ def costs_of(
     """
 
     def curves(chosen: Sequence[Cause]) -> dict[str, FloatArray]:
-        model = extended_model(wheel, laboratory, soil, tuple(chosen), reading)
-        found = model.predict(_steady(wheel, model.soil, load_n, speed_mps))
-        pull, torque = (np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            efficiency = pull * wheel.radius_m * (1 - _SLIPS) / torque
-        return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
+        return _curves(extended_model(wheel, laboratory, soil, tuple(chosen), reading), load_n, speed_mps)
 
     without, complete = curves(()), curves(causes)
     known = _known(causes)
@@ -115,7 +109,7 @@ def costs_of(
         raise DataError("the model has no answer for this load")
     best = int(np.nanargmax(without["tractive_efficiency"]))
     found = []
-    for row in dict.fromkeys((int(np.argmin(np.abs(_SLIPS - USUAL_SLIP))), best)):
+    for row in dict.fromkeys((_USUAL, best)):
         for quantity, unit in _QUANTITIES:
             base, whole = float(without[quantity][row]), float(complete[quantity][row])
             changes = np.array([[float(end[quantity][row]) - whole for end in of_cause] for of_cause in moved])
@@ -123,6 +117,52 @@ def costs_of(
             interval = (whole - base - below, whole - base + above)
             found.append(Cost(quantity, unit, float(_SLIPS[row]), base, whole, interval))
     return found
+
+
+def steady_traction(
+    found: Diagnosis | None, runs: Sequence[ProcessedRun], wheel: Wheel, laboratory: Soil, reading: Reading
+) -> Traction:
+    """Return the traction of steady driving at the runs' median load and ground speed.
+
+    Under a `named` verdict all is the recommended model's, without the errors of the measurement that it names. The
+    interval of the pull at slip 0.2 is as wide as the median residual there with its interval may be to either side,
+    put together with the intervals of the named errors. Otherwise that pull is the calibrated soil's, or without a
+    diagnosis the laboratory's, plus the median residual, and the rest is measured. Where the model has no answer, all
+    is as `traction_of` returns it.
+    """
+    measured = traction_of(tuple(runs))
+    if measured.pull is None:
+        return measured
+    soil = found.soils[0] if found is not None and found.soils else SoilEstimate("", {}, {})
+    causes = found.causes if found is not None and found.verdict == "named" and found.soils else ()
+    load_n, speed_mps = _usual_driving(runs)
+
+    def model_of(chosen: Sequence[Cause]) -> ExtendedModel:
+        return extended_model(wheel, laboratory, soil, tuple(chosen), reading)
+
+    def pull_of(chosen: Sequence[Cause]) -> float:
+        return float(_curves(model_of(chosen), load_n, speed_mps)["drawbar_pull"][_USUAL])
+
+    curves = _curves(model_of([cause for cause in causes if cause.kind == "physical"]), load_n, speed_mps)
+    pull_n, left = float(curves["drawbar_pull"][_USUAL]), _residual(model_of(causes), runs)
+    if not isfinite(pull_n) or left is None:
+        return measured
+    low, high = left.interval95
+    if not causes:
+        ends, shifted_n = (pull_n + low, pull_n + high), pull_n + left.pull_n
+        pull = PullAtSlip(USUAL_SLIP, shifted_n, ends, load_n, left.passes, speed_mps)
+        return replace(measured, pull=pull, model="calibrated_soil" if soil.values else "laboratory_soil")
+    errors = [i for i, cause in enumerate(causes) if cause.kind != "physical"] if _known(causes) else []
+    moved = [[pull_of(_with_one_at(causes, i, end)) for end in (0, 1)] for i in errors]
+    below, above = _half_widths(np.reshape(moved, (-1, 2)) - pull_of(causes))
+    bias = max(abs(low), abs(high))
+    ends = (pull_n - hypot(bias, above), pull_n + hypot(bias, below))
+    driven = max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs) >= _SLIPS
+    coefficient, efficiency = (
+        _peak(curves[name] / by, driven) for name, by in (("drawbar_pull", load_n), ("tractive_efficiency", 1.0))
+    )
+    pull = PullAtSlip(USUAL_SLIP, pull_n, ends, load_n, left.passes, speed_mps)
+    return Traction(pull, *coefficient, *efficiency, model="recommended")
 
 
 def _half_widths(changes: FloatArray) -> tuple[float, float]:
@@ -152,6 +192,45 @@ def _at_end(cause: Cause, end: int) -> Cause:
     ]
     moved = (replace(parameter, value=value) for parameter, value in zip(cause.parameters, ends, strict=True))
     return replace(cause, parameters=tuple(moved))
+
+
+def _usual_driving(runs: Sequence[ProcessedRun]) -> tuple[float, float]:
+    """Return the median load (N) and ground speed (m/s) of the used samples."""
+    load_n, speed_mps = (
+        float(np.nanmedian(np.concatenate([getattr(run, name)[run.used] for run in runs])))
+        for name in ("vertical_load_n", "ground_speed_mps")
+    )
+    return load_n, speed_mps
+
+
+def _curves(model: ExtendedModel, load_n: float, speed_mps: float) -> dict[str, FloatArray]:
+    """Return pull (N), torque (N m) and tractive efficiency over `_SLIPS`."""
+    found = model.predict(_steady(model.wheel, model.soil, load_n, speed_mps))
+    pull, torque = (np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        efficiency = pull * model.wheel.radius_m * (1 - _SLIPS) / torque
+    return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
+
+
+def _peak(values: FloatArray, driven: BoolArray) -> tuple[float, float]:
+    """Return the highest value among the slips that were driven, and its slip."""
+    known = np.where(driven & np.isfinite(values), values, -np.inf)
+    best = int(np.argmax(known))
+    return (float(values[best]), float(_SLIPS[best])) if np.isfinite(known[best]) else (nan, nan)
+
+
+def _residual(model: ExtendedModel, runs: Sequence[ProcessedRun]) -> PullAtSlip | None:
+    """Return the median residual of the pull near slip 0.2; `pull_n` is the residual."""
+    residuals = []
+    for run, conditions in zip(runs, conditions_of(runs, model.soil.unit_weight_n_m3), strict=True):
+        rows = np.flatnonzero(run.used & near_usual_slip(run.slip))
+        own = {field.name: getattr(conditions, field.name) for field in fields(Conditions)}
+        chosen = replace(conditions, **{name: x[rows] for name, x in own.items() if np.ndim(x)})
+        residual = np.full(len(run), nan)
+        if len(rows):
+            residual[rows] = run.drawbar_pull_n[rows] - np.asarray(model.predict(chosen).drawbar_pull_n, np.float64)
+        residuals.append(residual)
+    return median_of_passes(runs, residuals)
 
 
 def _steady(wheel: Wheel, soil: Soil, load_n: float, speed_mps: float) -> Conditions:

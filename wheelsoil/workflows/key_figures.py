@@ -33,7 +33,7 @@ class KeyFigure:
         "" for a plain number, a probability and a share.
     digits : str
         Rule by which it is written; see `wheelsoil.wording.figures`.
-    model : "calibrated_soil", "recommended", "most_probable" or ""
+    model : "calibrated_soil", "laboratory_soil", "recommended", "most_probable" or ""
         Which model it is of; "" for what is measured.
     sigma : float
         Its standard error; NaN where it has none.
@@ -105,15 +105,22 @@ def errors_of(gain: Gain, verdict: str) -> list[KeyFigure]:
 
 
 def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
-    """Return what is measured of the ground: pull at slip 0.2 and drawbar coefficient there, best of both."""
+    """Return the pull at slip 0.2 and drawbar coefficient there, and the best of both.
+
+    A pull of the loads and speeds as driven has another key than one of steady driving at one load.
+    """
     figures = []
+    model = found.model if found.model == MODELS["named"] else ""
     if found.pull is not None:
-        pull = found.pull
-        figures.append(KeyFigure("pull_at_slip_0.2", pull.pull_n, "N", interval95=pull.interval95))
+        pull, at = found.pull, "{}_at_slip_0.2" if found.model else "measured_{}_near_slip_0.2"
+        figures.append(KeyFigure(at.format("pull"), pull.pull_n, "N", model=found.model, interval95=pull.interval95))
         coefficient = pull.pull_n / pull.load_n
-        figures.append(KeyFigure("drawbar_coefficient_at_slip_0.2", coefficient, "", "three decimals"))
-    figures.append(KeyFigure("drawbar_coefficient", found.drawbar_coefficient, "", "three decimals"))
-    figures.append(KeyFigure("tractive_efficiency", found.efficiency, "", "percent"))
+        figures.append(
+            KeyFigure(at.format("drawbar_coefficient"), coefficient, "", "three decimals", model=found.model)
+        )
+    best, efficiency = found.drawbar_coefficient, found.efficiency
+    figures.append(KeyFigure("drawbar_coefficient", best, "", "three decimals", model=model))
+    figures.append(KeyFigure("tractive_efficiency", efficiency, "", "percent", model=model))
     return {figure.key: figure for figure in figures if figure.value == figure.value}
 
 

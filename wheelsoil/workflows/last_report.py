@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
 
 from daq import ConfigError
+from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.key_figures import Z95
 
 SCHEMA = "wheelsoil/report/2"
+LEAST_COMPARED = 0.05
+"""Posterior probability below which a cause is separable from the others, and not compared."""
 _USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
+_KINDS = ("cause", "pull", "soil", "error", "data")
+_YEAR = re.compile(r"\b\d{4}\b")
 
 
 @dataclass(frozen=True)
 class Stated:
-    """A quantity of a report: its name and kind, value, half of its 95 % interval (NaN where it has none) and unit."""
+    """A quantity of a report: its name and kind, value, half of its 95 % interval (NaN where it has none) and unit.
+
+    Attributes
+    ----------
+    compared : bool
+        False of a cause that a rule bars or that is improbable: it is compared only with one that is neither.
+    """
 
     kind: str
     name: str
     value: float
     half95: float
     unit: str
+    compared: bool = True
 
 
 @dataclass(frozen=True)
@@ -73,6 +86,8 @@ class LastReport:
     kind : "report" or "campaign"
     subject : mapping str -> str
         Vehicle, wheel and soil that it is of, as far as it says so.
+    driven : str
+        When the runs were driven, as the report writes it; "" where it does not.
     """
 
     name: str
@@ -81,6 +96,7 @@ class LastReport:
     stated: tuple[Stated, ...]
     kind: Literal["report", "campaign"] = "report"
     subject: Mapping[str, str] = field(default_factory=dict)
+    driven: str = ""
 
 
 def store_meant(place: str) -> str | None:
@@ -127,12 +143,16 @@ def load_last(path: Path) -> LastReport:
     try:
         stated = tuple(stated_in(raw["sections"]))
         facts = dict((raw["sections"].get("provenance") or {}).get("facts") or ())
+        head = (raw.get("head") or {}).get("facts") or ()
+        driven = next((str(text) for label, text in head if not label and _YEAR.search(str(text))), "")
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         found = f"{type(error).__name__}: {error}"[:200]
         step = "make it anew with `wheelsoil report`"
         raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
     subject = {name: str(facts[name]) for name in ("vehicle", "wheel", "soil") if facts.get(name)}
-    return LastReport(file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated, subject=subject)
+    return LastReport(
+        file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated, subject=subject, driven=driven
+    )
 
 
 def _file_of(path: Path) -> Path:
@@ -165,15 +185,22 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         where = soil["campaign"] if len(soils) > 1 else "soil"  # a single one is compared whatever its folder is called
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
-            yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, "")
+            yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
     barred = frozenset(causes.get("barred") or ())
-    for cause in (cause for cause in causes.get("causes") or () if cause["name"] not in barred):
-        for parameter in cause["parameters"]:
-            low, high = map(_float, parameter["interval95"])
-            unit = "" if parameter["unit"] == "1" else parameter["unit"]
-            yield Stated(
-                "cause", f"{cause['name']}.{parameter['name']}", _float(parameter["value"]), (high - low) / 2, unit
+    for cause in causes.get("causes") or ():
+        compared = cause["name"] not in barred and _float(cause.get("probability", 1.0)) >= LEAST_COMPARED
+        sizes = [(each, *map(_float, each["interval95"])) for each in cause["parameters"]]
+        yield from sizes_with_interval(
+            Stated(
+                "cause",
+                f"{cause['name']}.{each['name']}",
+                _float(each["value"]),
+                (high - low) / 2,
+                "" if each["unit"] == "1" else each["unit"],
+                compared,
             )
+            for each, low, high in sizes
+        )
     pull = (fit.get("traction") or {}).get("pull")
     if pull:
         low, high = map(_float, pull["interval95"])
@@ -191,13 +218,31 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         yield Stated("data", "used_share", used / samples, nan, "")
 
 
+def sizes_with_interval(sizes: Iterable[Stated]) -> list[Stated]:
+    """Return those of a cause's parameters that have an interval, all where none has.
+
+    The terms of a sum that alone is determined have none.
+    """
+    every = list(sizes)
+    return [size for size in every if isfinite(size.half95)] or every
+
+
 def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]:
     """Return what differs between an earlier report and the sections of this one, beyond their intervals first.
 
-    Of the quality of the data only what both have.
+    Causes come before the pull and the soil. Of the quality of the data only what both have, of causes those that one
+    of the two compares.
     """
-    before = {figure.name: figure for figure in last.stated}
-    now = {figure.name: figure for figure in stated_in(sections)}
+    return changes_between(last.stated, tuple(stated_in(sections)))
+
+
+def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[Change]:
+    """Return what differs between two reports or campaigns; see `changes_since`."""
+    of_both = (tuple(earlier), tuple(later))
+    families = {_family(each) for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
+    before, now = (
+        {each.name: each for each in of_one if each.kind != "cause" or _family(each) in families} for of_one in of_both
+    )
     both = before.keys() & now.keys()
     found = []
     for name in dict.fromkeys([*now, *before]):
@@ -208,7 +253,11 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
             continue
         values = [(each.value, each.half95) if each else (nan, nan) for each in (old, new)]
         found.append(Change(stated.kind, name, stated.unit, *values[0], *values[1]))
-    return sorted(found, key=lambda change: not change.beyond)
+    return sorted(found, key=lambda change: (not change.beyond, _KINDS.index(change.kind)))
+
+
+def _family(cause: Stated) -> str:
+    return cause.name.partition(".")[0]
 
 
 def _float(value: Any) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite, nan
 
 import numpy as np
 from scipy.special import stdtrit
 
-from daq import FloatArray, IntArray
+from daq import BoolArray, FloatArray, IntArray
 from processing import ProcessedRun
 
 _AT, _WITHIN = 0.2, 0.1
@@ -18,9 +20,9 @@ _WIDTH, _LEAST = 0.05, 20
 
 @dataclass(frozen=True)
 class PullAtSlip:
-    """Drawbar pull at one slip with its 95 % interval (N), the mean load there (N), and how often it was passed.
+    """Drawbar pull at one slip with its 95 % interval (N), the load (N), how often it was passed, and the speed (m/s).
 
-    The interval is NaN below three passes.
+    The interval is NaN below three passes. Of a measured one the load is the mean there, and the speed NaN.
     """
 
     slip: float
@@ -28,6 +30,7 @@ class PullAtSlip:
     interval95: tuple[float, float]
     load_n: float
     passes: int
+    speed_mps: float = nan
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,9 @@ class Traction:
         The highest Dp/W (median in bins of slip), and the slip there; NaN without drawbar pull or load.
     efficiency, efficiency_at_slip : float
         The highest tractive efficiency Dp v / (T omega) = Dp r (1 - s) / T, and the slip there; NaN without torque.
+    model : "", "recommended", "calibrated_soil" or "laboratory_soil"
+        What the pull is of: "" is measured, with the loads and speeds as driven; with a soil it is measured, and taken
+        to one load and speed by Wong's model with it. The rest is the recommended model's or measured.
     """
 
     pull: PullAtSlip | None
@@ -47,6 +53,7 @@ class Traction:
     at_slip: float
     efficiency: float
     efficiency_at_slip: float
+    model: str = ""
 
 
 def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
@@ -72,36 +79,79 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
     )
 
 
-def value_at_slip(runs: tuple[ProcessedRun, ...], field: str) -> tuple[float, tuple[float, float]]:
+def value_at_slip(runs: Sequence[ProcessedRun], field: str) -> tuple[float, tuple[float, float]]:
     """Return a channel at slip 0.2 with its 95 % interval, by the estimator of `traction_of`; NaN where unknown."""
-    used = [run.used for run in runs]
-    pieces = [np.asarray(getattr(run, field), np.float64) for run in runs]
-    known = [p[u] if len(p) == len(u) else np.full(int(u.sum()), np.nan) for p, u in zip(pieces, used, strict=True)]
+    found = _pull_at(*_pooled(runs, [np.asarray(getattr(run, field), np.float64) for run in runs]))
+    return (found.pull_n, found.interval95) if found else (nan, (nan, nan))
 
-    def pooled(name: str) -> FloatArray:
+
+def near_usual_slip(slip: FloatArray) -> BoolArray:
+    """Return which samples are within 0.1 of slip 0.2, shape (n,)."""
+    return np.abs(slip - _AT) <= _WITHIN
+
+
+def median_of_passes(runs: Sequence[ProcessedRun], values: Sequence[FloatArray]) -> PullAtSlip | None:
+    """Return the median over the passes near slip 0.2 of each pass's median, of one array of values a run.
+
+    The interval is by order statistics of the passes; of three to five by Student's t, and NaN below.
+    """
+    slip, pooled, load, time_s, run = _pooled(runs, values)
+    rows = np.flatnonzero(near_usual_slip(slip) & np.isfinite(pooled))
+    if len(rows) < _LEAST:
+        return None
+    which = _passes(time_s[rows], run[rows])
+    medians = np.sort([np.median(each) for each in np.split(pooled[rows], np.flatnonzero(np.diff(which)) + 1)])
+    middle, ends = float(np.median(medians)), median_interval(medians)
+    if len(medians) >= _FEWEST_PASSES and not isfinite(ends[0]):
+        half = float(stdtrit(len(medians) - 1, 0.975) * medians.std(ddof=1) / np.sqrt(len(medians)))
+        ends = (middle - half, middle + half)
+    return PullAtSlip(_AT, middle, ends, _mean(load[rows]), len(medians))
+
+
+def median_interval(ordered: FloatArray) -> tuple[float, float]:
+    """Return the 95 % interval of a median by order statistics; NaN below six values, where there is none."""
+    from scipy.stats import binom
+
+    rank = int(binom.ppf(0.025, len(ordered), 0.5)) - 1
+    if len(ordered) < 6 or rank < 0:
+        return float("nan"), float("nan")
+    return float(ordered[rank]), float(ordered[-1 - rank])
+
+
+def _pooled(
+    runs: Sequence[ProcessedRun], values: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    """Return slip, values, load, time and number of the run of all used samples; values that are none are NaN."""
+    used = [run.used for run in runs]
+    known = [v[u] if len(v) == len(u) else np.full(int(u.sum()), nan) for v, u in zip(values, used, strict=True)]
+
+    def of(name: str) -> FloatArray:
         return np.concatenate([np.zeros(0), *(getattr(run, name)[run.used] for run in runs)])
 
     number = np.repeat(np.arange(len(runs)), [int(u.sum()) for u in used])
-    values = np.concatenate([np.zeros(0), *known])
-    found = _pull_at(pooled("slip"), values, pooled("vertical_load_n"), pooled("time_s"), number)
-    return (found.pull_n, found.interval95) if found else (float("nan"), (float("nan"), float("nan")))
+    return of("slip"), np.concatenate([np.zeros(0), *known]), of("vertical_load_n"), of("time_s"), number
+
+
+def _passes(time_s: FloatArray, run: IntArray) -> IntArray:
+    """Return the number of the pass of each sample near slip 0.2."""
+    begins = (np.diff(time_s, prepend=-np.inf) > _LONGEST_STEP_S) | (np.diff(run, prepend=-1) != 0)
+    return np.cumsum(begins) - 1
 
 
 def _pull_at(
     slip: FloatArray, pull: FloatArray, load: FloatArray, time_s: FloatArray, run: IntArray
 ) -> PullAtSlip | None:
-    rows = np.flatnonzero((np.abs(slip - _AT) <= _WITHIN) & np.isfinite(pull))
+    rows = np.flatnonzero(near_usual_slip(slip) & np.isfinite(pull))
     if len(rows) < _LEAST:
         return None
-    begins = (np.diff(time_s[rows], prepend=-np.inf) > _LONGEST_STEP_S) | (np.diff(run[rows], prepend=-1) != 0)
-    which = np.cumsum(begins) - 1
+    which = _passes(time_s[rows], run[rows])
     passes = int(which[-1]) + 1
     design = np.stack([np.ones(len(rows)), slip[rows] - _AT], axis=1)
     inverse = np.linalg.pinv(design.T @ design)
     fitted = inverse @ design.T @ pull[rows]
     scores = np.zeros((passes, 2))
     np.add.at(scores, which, design * (pull[rows] - design @ fitted)[:, None])
-    ends = (float("nan"), float("nan"))
+    ends = (nan, nan)
     if passes >= _FEWEST_PASSES:
         variance = (inverse @ scores.T @ scores @ inverse)[0, 0] * passes / (passes - 1)
         half = float(stdtrit(passes - 1, 0.975) * np.sqrt(variance))

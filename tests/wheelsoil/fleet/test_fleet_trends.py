@@ -97,6 +97,18 @@ def test_the_last_campaign_is_compared_with_the_one_before_it(empty: Store) -> N
     assert "terrain clay: nearer (2026-05-14) after same time (2026-05-13): vehicle V → W" in said
 
 
+def test_a_cause_that_grew_is_listed_with_both_sizes(empty: Store) -> None:
+    grown = _error("torque_zero") | {"value": 24.0, "lower95": 22.0, "upper95": 26.0}
+    _put(empty, "spring", 0, _error("torque_zero"), vehicle="V", terrain="clay")
+    _put(empty, "autumn", 9, grown, vehicle="V", terrain="clay")
+    [size] = _changes(empty)["vehicle", "V"].sizes
+    assert (size.last, size.now) == (12.0, 24.0)
+    said = ok("fleet", "diagnose", empty.url).out
+    assert "torque zero, offset went from 12.0 to 24.0 N m" in " ".join(said.split())
+    [found, _] = ok("fleet", "diagnose", empty.url, "--json").json["changes"]
+    assert found["sizes"][0]["difference"] == 12.0
+
+
 def test_averaged_points_keep_what_is_known() -> None:
     random = np.random.default_rng(1)
     points = [Point(str(i), *random.uniform(0.5, 2.0, 3)) for i in range(143)]

@@ -34,7 +34,6 @@ from wheelsoil.wording.verdict import (
 )
 from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction
-from wheelsoil.workflows.traction import traction_of
 
 _STEPS = 3
 _NAMED = 5
@@ -96,7 +95,7 @@ def _sentences(inputs: ReportInputs) -> list[str]:
 
 def _key_figures(inputs: ReportInputs) -> dict[str, KeyFigure]:
     """Return all that other surfaces show too, by its key."""
-    of_ground = figures_of_traction(traction_of(inputs.fitted)) if inputs.runs and inputs.campaign else {}
+    of_ground = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
     return of_ground | (figures_of_diagnosis(inputs.diagnosed) if inputs.diagnosed is not None else {})
 
 

@@ -53,9 +53,17 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
-from wheelsoil.workflows.key_figures import Z95, KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
-from wheelsoil.workflows.traction import Traction, traction_of
+from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, adequacy_words, refusal_words, rival_words, undetectable
+from wheelsoil.workflows.key_figures import (
+    CALIBRATED_SOIL,
+    MODELS,
+    Z95,
+    KeyFigure,
+    figures_of_diagnosis,
+    figures_of_traction,
+    sizes_of,
+)
+from wheelsoil.workflows.traction import PullAtSlip, Traction, traction_of
 
 _MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
@@ -106,9 +114,8 @@ def fit(inputs: ReportInputs) -> Contents:
         "residual": {c: _residual_numbers(recommendation, c) for c in recommendation.measured},
     }
     if inputs.fitted:
-        traction = traction_of(inputs.fitted)
-        blocks.append(Tiles(_traction_tiles(traction), small=True))
-        numbers["traction"] = traction
+        blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
+        numbers["traction"] = inputs.traction
     return blocks, numbers
 
 
@@ -246,29 +253,33 @@ def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
 def _traction_tiles(traction: Traction) -> list[Tile]:
     tiles = []
     figures = figures_of_traction(traction)
+    measured = "" if traction.model == MODELS["named"] else "measured "
     if traction.pull is not None:
-        low, high = traction.pull.interval95
-        interval_text = f"95 % {interval(low, high)} N; " if isfinite(low) else "passed too rarely for an interval; "
-        note = f"{interval_text}{count(traction.pull.passes)} passes through it, {traction.pull.load_n / 1e3:.1f} kN"
-        pull = figures["pull_at_slip_0.2"]
-        tiles.append(Tile(f"Pull at slip {traction.pull.slip:g}", figure_value(pull), "N", note, keys=(None, pull)))
-        tiles.append(
-            Tile(
-                f"Dp/W at slip {traction.pull.slip:g}",
-                figure_value(figures["drawbar_coefficient_at_slip_0.2"]),
-                "",
-                "drawbar coefficient",
-                keys=(None, figures["drawbar_coefficient_at_slip_0.2"]),
-            )
-        )
+        pull, coefficient = list(figures.values())[:2]
+        at = f"at slip {traction.pull.slip:g}" if traction.model else f"near slip {traction.pull.slip:g}, measured"
+        tiles.append(Tile(f"Pull {at}", figure_value(pull), "N", _of_pull(traction.pull, traction), keys=(None, pull)))
+        note = "drawbar coefficient"
+        tiles.append(Tile(f"Dp/W {at}", figure_value(coefficient), "", note, keys=(None, coefficient)))
     if isfinite(traction.drawbar_coefficient):
-        best = figures["drawbar_coefficient"]
-        tiles.append(Tile("Highest Dp/W", figure_value(best), "", f"at slip {traction.at_slip:.2f}", keys=(None, best)))
+        best, note = figures["drawbar_coefficient"], f"at slip {traction.at_slip:.2f}"
+        tiles.append(Tile(f"Highest {measured}Dp/W", figure_value(best), "", note, keys=(None, best)))
     if isfinite(traction.efficiency):
         note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω)"
         best = figures["tractive_efficiency"]
-        tiles.append(Tile("Highest tractive efficiency", figure_value(best), "", note, keys=(None, best)))
+        tiles.append(Tile(f"Highest {measured}tractive efficiency", figure_value(best), "", note, keys=(None, best)))
     return tiles
+
+
+def _of_pull(pull: PullAtSlip, traction: Traction) -> str:
+    """Return the interval of the pull, and for which driving it holds by which model."""
+    interval_text = f"95 % {interval(*pull.interval95)} N; " if isfinite(pull.interval95[0]) else "no interval; "
+    load = f"{pull.load_n / 1e3:.1f} kN"
+    if not traction.model:
+        return f"{interval_text}{count(pull.passes)} passes, loads and speeds as driven, {load} on average"
+    if traction.model == MODELS["named"]:
+        return f"{interval_text}steady driving at {load} and {pull.speed_mps:.1f} m/s, recommended model"
+    by = CALIBRATED if traction.model == CALIBRATED_SOIL else LABORATORY
+    return f"{interval_text}measured, shifted to {load} and {pull.speed_mps:.1f} m/s by {by}"
 
 
 @section("causes", "Causes")
@@ -363,8 +374,12 @@ def _size(found: Diagnosis, family: str) -> tuple[str, str]:
         sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
     key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
     least = found.minimum_detectable.get(key)
-    name = letter(parameter_name(key, least.parameter)) if least else ""
-    return ", ".join(sizes) or "–", f"{name} ≥ {number(least.value)} {unit(least.unit)}".rstrip() if least else "–"
+    if least is None:
+        return ", ".join(sizes) or "–", "–"
+    if key in undetectable(found.minimum_detectable, found.notes):
+        return ", ".join(sizes) or "–", NOT_IN_THESE_DATA
+    name = letter(parameter_name(key, least.parameter))
+    return ", ".join(sizes) or "–", f"{name} ≥ {number(least.value)} {unit(least.unit)}".rstrip()
 
 
 @section("runs", "Runs")
@@ -406,13 +421,17 @@ def runs(inputs: ReportInputs) -> Contents:
         "load (kN)",
         "slip up to",
         "usable (%)",
-        "pull at slip 0.2 (N)",
-        "highest Dp/W",
+        "measured pull near slip 0.2 (N)",
+        "highest measured Dp/W",
         "reason",
     ]
     more = f"The first {_MOST_RUNS} of {len(rows)}; the others are in the appendix. " if len(rows) > _MOST_RUNS else ""
-    note = f"{more}Usable: share of the samples in motion."
+    note = f"{more}Usable: share of the samples in motion. Measured pull: of a straight line through slip 0.1 to 0.3."
     return [Table("Go or drive again", head, rows[:_MOST_RUNS], note, left=2, words=("reason",))], numbers
+
+
+def _counted(value: int, what: str) -> str:
+    return f"{count(value)} {what}{'s' * (value != 1)}"
 
 
 @section("signals", "Sensors")
@@ -427,8 +446,8 @@ def signals(inputs: ReportInputs) -> Contents:
         gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
         missing = len(inputs.runs) - len(facts)
         well = not gaps and not late and not missing
-        losses = [f"{count(gaps)} gaps"] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
-        losses += [f"missing in {count(missing)} runs"] * bool(missing)
+        losses = [_counted(gaps, "gap")] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
+        losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing)
         rate = float(np.median([sensor.rate_hz for sensor in facts]))
         longest = 1e3 * max(sensor.longest_gap_s for sensor in facts)
         sigma = float(np.median([sensor.sigma for sensor in facts]))

@@ -13,6 +13,7 @@ from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.names import effect_name, family_of, plain_name
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
+from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, undetectable
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
@@ -40,12 +41,13 @@ def detectable(inputs: ReportInputs) -> Contents:
     radius = wheel.radius_m if wheel else float("nan")
     plausible = {key: _plausible(key, least.parameter, radius) for key, least in found.items()}
     shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
+    hidden = undetectable(found, inputs.diagnosis.notes)
     never = [key for key in found if family_of(key) in inputs.diagnosis.not_identifiable]
     rows = [
         [
             form_name(effect_name(key)) + (" *" if key in never else ""),
             letter(least.parameter),
-            number(least.value) if isfinite(least.value) else "at no size",
+            NOT_IN_THESE_DATA if key in hidden else number(least.value),
             number(plausible[key]),
             unit(least.unit),
         ]

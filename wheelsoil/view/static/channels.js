@@ -41,13 +41,17 @@ export function limits(values, margin = 0.07) {
   return [low - pad, high + pad];
 }
 
+const grouped = (digits) => digits.replace(/\B(?=(\d{3})+$)/g, "\u202f");
+
 /** A number with few digits, as a person writes it. */
 export function sensible(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const shown = size >= 1e6 || (size < 1e-4 && size > 0) ? value.toExponential(digits - 1) : String(Number(value.toPrecision(digits)));
-  const grouped = (digits) => (digits.length > 4 ? digits.replace(/\B(?=(\d{3})+$)/g, "\u202f") : digits);
-  return shown.replace(/\d+/, grouped).replaceAll("-", "−");
+  if (size >= 1e9 || (size < 1e-4 && size > 0)) {
+    const [mantissa, power] = value.toExponential(digits - 1).replace("e+", "e").split("e");
+    return `${mantissa} × 10${power.replace(/[-\d]/g, (sign) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[sign] ?? "⁻")}`.replaceAll("-", "−");
+  }
+  return String(Number(value.toPrecision(digits))).replace(/\d+/, grouped).replaceAll("-", "−");
 }
 
 /** A number with so many decimals, as it stands in a column. */
@@ -55,6 +59,5 @@ export function fixed(value, digits) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);
   const [whole, rest] = (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "−").split(".");
-  const grouped = /\d{5,}/.test(whole) ? whole.replace(/\B(?=(\d{3})+$)/g, "\u202f") : whole;
-  return rest === undefined ? grouped : `${grouped}.${rest}`;
+  return rest === undefined ? grouped(whole) : `${grouped(whole)}.${rest}`;
 }

@@ -10,8 +10,8 @@ import { changeCells, fillTable } from "./verdict.js";
 
 const ROWS = [
   ["Load (kN)", "load_n", 2, 1e-3], ["Ground speed (m/s)", "speed_mps", 2], ["Greatest slip", "greatest_slip", 2],
-  ["Pull at slip 0.2 (N)", "pull_n", 0], ["Pull / load at slip 0.2", "pull_coefficient", 3], ["Greatest pull (N)", "greatest_pull_n", 0],
-  ["Torque at slip 0.2 (N m)", "torque_nm", 0], ["Used (s)", "seconds", 0],
+  ["Measured pull near slip 0.2 (N)", "pull_n", 0], ["Measured pull / load near slip 0.2", "pull_coefficient", 3], ["Greatest pull (N)", "greatest_pull_n", 0],
+  ["Measured torque near slip 0.2 (N m)", "torque_nm", 0], ["Used (s)", "seconds", 0],
 ];
 let asked = "";
 let found = null; // { slip, groups }
