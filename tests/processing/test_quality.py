@@ -36,7 +36,7 @@ def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
     assert standing.levels["drawbar_pull"] == pytest.approx(zero_n, abs=5 * standing.sigmas["drawbar_pull"])
     assert standing.duration_s == pytest.approx(8.2, abs=0.5)
     for name, unit in (("drawbar pull", "N"), ("driving torque", "N m")):
-        said = re.compile(rf"{name} at standstill reads 1[12]\d\.\d \+- \d\.\d {unit}: a zero")
+        said = re.compile(rf"{name} at standstill reads 1[12]\d\.\d ± \d\.\d {unit}: a zero")
         assert any(said.match(note) for note in texts_of(run.quality.notes)) == (zero_n > 0)
     np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
 

@@ -153,7 +153,7 @@ def test_between_two_of_a_kind_the_zero_is_interpolated_and_else_the_nearest_hol
     facts = run.quality.sensors["driving_torque"]
     assert facts.systematic_sigma == pytest.approx(np.hypot(0.75 * 3, 0.25 * 3), rel=0.01)
     assert any(
-        "the zero of driving_torque moved by +40.0 +- 4.2 N m from before" in note
+        "the zero of driving_torque moved by +40.0 ± 4.2 N m from before" in note
         for note in texts_of(run.quality.notes)
     )
 

@@ -6,6 +6,8 @@ import json
 import re
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,16 +18,20 @@ from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
 from model.diagnosis.core.plot_data import PlotData, WheelOrders
-from model.diagnosis.core.result import BarredCause, Candidate, Diagnosis
+from model.diagnosis.core.result import BarredCause, Candidate, Diagnosis, SoilEstimate
 from model.notes import DiagnosisCode, LackCode
+from processing.notes import RunCode
 from processing.options import ProcessOptions
-from wheelsoil.report.build import Report, build_report
-from wheelsoil.report.content import Bars, Drawing, Figure, Panels, Section, Text
+from wheelsoil.report.build import Report, _unbroken, build_report
+from wheelsoil.report.content import Bars, Drawing, Figure, Pair, Panels, Section, Table, Text
+from wheelsoil.report.drawing import Plane, beyond
 from wheelsoil.report.inputs import ReportInputs, versions
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
+from wheelsoil.report.sections.glance import glance
 from wheelsoil.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.tables import BenchFiles
 
 EVIL = "<img src=x onerror=alert(1)>&{{7*7}}"
 KEYS = [section.key for section in OF_THE_DIAGNOSIS]
@@ -127,7 +133,7 @@ def test_a_refused_set_is_not_drawn_as_the_explanation(plain_material):
         assert not any(isinstance(block, Bars | Panels) for block in blocks), key
         assert blocks[0].text.startswith("Best of the library, refused: slip sinkage. Reason: something that the lib")
     [drawing] = [one for one in section(built(plain_material, found), "causes").blocks if isinstance(one, Drawing)]
-    assert drawing.title.startswith("Drawbar pull: residual −"), drawing.title
+    assert drawing.title.startswith("Drawbar pull: median residual −"), drawing.title
 
 
 def test_a_cause_that_a_rule_bars_is_marked_in_the_json(plain_material):
@@ -245,3 +251,118 @@ def test_names_stay_data(plain_material):
         for trace in json.loads(figure)["data"]:
             shown = [trace["name"], *(x for axis in "xy" for x in trace.get(axis, []) if isinstance(x, str))]
             assert not any("<" in name for name in shown), "plotly reads HTML"
+
+
+def curves(drawing: Drawing, look: str) -> list[dict[str, Any]]:
+    """Return the lines and points of a look that a figure draws."""
+    return [dict(curve) for curve in drawing.curves if curve["look"] == look]
+
+
+def hero_of(report: Report) -> Drawing:
+    """Return the figure of the first screen."""
+    return next(block for block in section(report, "glance").blocks if isinstance(block, Drawing))
+
+
+def test_the_points_of_the_first_figure_are_as_far_from_its_lines_as_the_residual_says(plain_material):
+    found = diagnosis("named")
+    (old,) = found.plot_data
+    pull = np.where((old.slip > 0) & (old.slip < 0.15) & (np.arange(len(old.slip)) % 3 > 0), np.nan, old.measured["dp"])
+    report = built(plain_material, replace(found, plot_data=(replace(old, measured={**old.measured, "dp": pull}),)))
+    (points,), (line,), (base,) = (curves(hero_of(report), look) for look in ("measured", "model", "base"))
+    residual = section(report, "fit").numbers["residual"]["dp"]
+    for name, curve in (("recommended", line), ("baseline", base)):
+        driven = residual[name].centre > 0
+        np.testing.assert_allclose(points["x"], residual[name].centre[driven])
+        np.testing.assert_allclose(points["y"] - curve["y"], residual[name].median[driven], atol=1e-9)
+
+
+def test_a_median_that_lacks_in_one_bin_takes_no_figure_of_the_largest_residual(plain_material):
+    found = diagnosis("unexplained")
+    (old,) = found.plot_data
+    channel = {c: np.where(old.slip < 0.1, np.nan, values) for c, values in old.measured.items()}
+    report = built(plain_material, replace(found, plot_data=(replace(old, measured=channel),)))
+    (drawing,) = [block for block in section(report, "causes").blocks if isinstance(block, Drawing)]
+    assert drawing.title.startswith("Drawbar pull: median residual −")
+
+
+def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(plain_material):
+    found, slip = diagnosis("named"), np.array([0.0, 0.003, 0.23, 0.232, 0.5, 0.9])
+    nothing = np.full(6, np.nan)
+    rows = PlotData(
+        campaign="rig",
+        runs=("3", "5"),
+        run=np.array([0, 0, 0, 1, 1, 1]),
+        time_s=np.arange(6.0),
+        slip=slip,
+        ground_speed_mps=nothing,
+        vertical_load_n=np.full(6, 25.0),
+        line_position=nothing,
+        measured={"dp": 4 * slip - 1.0, "z": 0.016 + 0.028 * slip},
+        base={"dp": 5 * slip - 1.5, "z": np.full(6, 0.018)},
+        extended={"dp": 4.1 * slip - 1.0, "z": 0.015 + 0.027 * slip},
+        base_sigma={"dp": np.full(6, 1.0), "z": np.full(6, 0.003)},
+        signatures={"vasilev": {"dp": -slip, "z": 0.026 * slip}},
+    )
+    left = Note(DiagnosisCode.BRAKED_ROWS_EXCLUDED, values={"table": "rig", "rows": 12})
+    grounds = replace(found.grounds, table_channels=("dp", "z"))
+    found = replace(found, plot_data=(rows,), notes=(left,), grounds=grounds)
+    rig = cast(BenchFiles, SimpleNamespace(rows=range(18)))
+    inputs = ReportInputs((), None, "", plain_material.vehicle, "sand", diagnosed=found, tables=(rig,))
+    summary, shown = glance.build(inputs), overview.fit.build(inputs)
+    tile = summary.numbers["tiles"]["Usable data"]
+    assert (tile["value"], tile["unit"]) == ("6", "of 18 rows")
+    hero = next(block for block in summary.blocks if isinstance(block, Drawing))
+    assert hero.title == "Wong, calibrated soil, predicts 23 mm too little sinkage at slip 0.90"
+    assert "12 braked rows are not used" in hero.caption
+    (points,), (line,) = curves(hero, "measured"), curves(hero, "model")
+    np.testing.assert_allclose(points["y"], 1e3 * rows.measured["z"])
+    np.testing.assert_allclose(line["x"], [0.0015, 0.231, 0.5, 0.9])
+    assert hero.wide.count("<circle") == 6, "the row at slip 0.003, too"
+    assert shown.numbers["checks"][0].startswith("Drawbar pull: 6 of 6 rows are within ±2.0 N of the model")
+    assert all("H = 0.051" in text for text in [summary.blocks[1].text])
+    for drawing in (block for pair in shown.blocks if isinstance(pair, Pair) for block in pair.blocks):
+        assert not isinstance(drawing, Drawing) or drawing.wide.count("<circle") == 12
+    panels = misfit.misfit.build(inputs)
+    drawn = [figure.key for block in panels.blocks if isinstance(block, Panels) for figure in block.figures]
+    assert "misfit-z-slip" in drawn and not any("speed" in key or "line_position" in key for key in drawn)
+
+
+def test_a_positive_parameter_of_the_soil_has_a_positive_interval(plain_material):
+    values, sigmas = (
+        {"shear_modulus_m": 0.00106, "cohesion_pa": 50.0},
+        {"shear_modulus_m": 0.00098, "cohesion_pa": 100.0},
+    )
+    found = replace(diagnosis("unexplained"), soils=(SoilEstimate("clay", values, sigmas),))
+    (table,) = [
+        part
+        for block in section(built(plain_material, found), "fit").blocks
+        if isinstance(block, Pair)
+        for part in block.blocks
+        if isinstance(part, Table)
+    ]
+    assert [row[2] for row in table.rows] == ["0.000227 … 0.00495", "−0.146 … 0.246"]
+    assert [row[0] for row in table.rows] == ["K (m)", "c (kPa)"]
+
+
+def test_what_is_noted_of_runs_names_them_and_their_channels(plain_material):
+    slow = Note(RunCode.CHANNEL_GAPS, values={"role": "ground_speed", "share": 0.25})
+    first, *others = plain_material.runs
+    runs = (replace(first, quality=replace(first.quality, notes=[slow])), *others)
+    texts = [b.text for b in overview.signals.build(replace(plain_material, runs=runs)).blocks if isinstance(b, Text)]
+    assert f"In {first.run.id}: ground speed is missing for 25% of the run, and those samples are excluded." in texts
+
+
+def test_no_option_of_a_command_breaks_in_two():
+    assert _unbroken("wheelsoil zero a-b.mcap --vehicle <v>") == (
+        'wheelsoil zero a-b.mcap <span class="whole">--vehicle</span> &lt;v&gt;'
+    )
+
+
+def test_samples_beyond_the_axis_are_counted():
+    plane = Plane((0.0, 1.0), (0.0, 10.0), "x", "y")
+    x, y = np.full(100, 0.5), np.full(100, 5.0)
+    assert beyond((x, y), plane) == ""
+    y[:2] = 11.0, -1.0
+    assert beyond((x, y), plane) == ", 2.0 % beyond the axis"
+    x[0] = 2.0
+    assert beyond((x, y), plane) == ", 1.0 % beyond the axis"

@@ -122,6 +122,20 @@ def test_it_opens_silent_and_complete(browser: Browser, each: Written) -> None:
         assert page.evaluate(CRAMPED) == []
 
 
+def test_the_first_screen_holds_the_figure_and_one_place_is_marked(browser: Browser, each: Written) -> None:
+    with opened(browser, each.page) as page:
+        for seen in ("#drawing-hero .wide-svg text.title >> nth=1", ".again", ".badge"):
+            box = page.locator(seen).bounding_box()
+            assert box["y"] + box["height"] <= LAPTOP["height"], f"{seen} is on the first screen"
+        header = page.locator("header").bounding_box()
+        assert header["height"] < 45, "one line"
+        page.evaluate("document.documentElement.style.scrollBehavior = 'auto'")
+        for link in page.locator("nav a").all():
+            link.click()
+            marked = "(name) => [...document.querySelectorAll('nav a.on')].map((a) => a.innerText).join() === name"
+            page.wait_for_function(marked, arg=link.inner_text(), timeout=3000)
+
+
 def test_no_script_but_its_own_runs(browser: Browser, written: Written, tmp_path: Path) -> None:
     text = written.page.read_text(encoding="utf-8")
     assert "unsafe-inline" not in re.search("script-src ([^;]*);", unescape(text))[1]

@@ -5,7 +5,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wheelsoil.report.figures import EDGES, Binning, _cell, binned, decimated_rows, parted_at_zero, thinned_rows
+from wheelsoil.report.figures import (
+    EDGES,
+    Binning,
+    _cell,
+    binned,
+    decimated_rows,
+    parted_at_zero,
+    repeated,
+    thinned_rows,
+)
 
 series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan))
 
@@ -45,6 +54,15 @@ def test_bins_hold_medians_and_leave_out_the_empty():
     np.testing.assert_allclose(result.centre, [0.05])
     np.testing.assert_allclose([result.lower[0], result.median[0], result.upper[0]], [2, 4, 6])
     assert result.count.tolist() == [9]
+
+
+def test_repeats_are_rows_at_nearly_one_slip():
+    slip = np.array([0.502, 0.0, 0.499, 0.003, 0.168, 0.501, np.nan])
+    result = repeated(slip, np.array([5.0, 1.0, 3.0, 2.0, 7.0, 4.0, 9.0]))
+    np.testing.assert_allclose(result.centre, [0.0015, 0.168, 0.5006666666666667])
+    np.testing.assert_allclose(result.median, [1.5, 7.0, 4.0])
+    assert result.count.tolist() == [2, 1, 3]
+    assert len(repeated(slip[:0], slip[:0]).centre) == 0
 
 
 @given(

@@ -20,7 +20,6 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Grounds,
-    LackOfFit,
     NextRun,
     ParameterEstimate,
     RefutedSoil,
@@ -102,7 +101,7 @@ def test_campaigns_that_disagree_are_reported_with_their_own_values() -> None:
     own = (Own("clay", 0.03, 0.001), Own("sand", 0.04, 0.002))
     found = [Disagreement("H_m", "m", own, 20.0, 8e-6)]
     [size, form] = map(note_text, disagreement_notes(found, {("slip_sinkage", "sand"): ("ding", 3.6)}))
-    assert "disagree about H_m: clay 0.03 +- 0.001 m, sand 0.04 +- 0.002 m (Cochran's Q 20.0 on 1, p < 0.1 %)" in size
+    assert "disagree about H_m: clay 0.03 ± 0.001 m, sand 0.04 ± 0.002 m (Cochran's Q 20.0 on 1, p < 0.1 %)" in size
     assert form == "by itself, sand asks for slip sinkage as ding instead (3.6 nats)"
     assert disagreement_notes([], {}) == ()
 
@@ -216,15 +215,13 @@ REASONS = {
 
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     worst = Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)
-    found = LackOfFit((worst,), {"drawbar_pull": 31.4, "driving_torque": 2.0})
     judged = Adequacy(0.9876, 0.5, ok=False, measure="probability")
-    left = words(unexplained_words(judged, found, ("slope",), (("r1",), ("r2", "r3"))))
+    left = words(unexplained_words(judged, [worst], ("slope",), (("r1",), ("r2", "r3"))))
     assert "something that the library does not have acts with a probability of 98.8 %" in left
-    assert "off most in drawbar pull, slip 0.4 to 0.9: -120 N. " in left
-    assert "rms over all samples, 31.4 N of drawbar pull and 2 N m of driving torque" in left
+    assert "With calibrated soil the simulation is off most in drawbar pull, slip 0.4 to 0.9 (8.2 sigma). " in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     for why, reason in REASONS.items():
-        said = [one.text for one in unexplained_words(Adequacy(nan, nan, ok=False), found, (), None, why)]
+        said = [one.text for one in unexplained_words(Adequacy(nan, nan, ok=False), [worst], (), None, why)]
         assert said[0].startswith(f"These runs are not explained: {reason}"), said
         assert said[-1].startswith("Next: check zeros")
     unsure = words(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
@@ -252,7 +249,7 @@ def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() 
 def test_what_speaks_against_one_diagnosis_stands_behind_the_verdict(verdict: str) -> None:
     facts = {"parameter": "H_m", "unit": "m", "own": (("a", 0.01, 0.001), ("b", 0.03, 0.002)), "q": 9.0, "chance": 1e-4}
     grounds = Grounds(cautions=(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts),))
-    caution = "The campaigns disagree about H_m: a 0.01 +- 0.001 m, b 0.03 +- 0.002 m (Cochran's Q 9.0 on 1, p < 0.1 %)"
+    caution = "The campaigns disagree about H_m: a 0.01 ± 0.001 m, b 0.03 ± 0.002 m (Cochran's Q 9.0 on 1, p < 0.1 %)"
     sentences = sentences_of(replace(diagnosis(verdict), grounds=grounds))  # type: ignore[arg-type]
     assert any(one.startswith(caution) for one in sentences[1:])
     assert sentences[1].startswith(caution) == (verdict == "unexplained")

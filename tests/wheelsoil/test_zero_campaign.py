@@ -124,7 +124,7 @@ def test_the_zero_gives_back_the_run_without_offsets(frame: str, zero: str, tmp_
     assert ripple < 4
     notes = " ".join(texts_of(zeroed.quality.notes))
     assert "1.0 h" in notes or "60 min before the run" in notes
-    drift = re.search(r"the zero of driving_torque moved by \+([\d.]+) \+- ([\d.]+)", notes)
+    drift = re.search(r"the zero of driving_torque moved by \+([\d.]+) ± ([\d.]+)", notes)
     assert drift
     assert abs(float(drift[1]) - 20.0) < 4 * float(drift[2])
     assert "wheel angle is not known" not in notes
@@ -149,7 +149,7 @@ def test_a_recording_carries_its_zeros_and_says_them(tmp_path: Path) -> None:
     (other,) = ok("process", alone, "--zero", folder / "z.toml", "--json").json
     assert other["summary"] == printed["summary"]
     text = ok("process", alone)
-    assert "zero +-" in text.out
+    assert "zero ±" in text.out
     assert "60 min before the run" in " ".join(text.err.split())  # long lines are folded
     (folder / "z.toml").unlink()  # a vehicle.toml without it beside it: what the recording carries holds
     (again,) = ok("process", alone, "--vehicle", folder / "vehicle.toml", "--json").json

@@ -188,10 +188,10 @@ def _facts(result: Found) -> list[tuple[str, str]]:
         lines.append(("temperature", f"{zero.temperature_degc:.0f} degC"))
     if check:
         lines.append(
-            ("outboard mass", f"{check.mass_kg:.2f} +- {check.mass_sigma_kg:.2f} kg, declared {check.declared_kg:g} kg")
+            ("outboard mass", f"{check.mass_kg:.2f} ± {check.mass_sigma_kg:.2f} kg, declared {check.declared_kg:g} kg")
         )
         if check.angle_error_deg == check.angle_error_deg:
-            error = f"{check.angle_error_deg:+.2f} +- {check.angle_error_sigma_deg:.2f} deg"
+            error = f"{check.angle_error_deg:+.2f} ± {check.angle_error_sigma_deg:.2f} deg"
             lines.append(("error of the wheel angle", f"{error}, by the direction of the weight"))
     spikes: Mapping[str, int] = {name: count for name, count in result.outliers.items() if count}
     if spikes:

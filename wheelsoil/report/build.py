@@ -6,6 +6,7 @@ import gzip
 import json
 import logging
 import os
+import re
 import shutil
 import subprocess
 from base64 import b64encode
@@ -91,6 +92,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         script_hashes=" ".join(_hash_of(script) for script in scripts),
         text_columns=_text_columns,
         figure_value=figure_value,
+        unbroken=_unbroken,
         json=_json,
         figure_json=lambda figure: _json({"data": figure.data, "layout": figure.layout, "groups": figure.groups}),
         drawing_json=lambda drawing: _json({"title": drawing.title, "curves": plain(drawing.curves)}),
@@ -102,6 +104,15 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
 def _text_columns(table: Table) -> set[int]:
     """Return the columns that are read as words."""
     return {i for i, title in enumerate(table.head) if i < table.left or title in table.words}
+
+
+def _unbroken(code: str) -> str:
+    """Return what is to be pasted as HTML that breaks no option in two."""
+    from markupsafe import Markup, escape
+
+    whole = Markup('<span class="whole">{}</span>')
+    parts = re.split(r"((?<!\S)-[\w-]+)", code)
+    return Markup("").join(whole.format(part) if i % 2 else escape(part) for i, part in enumerate(parts))
 
 
 def _hash_of(script: str) -> str:

@@ -12,7 +12,7 @@ from daq import OUTPUTS, FloatArray
 from model.diagnosis import Cause, Diagnosis
 from model.wheel_soil import speed_ratio
 from wheelsoil.report.content import Drawing
-from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, recommended_causes
@@ -134,6 +134,8 @@ _VIEWS: Mapping[str, _View] = {
     ),
 }
 _GAINS = ("drawbar_pull_gain", "torque_gain")
+_BRAKED = (*_GAINS, "wheel_inertia")
+"""Causes that braked samples show, too."""
 
 
 def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
@@ -147,7 +149,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     found = inputs.diagnosed
     if found is None or not found.plot_data or not recommended_causes(found):
         return None
-    shares = {each: _shares(found, each, recommendation.measured) for each in recommended_causes(found)}
+    shares = {each: shares_of(found, each, recommendation.measured) for each in recommended_causes(found)}
     cause = max(shares, key=lambda each: max(shares[each].values(), default=0.0))
     if cause.name not in _VIEWS or not cause.parameters:
         return None
@@ -165,10 +167,11 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     across = recommendation.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
     factor, unit = page_unit(channel)
     title = _title(view, cause, channel)
-    caption = f"Measured − predicted by {against}. Points: median and middle half. Line: the correction."
     over_slip = view.across is _slip_of
-    if over_slip or cause.name == "speed_latency":  # braking is so steep that the driven part would look flat
-        left, line = (np.where(recommendation.slip > 0, values, np.nan) for values in (left, line))
+    driven_only = cause.name not in _BRAKED
+    if driven_only:  # braking is so steep that the driven part would look flat
+        left, across = (np.where(recommendation.slip > 0, values, np.nan) for values in (left, across))
+    line = np.where(np.isfinite(left), line, np.nan)  # of the same samples as the points
     edges = EDGES if over_slip else _edges(across)
     points, correction = binned(across, factor * left, edges), binned(across, factor * line, edges)
     curves = [
@@ -176,8 +179,16 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
     span = _driven_slips(recommendation.slip) if over_slip else _span(across)
-    plane = Plane(span, _height(points, correction), view.axis, f"Measured − predicted ({unit})")
-    return drawn("hero", title, caption, plane, curves, samples=_known(across, factor * left))
+    cloud = _known(across, factor * left)
+    inner = cloud[1][(cloud[0] >= span[0]) & (cloud[0] <= span[1])]
+    bulk = np.percentile(inner, [0.5, 99.5]) if len(inner) else inner
+    plane = Plane(span, _height(points, correction, also=bulk), view.axis, f"Measured − predicted ({unit})")
+    side = "Driving" if driven_only else "Driving and braking"
+    caption = (
+        f"{side}. Measured − predicted by {against}. Grey: samples{beyond(cloud, plane)}. "
+        "Points: median and middle half. Line: the correction."
+    )
+    return drawn("hero", title, caption, plane, curves, samples=cloud)
 
 
 def _title(view: _View, cause: Cause, channel: str) -> str:
@@ -190,7 +201,7 @@ def _title(view: _View, cause: Cause, channel: str) -> str:
     return view.finding(OUTPUTS[channel].name, size, first.value)
 
 
-def _shares(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[str, float]:
+def shares_of(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[str, float]:
     """Return the root mean square of what a cause changes in each of some channels, in sigmas of a sample."""
     squares: dict[str, list[FloatArray]] = {}
     for seen in found.plot_data:
@@ -248,8 +259,8 @@ def _span(across: FloatArray) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def _height(*all_bins: Bins) -> tuple[float, float]:
-    return reach(*(edge for bins in all_bins for edge in (bins.lower, bins.upper, bins.median)))
+def _height(*all_bins: Bins, also: FloatArray) -> tuple[float, float]:
+    return reach(also, *(edge for bins in all_bins for edge in (bins.lower, bins.upper, bins.median)))
 
 
 def _known(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -75,7 +75,7 @@ def drawn(
     samples: tuple[FloatArray, FloatArray] | None = None,
     shades: Sequence[tuple[float, float]] = (),
     reading: str = "",
-    wide: tuple[int, int, int] = (720, 400, 170),
+    wide: tuple[int, int, int] = (720, 340, 170),
 ) -> Drawing:
     """Draw a figure for a wide screen, and for a phone and paper.
 
@@ -114,12 +114,13 @@ def _svg(
         _density(canvas, *samples)
     for curve in curves:
         _band(canvas, curve)
-    for curve in curves:
-        _line(canvas, curve)
+    for curve in sorted(curves, key=lambda curve: (curve.points, curve.look == "base")):
+        _line(canvas, curve)  # a broken line over a solid one that it lies on: both are seen
     if size[2] > _LABEL_GAP:
         _labels(canvas, curves)
     body = "".join(canvas.parts)
-    head = f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img" aria-label="{escape(title)}">'
+    box = f'viewBox="0 0 {size[0]} {size[1]}" preserveAspectRatio="xMidYMin"'
+    head = f'<svg {box} role="img" aria-label="{escape(title)}">'
     return f"{head}<title>{escape(title)}</title>{body}</svg>"
 
 
@@ -271,6 +272,16 @@ def ticks(low: float, high: float, most: int = 7) -> list[float]:
 def tick_text(value: float) -> str:
     """Return a number at an axis, with a proper minus and thin spaces between thousands."""
     return f"{value:,.10g}".replace(",", "\u202f").replace("-", "−")
+
+
+def beyond(samples: tuple[FloatArray, FloatArray], plane: Plane) -> str:
+    """Return in words how many of the samples within the range of x lie above or below the axis; "" for none."""
+    x, y = samples
+    within = y[(x >= plane.x[0]) & (x <= plane.x[1]) & np.isfinite(y)]
+    share = float(np.mean((within < plane.y[0]) | (within > plane.y[1]))) if len(within) else 0.0
+    if share == 0.0:
+        return ""
+    return f", {100 * share:.1f} % beyond the axis" if share >= 5e-4 else ", fewer than 0.1 % beyond the axis"
 
 
 def reach(*values: FloatArray, zero: bool = True) -> tuple[float, float]:

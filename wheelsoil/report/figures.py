@@ -29,6 +29,8 @@ GRID = "#e3e3e3"
 _NONE: FloatArray = np.zeros(0)
 _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
 """Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
+_REPEAT = 0.02
+"""Range of slip within which rows of a table repeat one condition."""
 _BULK = (0.5, 99.5)
 """Percentiles that limit the initial range of an axis."""
 
@@ -158,6 +160,31 @@ def _quantile(y: FloatArray, start: IntArray, count: IntArray, share: float) -> 
 def binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> Bins:
     """Summarise y in bins of x; see `Binning.of`."""
     return Binning(x, edges).of(y)
+
+
+def by_slip(slip: FloatArray, y: FloatArray) -> Bins:
+    """Summarise samples of runs in bins of slip."""
+    return binned(slip, y, EDGES)
+
+
+def repeated(x: FloatArray, y: FloatArray) -> Bins:
+    """Summarise the rows of a table at each x; rows within `_REPEAT` of the first of them are repeats of it."""
+    rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    order = rows[np.argsort(x[rows], kind="stable")]
+    starts: list[int] = []
+    for i, value in enumerate(x[order].tolist()):
+        if not starts or value > x[order[starts[-1]]] + _REPEAT:
+            starts.append(i)
+    parts = np.split(order, starts[1:]) if len(order) else []
+    at = [(float(np.mean(x[part])), *np.percentile(y[part], [50, 25, 75]).tolist()) for part in parts]
+    centre, median, lower, upper = np.array(at, np.float64).reshape(-1, 4).T
+    return Bins(centre, median, lower, upper, np.array([len(part) for part in parts], np.int64))
+
+
+def matched(at: FloatArray, known: Bins) -> FloatArray:
+    """Return the medians at some of the centres of bins; NaN where a bin had too few samples."""
+    medians = dict(zip(known.centre.tolist(), known.median.tolist(), strict=True))
+    return np.array([medians.get(centre, np.nan) for centre in at.tolist()])
 
 
 def parted_at_zero(curve: Bins) -> Bins:

@@ -237,7 +237,10 @@ function openNamed() {
 window.addEventListener("hashchange", openNamed);
 openNamed();
 const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
-const here = new IntersectionObserver((entries) => {
-  for (const { target, isIntersecting } of entries) links.get(target.id)?.classList.toggle("on", isIntersecting);
-}, { rootMargin: "-20% 0px -70% 0px" });
-for (const id of links.keys()) here.observe(document.getElementById(id));
+function markHere() {
+  const ids = [...links.keys()];
+  const here = ids.findLast((id) => document.getElementById(id).getBoundingClientRect().top <= 80) ?? ids[0];
+  for (const [id, link] of links) link.classList.toggle("on", id === here);
+}
+for (const event of ["scroll", "resize"]) window.addEventListener(event, markHere, { passive: true });
+markHere();

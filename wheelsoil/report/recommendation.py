@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
+from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from model.fit import CampaignFit
 from wheelsoil.report.figures import EDGES, Bins, binned, style
@@ -17,6 +18,7 @@ from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_nam
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES = 10
+_Z95 = 1.96
 _ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
 """Standard error of a median, in sigmas by the root of n; distance of a normal distribution's quartiles, in sigmas."""
 _LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
@@ -237,6 +239,31 @@ def caution_text(bias: Bias) -> str:
     slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
     side = "Driving" if bias.driving else "Braking"
     return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}."
+
+
+def rows_not_used(found: Diagnosis) -> str:
+    """Return in words which rows of single-wheel tables a diagnosis did not use, for they are braked; "" for none."""
+    rows = sum(note.values["rows"] for note in found.notes if note.code == DiagnosisCode.BRAKED_ROWS_EXCLUDED)
+    braked_only = any(note.code == DiagnosisCode.BRAKED_ROWS_ONLY for note in found.notes)
+    return f"{rows} {'driven' if braked_only else 'braked'} rows are not used" if rows else ""
+
+
+def slips_of_rows(recommendation: Recommendation) -> tuple[float, float]:
+    """Return the axis that holds the slips of tables' rows, with those at zero inside it."""
+    low, high = float(np.min(recommendation.slip, initial=0.0)), float(np.max(recommendation.slip, initial=0.2))
+    return low - 0.02, 0.05 * float(np.ceil(high / 0.05 - 1e-9)) + 0.02
+
+
+def rows_check(recommendation: Recommendation, channel: str) -> tuple[bool, str]:
+    """Return whether the rows of tables scatter about the model as they should, and how many are beyond 95 %."""
+    left, half = recommendation.residual(channel), _Z95 * recommendation.noise[channel]
+    known = np.isfinite(left) & np.isfinite(half)
+    beyond, rows = int((np.abs(left) > half)[known].sum()), int(known.sum())
+    factor, unit = page_unit(channel)
+    size = number(factor * float(np.median(half[known])), 2) if rows else "–"
+    name = OUTPUTS[channel].name.capitalize()
+    text = f"{name}: {rows - beyond} of {rows} rows are within ±{size} {unit} of the model, where 95 % are expected."
+    return beyond <= 0.05 * rows + 2 * float(np.sqrt(0.0475 * rows)), text
 
 
 def checks_of(found: Diagnosis) -> list[str]:

@@ -88,7 +88,7 @@ def _zeros(v: Values) -> str:
 
 def _disagreement(v: Values) -> str:
     unit = "" if v["unit"] in ("", "1") else f" {v['unit']}"
-    own = ", ".join(f"{campaign} {value:.3g} +- {sigma:.3g}{unit}" for campaign, value, sigma in v["own"])
+    own = ", ".join(f"{campaign} {value:.3g} ± {sigma:.3g}{unit}" for campaign, value, sigma in v["own"])
     test = f"Cochran's Q {v['q']:.1f} on {len(v['own']) - 1}, p {chance(v['chance'])}"
     return (
         f"the campaigns disagree about {v['parameter']}: {own} ({test}): a shared value is not theirs, diagnose each "
@@ -153,7 +153,7 @@ def _unseen(v: Values) -> str:
 def _skid(v: Values) -> str:
     return (
         f"{v['table']}: {v['rows']} rows with s <= 0 have a law of their own, Z = {1e3 * v['static_sinkage_m']:.1f} mm "
-        f"+ ({1e3 * v['H2_m']:.1f} +- {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
+        f"+ ({1e3 * v['H2_m']:.1f} ± {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
         f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
     )
 

@@ -302,7 +302,7 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
     ]
 
 
-COVERED = "is right in 90 % of campaigns of few runs"
+COVERED = "held in 90 % of campaigns of a study"
 """Of the interval of a gain: measured by studies/gain_interval on 200 campaigns."""
 
 

@@ -24,7 +24,7 @@ def _clock_set(v: Values) -> str:
 
 def _standing(v: Values) -> str:
     pairs = list(zip(v["levels"], v["sigmas"], strict=True))[:_MOST_LEVELS]
-    values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in pairs)
+    values = ", ".join(f"{level:.1f} ± {sigma:.1f}" for level, sigma in pairs)
     of = ROLES[v["role"]]
     read = f"{of.name} at standstill reads {values} {of.unit_text}"
     if v["brakes"] == ("released",):
@@ -103,7 +103,7 @@ def age_text(seconds: float) -> str:
 
 
 def _moved(v: Values) -> str:
-    change = f"{v['change']:+.1f} +- {v['sigma']:.1f} {ROLES[v['role']].unit_text}"
+    change = f"{v['change']:+.1f} ± {v['sigma']:.1f} {ROLES[v['role']].unit_text}"
     return f"the zero of {v['role']} moved by {change} from before the run to after it"
 
 
@@ -111,7 +111,7 @@ def _direction(v: Values) -> str:
     cure = "check the transducer's own angle offset, or the inclination of its frame"
     if v["better_deg"] is not None:
         cure = f"angle_offset_deg = {v['better_deg']:.2f} in place of {v['offset_deg']:g} would correct it"
-    return f"the outboard weight points {v['angle_deg']:+.2f} +- {v['sigma_deg']:.2f} deg off the vertical: {cure}"
+    return f"the outboard weight points {v['angle_deg']:+.2f} ± {v['sigma_deg']:.2f} deg off the vertical: {cure}"
 
 
 def _not_comparable(v: Values) -> str:
@@ -134,7 +134,7 @@ def _doubted(v: Values) -> str:
     ratio, role = v["ratio"], v["role"]
     cure = "its sign: x is forward" if ratio < 0 else 'its unit: 9.81 says {signal = "...", unit = "g"}'
     return (
-        f"the slope of the ground speed is {ratio:.2f} +- {v['sigma']:.2f} times {role}, where 1 is expected: correct "
+        f"the slope of the ground speed is {ratio:.2f} ± {v['sigma']:.2f} times {role}, where 1 is expected: correct "
         f"{cure}; until then it is not used"
     )
 
@@ -154,12 +154,12 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.NOT_MEASURED: "{role}: never a usable value; treated as not measured",
     RunCode.NOISE_UNKNOWN: "{role}: too few samples to estimate its noise; declare [sensors.{role}] sigma",
     RunCode.GROUND_SPEED_LATE: (
-        "ground speed is {latency_s:.3f} +- {sigma_s:.3f} s late against wheel speed beyond the declared delays: if "
+        "ground speed is {latency_s:.3f} ± {sigma_s:.3f} s late against wheel speed beyond the declared delays: if "
         "the receiver's data sheet allows it, declare [sensors.ground_speed] latency_s = {whole_s:.3f} in place of "
         "{declared_s:g}"
     ),
     RunCode.GROUND_SPEED_EARLY: lambda v: (
-        f"ground speed is {abs(v['latency_s']):.3f} +- {v['sigma_s']:.3f} s early against wheel speed: the declared "
+        f"ground speed is {abs(v['latency_s']):.3f} ± {v['sigma_s']:.3f} s early against wheel speed: the declared "
         f"latency_s of ground speed ({v['declared_s']:g} s) may be too long, or that of wheel speed "
         f"({v['wheel_declared_s']:g} s) too short, as a toothed ring is late at low speed; check both data sheets "
         "before changing either"
@@ -235,7 +235,7 @@ SENTENCES: dict[str, Sentence] = {
         "declared outboard inertia, {inertia_kgm2:g} kg m2"
     ),
     ZeroCode.OUTBOARD_MASS: (
-        "the outboard weight is that of {mass_kg:.1f} +- {sigma_kg:.1f} kg, and outboard_mass_kg is {declared_kg:g}: "
+        "the outboard weight is that of {mass_kg:.1f} ± {sigma_kg:.1f} kg, and outboard_mass_kg is {declared_kg:g}: "
         "weigh the parts, or check the transducer's zero and gain"
     ),
     ZeroCode.OUTBOARD_DIRECTION: _direction,

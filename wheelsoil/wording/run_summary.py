@@ -74,11 +74,11 @@ def _ranges(run: ProcessedRun) -> list[tuple[str, str]]:
 def _latency(latency_s: float, sigma_s: float) -> str:
     if not isfinite(latency_s):
         return "latency not identifiable"
-    return f"{abs(latency_s):.3f} +- {sigma_s:.3f} s {'late' if latency_s >= 0 else 'early'}"
+    return f"{abs(latency_s):.3f} ± {sigma_s:.3f} s {'late' if latency_s >= 0 else 'early'}"
 
 
 def _with_sigma(value: float, sigma: float, style: str, unit: str) -> str:
-    return f"{value:{style}} +- {sigma:{style}}{unit}" if isfinite(value) else "not identifiable"
+    return f"{value:{style}} ± {sigma:{style}}{unit}" if isfinite(value) else "not identifiable"
 
 
 def _radius(run: ProcessedRun) -> list[tuple[str, str]]:
@@ -113,7 +113,7 @@ def _sensor(facts: SensorFacts, unit: str, outboard: str) -> str:
     if not isfinite(facts.rate_hz):
         return f"{facts.samples} samples"
     gaps = f"{facts.gaps} gaps, longest {facts.longest_gap_s:.2f} s" if facts.gaps else "no gaps"
-    zero = f", zero +- {facts.systematic_sigma:.3g} {unit}" if isfinite(facts.systematic_sigma) else ""
+    zero = f", zero ± {facts.systematic_sigma:.3g} {unit}" if isfinite(facts.systematic_sigma) else ""
     excluded = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
     sources = [_SIGMA_SOURCES[facts.sigma_source], *([f"the correction for {outboard}"] if outboard else [])]
     sigma = f"sigma {facts.sigma:.3g} {unit} after the filter ({' and '.join(sources)})"

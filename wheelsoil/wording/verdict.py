@@ -17,7 +17,6 @@ from model.diagnosis import (
     FormUsed,
     Gain,
     Grounds,
-    LackOfFit,
     NextRun,
     ParameterEstimate,
     Reduction,
@@ -132,7 +131,10 @@ def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
     statements = [statement for statement in statements_of(found) if statement.about not in ("gain", "next")]
-    return [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
+    texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
+    if found.verdict == "named" and found.grounds.table_channels:
+        texts.insert(1, f"{sizes}.")
+    return texts
 
 
 def finding_of(found: Diagnosis) -> str:
@@ -233,8 +235,8 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
     elif found.verdict == "one_of":
         statements = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        left, best = grounds.lack_of_fit, grounds.most_probable
-        statements = unexplained_words(found.adequacy, left, best, grounds.terrains, grounds.barred)
+        worst, best = found.what_is_wrong[:1], grounds.most_probable
+        statements = unexplained_words(found.adequacy, worst, best, grounds.terrains, grounds.barred)
     else:
         hidden = undetectable(found.minimum_detectable, found.notes)
         sizes = {key: size for key, size in found.minimum_detectable.items() if key not in hidden}
@@ -454,7 +456,7 @@ def refusal_words(found: Diagnosis) -> str:
 
 def unexplained_words(
     judged: Adequacy,
-    left: LackOfFit,
+    worst: Sequence[Finding],
     best: Sequence[str],
     soils: tuple[Sequence[str], Sequence[str]] | None,
     why: Note | None = None,
@@ -463,8 +465,8 @@ def unexplained_words(
 
     Parameters
     ----------
-    left : LackOfFit
-        What the most probable set leaves.
+    worst : sequence of Finding
+        Largest residual of the simulation with calibrated soil, as it leads the list of them; may be empty.
     best : sequence of str
         Families of that set.
     soils : two sequences of str, optional
@@ -478,11 +480,12 @@ def unexplained_words(
     ]
     if why:
         statements = [f"These runs are not explained: {note_text(why)}"]
-    if left.worst:
-        statements.append(f"It is off most in {_findings(left.worst, sigmas=False)}")
-    if left.rms:
-        each = [f"{x:.3g} {ROLES[role].unit_text} of {ROLES[role].name}" for role, x in left.rms.items()]
-        statements.append(f"What is left like this is, rms over all samples, {listed(each)}")
+    if worst:
+        where = "; ".join(
+            f"{ROLES[finding.channel].name}, {place_text(finding.place)} ({abs(finding.statistic):.1f} sigma)"
+            for finding in worst
+        )
+        statements.append(f"With calibrated soil the simulation is off most in {where}")
     if soils:
         first_runs, other_runs = (listed(runs) for runs in soils)
         statements.append(
@@ -596,11 +599,10 @@ def _alternatives(families: Sequence[str], chances: Mapping[str, float]) -> str:
     return alternatives([(f"{plain_name(family)} ({chance(chances[family])})", chances[family]) for family in families])
 
 
-def _findings(found: Sequence[Finding], *, sigmas: bool = True) -> str:
+def _findings(found: Sequence[Finding]) -> str:
     return "; ".join(
         f"{ROLES[finding.channel].name}, {place_text(finding.place)}: "
-        f"{finding.size:+.3g} {ROLES[finding.channel].unit_text}"
-        + (f" ({abs(finding.statistic):.1f} sigma)" if sigmas else "")
+        f"{finding.size:+.3g} {ROLES[finding.channel].unit_text} ({abs(finding.statistic):.1f} sigma)"
         for finding in found[:_MOST_EXAMPLES]
     )
 

@@ -30,7 +30,7 @@ def wheel_pair_lines(found: WheelPair, first: str, second: str, width: int) -> l
     return [
         *wrapped(wheel_pair_sentence(found, first, second), width),
         "",
-        *wrapped(f"{second} less {first}, after load, slip and size (+- one-sigma if nothing is different)", width),
+        *wrapped(f"{second} less {first}, after load, slip and size (± one-sigma if nothing is different)", width),
         *(f"  {line}" for line in table_lines(head, rows)),
         "",
         *wrapped(f"Causes of {second} alone (probability of being among them)", width),
@@ -80,7 +80,7 @@ def _largest(found: WheelPair) -> str:
 
 def _with_sigma(found: WheelPair, channel: str, i: int) -> str:
     size, sigma = (_factor(channel) * float(x[channel][i]) for x in (found.difference, found.difference_sigma))
-    return f"{size:+.3g} +- {number(sigma, 2)}" if isfinite(size) else "-"
+    return f"{size:+.3g} ± {number(sigma, 2)}" if isfinite(size) else "-"
 
 
 def _factor(channel: str) -> float:

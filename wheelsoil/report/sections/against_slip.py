@@ -165,11 +165,12 @@ def _recommended(inputs: ReportInputs, channel: str, choice: str, *, driving: bo
     recommendation = inputs.recommendation
     if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
         return []
-    rows = (recommendation.slip > 0) == driving
+    rows = ((recommendation.slip > 0) == driving) & np.isfinite(recommendation.measured[channel])
     if choice in recommendation.runs:
         rows &= recommendation.run == recommendation.runs.index(choice)
     curve = binned(recommendation.slip[rows], recommendation.recommended[channel][rows], EDGES)
-    return [line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)]
+    drawn = line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)
+    return [drawn] if len(curve.centre) else []
 
 
 def _errors(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,6 @@ from daq import OUTPUTS, FloatArray
 from model.diagnosis import Diagnosis, Gain, PlotData
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import (
-    EDGES,
     MEASURED,
     RECOMMENDED,
     STYLES,
@@ -20,11 +20,12 @@ from wheelsoil.report.figures import (
     Trace,
     axes,
     bars,
-    binned,
+    by_slip,
     dots,
     line,
     marked_line,
     parted_at_zero,
+    repeated,
     set_axis_range,
     thinned_rows,
 )
@@ -71,6 +72,8 @@ class _Shown:
     after: FloatArray
     sigma: FloatArray
     signatures: dict[str, FloatArray]
+    summary: Callable[[FloatArray, FloatArray], Bins]
+    """Of samples in bins of slip, or of rows at each slip."""
 
 
 @section("evidence", "Signatures of the causes")
@@ -83,7 +86,8 @@ def evidence(inputs: ReportInputs) -> Contents:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    shown = {channel: _of_channel(found.plot_data, channel, keys) for channel in OUTPUTS}
+    summary = repeated if inputs.tables else by_slip
+    shown = {channel: _of_channel(found.plot_data, channel, keys, summary) for channel in OUTPUTS}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
     for draw, reading in kinds:
@@ -93,7 +97,12 @@ def evidence(inputs: ReportInputs) -> Contents:
     return blocks, {"members": keys, **numbers}
 
 
-def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str]) -> list[_Shown]:
+def _of_channel(
+    everything: tuple[PlotData, ...],
+    channel: str,
+    keys: list[str],
+    summary: Callable[[FloatArray, FloatArray], Bins],
+) -> list[_Shown]:
     return [
         _Shown(
             seen.campaign,
@@ -102,6 +111,7 @@ def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str])
             seen.measured[channel] - seen.extended[channel],
             seen.base_sigma[channel],
             {key: seen.signatures[key][channel] for key in keys if channel in seen.signatures.get(key, {})},
+            summary,
         )
         for seen in everything
         if channel in seen.base
@@ -110,7 +120,7 @@ def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str])
 
 def _numbers(view: _Shown) -> dict[str, Bins]:
     curves = {"before": view.before, "after": view.after, **view.signatures}
-    return {name: binned(view.slip, values, EDGES) for name, values in curves.items()}
+    return {name: view.summary(view.slip, values) for name, values in curves.items()}
 
 
 def _members(found: Diagnosis) -> list[str]:
@@ -129,15 +139,15 @@ def _nothing(found: Diagnosis) -> str:
     return "The diagnosis gave no signatures to draw."
 
 
-def _curve(slip: FloatArray, values: FloatArray) -> Bins:
-    return parted_at_zero(binned(slip, values, EDGES))
+def _curve(view: _Shown, values: FloatArray) -> Bins:
+    return parted_at_zero(view.summary(view.slip, values))
 
 
 def _pair(channel: str, views: list[_Shown]) -> Figure:
     """Draw what is left before and after."""
     groups = {}
     for view in views:
-        before, after = _curve(view.slip, view.before), _curve(view.slip, view.after)
+        before, after = _curve(view, view.before), _curve(view, view.after)
         groups[view.campaign] = [
             marked_line(before.centre, before.median, "before", STYLES["wong"]),
             marked_line(after.centre, after.median, "after", _SOLID),
@@ -149,10 +159,10 @@ def _shapes(channel: str, views: list[_Shown]) -> Figure:
     """Draw what is left and the signatures against slip."""
     groups = {}
     for view in views:
-        left = _curve(view.slip, view.before)
+        left = _curve(view, view.before)
         traces = [line(left.centre, left.median, "what is left", MEASURED, "solid", 2.6)]
         for look, (key, values) in zip(_LOOKS, view.signatures.items(), strict=False):
-            curve = _curve(view.slip, values)
+            curve = _curve(view, values)
             traces.append(marked_line(curve.centre, curve.median, form_name(effect_name(key)), STYLES[look]))
         groups[view.campaign] = traces
     return _driven(_figure("shapes", channel, "signatures", groups))

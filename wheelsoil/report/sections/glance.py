@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from math import isfinite
 
@@ -9,12 +10,22 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
 from model.diagnosis import Diagnosis, Gain
-from wheelsoil.report.cause_figure import cause_figure
+from wheelsoil.report.cause_figure import cause_figure, shares_of
 from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
-from wheelsoil.report.drawing import Curve, Plane, drawn, reach
-from wheelsoil.report.figures import EDGES, binned
+from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
+from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Bias, LoadShift, Recommendation, biases, caution_text, load_shift
+from wheelsoil.report.recommendation import (
+    Bias,
+    LoadShift,
+    Recommendation,
+    biases,
+    caution_text,
+    load_shift,
+    recommended_causes,
+    rows_not_used,
+    slips_of_rows,
+)
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
 from wheelsoil.report.words import number, signed
@@ -122,7 +133,7 @@ def _error_tile(inputs: ReportInputs) -> Tile:
         return Tile(
             title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
         )
-    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %, {COVERED}"] if isfinite(low) else []
+    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} % ({COVERED})"] if isfinite(low) else []
     notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
     return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=low > 0)
@@ -152,9 +163,11 @@ def _in_sample_tile(inputs: ReportInputs) -> Tile:
         for base in (True, False)
     )
     if recommendation.is_base:
-        return Tile(
-            title, number(after), "N", f"in sample, driving; nothing better than {recommendation.base_name} is known"
-        )
+        braked = recommendation.residual("dp")[recommendation.slip < 0]
+        known = braked[np.isfinite(braked)]
+        also = f"; braking {number(float(np.sqrt(np.mean(known**2))))}\u00a0N" if len(known) else ""
+        note = f"in sample, driving{also}; nothing better than {recommendation.base_name} is known"
+        return Tile(title, number(after), "N", note)
     return Tile(title, number(after), "N", "in sample, driving; no run was held out", number(base))
 
 
@@ -194,9 +207,11 @@ def _chosen(found: Diagnosis) -> str:
 def _data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
     title = "Usable data"
     if inputs.tables:
-        return Tile(
-            title, str(sum(len(wheel_test.rows) for wheel_test in inputs.tables)), "rows", "of single-wheel tests"
-        )
+        total = sum(len(wheel_test.rows) for wheel_test in inputs.tables)
+        if inputs.diagnosed is None:
+            return Tile(title, str(total), "rows", "of single-wheel tests")
+        rows = sum(len(seen.slip) for seen in inputs.diagnosed.plot_data)
+        return Tile(title, str(rows), f"of {total} rows", rows_not_used(inputs.diagnosed) or "of single-wheel tests")
     shares = np.array([grade.usable_share for grade in grades.values()])
     used = np.concatenate([run.used for run in inputs.runs]) if inputs.runs else np.zeros(0)
     slip = np.concatenate([run.slip[run.used] for run in inputs.runs]) if inputs.runs else np.zeros(0)
@@ -219,26 +234,34 @@ def hero(inputs: ReportInputs) -> Drawing:
         No driven sample has a measured channel.
     """
     recommendation = inputs.recommendation
+    if inputs.tables and inputs.diagnosed is not None:
+        return _hero_of_rows(inputs.diagnosed, recommendation)
     channel = recommendation.main_channel
     driven = recommendation.slip > 0
     if channel not in recommendation.measured or not np.isfinite(recommendation.measured[channel][driven]).any():
         raise DataError("no driven sample has a measured drawbar pull or torque")
     if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
-    factor, unit = page_unit(channel)
+    factor = page_unit(channel)[0]
     shift = load_shift(recommendation, channel)
-    slip, added = recommendation.slip[driven], shift.of(recommendation.slip, recommendation.vertical_load_n)
-    measured, base, model = (
-        factor * (values[channel] + added)[driven]
-        for values in (recommendation.measured, recommendation.base, recommendation.recommended)
+    left, off = (recommendation.residual(channel, base=base) for base in (False, True))
+    rows = driven & np.isfinite(left) & np.isfinite(off)
+    added = shift.of(recommendation.slip, recommendation.vertical_load_n)
+    slip, measured, noise_at = (
+        values[rows]
+        for values in (
+            recommendation.slip,
+            factor * (recommendation.measured[channel] + added),
+            factor * recommendation.noise[channel],
+        )
     )
-    points, above = binned(slip, measured, EDGES), binned(slip, model, EDGES)
-    noise = binned(slip, factor * recommendation.noise[channel][driven], EDGES)
-    half = Z95 * _matched(above.centre, noise.centre, noise.median)
+    above = binned(slip, factor * (recommendation.recommended[channel] + added)[rows], EDGES)
+    points, noise = _lifted(binned(slip, factor * left[rows], EDGES), above.median), binned(slip, noise_at, EDGES)
+    half = Z95 * matched(above.centre, noise)
     curves = []
     if not recommendation.is_base:
-        below = binned(slip, base, EDGES)
-        curves.append(Curve(recommendation.base_name, below.centre, below.median, "base", note="without a cause"))
+        below = points.median - binned(slip, factor * off[rows], EDGES).median
+        curves.append(Curve(recommendation.base_name, above.centre, below, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
     curves += [
         Curve(
@@ -252,19 +275,52 @@ def hero(inputs: ReportInputs) -> Drawing:
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
     samples = _samples(inputs, channel, shift) or (slip, measured)
-    inner = np.percentile(samples[1], [1.0, 99.0])
+    inner = np.percentile(samples[1], [0.5, 99.5])
     plane = Plane(
         (0.0, max(0.05 * np.ceil(float(np.nanmax(slip)) / 0.05), 0.2)),
         reach(inner, *edges, points.lower, points.upper, *(curve.y for curve in curves)),
-        "Slip ratio",
-        f"{OUTPUTS[channel].name.capitalize()} ({unit})",
+        "Slip ratio, driving",
+        _axis(channel),
     )
     at = (
         f"shifted to {number(shift.load_n / 1e3, 2)} kN" if shift.slope.any() else f"{number(shift.load_n / 1e3, 2)} kN"
     )
-    band = " Band: 95 % of the noise of a sample." if np.isfinite(half).any() else ""
-    caption = f"Driving, all runs, {at}. Grey: samples. Points: median and middle half.{band}"
-    return drawn("hero", _finding(recommendation, channel), caption, plane, curves, samples=samples)
+    band = " Band: 95 % of the noise." if np.isfinite(half).any() else ""
+    caption = (
+        f"All runs, {at}. Grey: samples{beyond(samples, plane)}. Points: median and middle half about the line.{band}"
+    )
+    return drawn("hero", _finding(recommendation, channel, by_slip), caption, plane, curves, samples=samples)
+
+
+def _hero_of_rows(found: Diagnosis, recommendation: Recommendation) -> Drawing:
+    """Return the driven rows of tables and the models at their slips and loads, in the channel that shows the cause."""
+    shares = [shares_of(found, cause, recommendation.measured) for cause in recommended_causes(found)[:1]]
+    channel = max(shares[0], key=shares[0].__getitem__) if shares and shares[0] else recommendation.main_channel
+    factor = page_unit(channel)[0]
+    curves, several = [], len(found.plot_data) > 1
+    for seen in found.plot_data:
+        if channel not in seen.base:
+            continue
+        of_wheel = f"{seen.campaign}: " if several else ""
+        if not recommendation.is_base:
+            below = repeated(seen.slip, factor * seen.base[channel])
+            curves.append(Curve(f"{of_wheel}{recommendation.base_name}", below.centre, below.median, "base"))
+        model = seen.base if recommendation.is_base else seen.extended
+        above = repeated(seen.slip, factor * model[channel])
+        half = Z95 * matched(above.centre, repeated(seen.slip, factor * seen.base_sigma[channel]))
+        edges = (above.median - half, above.median + half)
+        curves.append(Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges))
+        curves.append(Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True))
+    ends = [end for curve in curves for end in (curve.y, curve.lower, curve.upper) if end is not None]
+    plane = Plane(slips_of_rows(recommendation), reach(*ends), "Slip ratio, driving", _axis(channel))
+    unused = f"; {words}" if (words := rows_not_used(found)) else ""
+    lines = "Lines: the models at these slips and loads. Band: 95 % of scatter and error of form."
+    caption = f"Points: rows{unused}. {lines}"
+    return drawn("hero", _finding(recommendation, channel, repeated), caption, plane, curves)
+
+
+def _axis(channel: str) -> str:
+    return f"{OUTPUTS[channel].name.capitalize()} ({page_unit(channel)[1]})"
 
 
 def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
@@ -285,16 +341,16 @@ def _lines(text: str) -> str:
     return text if len(text) <= 22 else "\n".join(text.rsplit(" ", 1)) if len(text) < 40 else text[:38] + "…"
 
 
-def _matched(at: FloatArray, known_at: FloatArray, values: FloatArray) -> FloatArray:
-    known = dict(zip(known_at.tolist(), values.tolist(), strict=True))
-    return np.array([known.get(centre, np.nan) for centre in at.tolist()])
+def _lifted(left: Bins, line: FloatArray) -> Bins:
+    """Return what was measured in bins: the line and the residual there, so that figures of both agree."""
+    return Bins(left.centre, line + left.median, line + left.lower, line + left.upper, left.count)
 
 
-def _finding(recommendation: Recommendation, channel: str) -> str:
+def _finding(recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]) -> str:
     """Return what the figure shows: where the model without the cause is off most."""
     name, (factor, unit) = OUTPUTS[channel].name, page_unit(channel)
     driven = recommendation.slip > 0
-    off = binned(recommendation.slip[driven], factor * recommendation.residual(channel, base=True)[driven], EDGES)
+    off = summary(recommendation.slip[driven], factor * recommendation.residual(channel, base=True)[driven])
     if recommendation.is_base or not len(off.median):
         return f"{name.capitalize()} against slip: measured and {recommendation.base_name}"
     worst = int(np.argmax(np.abs(off.median) * np.sqrt(off.count)))
@@ -383,5 +439,5 @@ def _dates(starts_ns: list[int]) -> str:
     first, last = min(dated), max(dated)
     if first.date() == last.date():
         times = f"{first:%H:%M}" if first == last else f"{first:%H:%M} to {last:%H:%M}"
-        return f"{first.day} {first:%B %Y}, {times} UTC"
-    return f"{first.day} {first:%B %Y} to {last.day} {last:%B %Y}"
+        return f"{first.day} {first:%b %Y}, {times} UTC"
+    return f"{first.day} {first:%b %Y} to {last.day} {last:%b %Y}"

@@ -20,6 +20,7 @@ from wheelsoil.report.figures import (
     dots,
     line,
     parted_at_zero,
+    repeated,
     set_axis_range,
     thinned_by_sign,
     thinned_rows,
@@ -73,7 +74,7 @@ def misfit(inputs: ReportInputs) -> Contents:
     names = [seen.campaign for seen in found.plot_data]
     channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.plot_data)]
     for channel in channels:
-        figures, shown = _panels(found.plot_data, channel)
+        figures, shown = _panels(found.plot_data, channel, of_rows=bool(inputs.tables))
         blocks.append(Panels(figures, _READING, names))
         numbers[channel] = shown
     if orders := _wheel_orders(found.plot_data):
@@ -125,15 +126,19 @@ def _inconsistent(found: Diagnosis) -> list[Block]:
     ]
 
 
-def _panels(everything: tuple[PlotData, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
+def _panels(
+    everything: tuple[PlotData, ...], channel: str, *, of_rows: bool = False
+) -> tuple[list[Figure], dict[str, Any]]:
     views = [seen for seen in everything if channel in seen.base]
     figures = []
     numbers: dict[str, Any] = {}
     for key, across, title in _AGAINST:
+        if key != "run" and not any(np.isfinite(getattr(seen, key)).any() for seen in views):
+            continue  # rows of tables have no speed and no place
         data: list[Trace] = []
         groups: list[str] = []
         for seen in views:
-            traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
+            traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key, of_rows=of_rows)
             data += traces
             groups += [seen.campaign] * len(traces)
         unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
@@ -188,10 +193,10 @@ def _reach(seen: PlotData, channel: str) -> FloatArray:
     return np.concatenate([(seen.measured[channel] - seen.base[channel])[driven], noise, -noise])
 
 
-def _traces(seen: PlotData, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
+def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
     if key == "slip":
-        return _cloud(seen.slip, residual, sigma, EDGES)
+        return _cloud_of_rows(seen.slip, residual, sigma) if of_rows else _cloud(seen.slip, residual, sigma, EDGES)
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(sigma > 0, residual / sigma, np.nan)
     if key == "run":
@@ -212,6 +217,17 @@ def _cloud(
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
         dots(x[rows], residual[rows], "samples"),
+        line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
+    ]
+    return traces, {"median": curve, "noise_sigma": noise.median}
+
+
+def _cloud_of_rows(x: FloatArray, residual: FloatArray, sigma: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
+    """Return every row of a table, and the medians of its repeats."""
+    curve, noise = repeated(x, residual), repeated(x, sigma)
+    traces = [
+        *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
+        dots(x, residual, "rows"),
         line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
     ]
     return traces, {"median": curve, "noise_sigma": noise.median}

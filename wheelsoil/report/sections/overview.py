@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError
+from daq import OUTPUTS, ROLES, DataError, FloatArray
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from wheelsoil.report.content import (
@@ -29,7 +30,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, reach
-from wheelsoil.report.figures import EDGES, Bins, binned, parted_at_zero
+from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -37,6 +38,8 @@ from wheelsoil.report.recommendation import (
     biases,
     caution_text,
     recommended_causes,
+    rows_check,
+    slips_of_rows,
     unconfirmed,
 )
 from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
@@ -52,7 +55,7 @@ from wheelsoil.wording.names import (
     plain_name,
     upper,
 )
-from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.notes import note_text, runs_by_text
 from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, adequacy_words, refusal_words, rival_words, undetectable
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
@@ -67,12 +70,23 @@ from wheelsoil.workflows.traction import PullAtSlip, Traction, traction_of
 
 _MOST_CAUSES, _MOST_RUNS = 6, 40
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
+_SIGNED = ("cohesion_pa", "cohesive_modulus")
+"""Parameters of a soil that may be 0 or less; see `model.bevameter.joint.POSITIVE`."""
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
 _NO_BIAS = "no median of 10 or more samples is beyond the noise of one, and the medians do not keep to one side of zero"
-_SENSORS_NOTE = "Complete: no gap that is too long to be bridged. Delay: as declared in vehicle.toml."
+_SENSORS_NOTE = (
+    "Complete: no gap too long to be bridged. Delay: as declared. Sigma: before the means over 0.2 s "
+    "to which the errors on this page refer."
+)
+_NAMED_RUNS = 5
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
     "A right model stays at zero everywhere; where a line leaves zero and stays away, that model is wrong."
+)
+
+_READING_ROWS = (
+    "A point is measured − predicted of one row, at its slip and load; a line joins the medians of repeats. Grey is "
+    "what 95 % of the rows may be off under a right model: their scatter, and the error of form that every model has."
 )
 
 
@@ -81,13 +95,14 @@ def fit(inputs: ReportInputs) -> Contents:
     """Build the section: residuals of baseline and recommended model, its parameters, checks, traction."""
     recommendation = inputs.recommendation
     found = biases(recommendation)
-    figures = [_residuals(recommendation, channel) for channel in recommendation.measured]
+    draw = _residuals_of_rows if inputs.tables else _residuals
+    figures = [draw(recommendation, channel) for channel in recommendation.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
-    checks += [
-        check
-        for c in recommendation.measured
-        for check in _other_checks(recommendation, c, [b for b in found if b.channel == c])
-    ]
+    for c in recommendation.measured:
+        if inputs.tables:
+            checks.append(Check(*rows_check(recommendation, c)))
+        else:
+            checks += _other_checks(recommendation, c, [b for b in found if b.channel == c])
     checks += _adequacy(inputs.diagnosed)
     blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
     beside: list[Block] = []
@@ -111,7 +126,10 @@ def fit(inputs: ReportInputs) -> Contents:
         "checks": [check.text for check in checks],
         "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
         "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
-        "residual": {c: _residual_numbers(recommendation, c) for c in recommendation.measured},
+        "residual": {
+            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip)
+            for c in recommendation.measured
+        },
     }
     if inputs.fitted:
         blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
@@ -146,15 +164,43 @@ def _noise(recommendation: Recommendation, channel: str, *, driving_only: bool) 
     )
 
 
-def _residual_numbers(recommendation: Recommendation, channel: str) -> dict[str, Bins]:
+def _residual_numbers(
+    recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]
+) -> dict[str, Bins]:
     names = {"baseline": True, "recommended": False}
     return {
-        name: binned(recommendation.slip, recommendation.residual(channel, base=base), EDGES)
-        for name, base in names.items()
+        name: summary(recommendation.slip, recommendation.residual(channel, base=base)) for name, base in names.items()
     }
 
 
-def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
+def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
+    """Return the residual of every row of tables; a line joins the medians of repeats."""
+    factor, text = page_unit(channel)
+    slip = recommendation.slip
+    noise = repeated(slip, factor * recommendation.noise[channel])
+    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
+    looks = [] if recommendation.is_base else [(True, recommendation.base_name, "base")]
+    for base, name, look in [*looks, (False, recommendation.title, "model")]:
+        left = factor * recommendation.residual(channel, base=base)
+        line = repeated(slip, left)
+        curves.append(Curve(_short(name), line.centre, line.median, look))
+        curves.append(Curve("", slip, left, look, points=True))
+    edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
+    plane = Plane(
+        slips_of_rows(recommendation),
+        reach(*(curve.y for curve in curves), *edges),
+        "Slip ratio",
+        f"Measured − predicted ({text})",
+    )
+    title, caption = (
+        f"{OUTPUTS[channel].name.capitalize()}: residual",
+        "Points: rows. Grey: 95 % of scatter and error of form.",
+    )
+    size = (560, 340, 124)
+    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=size)
+
+
+def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = (560, 340, 124)) -> Drawing:
     factor, text = page_unit(channel)
     noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
@@ -166,14 +212,14 @@ def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = (1.3 * end for end in reach(*driving, *edges))
-    low, high = reach(np.array([low, high]), curves[-1].y)
+    low, high = reach(np.array([low, high]), above.median)
     slips = (
         float(np.floor(np.nanmin(recommendation.slip) / 0.1) * 0.1),
         float(np.ceil(np.nanmax(recommendation.slip) / 0.1) * 0.1),
     )
     plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
     name = OUTPUTS[channel].name
-    caption = "Medians in bins of slip, braking left of zero, where the axis may cut lines. Grey: 95 % of the noise."
+    caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
     return drawn(
         f"residual-{channel}",
@@ -183,7 +229,7 @@ def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
         curves,
         shades=shades,
         reading=_READING,
-        wide=(560, 340, 124),
+        wide=wide,
     )
 
 
@@ -209,14 +255,14 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     several = len(found.soils) > 1
     for soil in found.soils:
         for name, value in soil.values.items():
-            sigma = soil.sigmas.get(name, float("nan"))
-            interval_text = interval(value - Z95 * sigma, value + Z95 * sigma)
+            sigma, text = soil.sigmas.get(name, float("nan")), SOIL_UNITS.get(name, "")
+            scale, text = (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)  # as in terrain.toml
+            ends = _soil_interval(name, value, sigma)
+            interval_text = interval(scale * ends[0], scale * ends[1])
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
-            before = number(soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
-            label = _with_unit(
-                f"{letter(name)}, {soil.campaign}" if several else letter(name), SOIL_UNITS.get(name, "")
-            )
-            rows.append([label, measured(value, sigma), interval_text, before, off])
+            before = number(scale * soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
+            label = _with_unit(f"{letter(name)}, {soil.campaign}" if several else letter(name), text)
+            rows.append([label, measured(scale * value, scale * sigma), interval_text, before, off])
     if not rows:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
@@ -227,6 +273,14 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     model = f"Wong with {causes}, {of_soil}" if causes else CALIBRATED
     title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
+
+
+def _soil_interval(name: str, value: float, sigma: float) -> tuple[float, float]:
+    """Return the 95 % interval of a soil's parameter; log-normal for one that is above 0 in every soil."""
+    if name in _SIGNED or not (value > 0 and sigma > 0):
+        return value - Z95 * sigma, value + Z95 * sigma
+    factor = float(np.exp(Z95 * np.sqrt(np.log1p((sigma / value) ** 2))))
+    return value / factor, value * factor
 
 
 def _with_form(cause: Cause) -> str:
@@ -333,32 +387,34 @@ def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     refusal = refusal_words(found) or "Nothing can be decided from these data."
     blocks: list[Block] = [Text(refusal, "warning")]
     try:
-        blocks.append(_largest_residual(inputs.recommendation))
+        blocks.append(_largest_residual(inputs.recommendation, found))
     except DataError as error:
         blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
     numbers = {"sets": [], "refused": refusal, "candidates": found.candidates, "causes": found.causes}
     return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
 
 
-def _largest_residual(recommendation: Recommendation) -> Drawing:
-    """Return the residual of the channel in which its median is largest, in sigmas of a sample."""
+def _largest_residual(recommendation: Recommendation, found: Diagnosis) -> Drawing:
+    """Return the residual of the channel that leads the list of them, else of that of the largest median."""
     sizes = {}
     for channel in recommendation.measured:
         left, noise = (
             binned(recommendation.slip, x, EDGES)
             for x in (recommendation.residual(channel), recommendation.noise[channel])
         )
-        if len(left.median) and len(left.median) == len(noise.median):
-            sigmas = np.abs(left.median) / noise.median
-            sizes[channel] = (float(np.nanmax(np.append(sigmas, 0.0))), left, int(np.argmax(np.nan_to_num(sigmas))))
+        sigmas = np.abs(left.median) / matched(left.centre, noise)
+        if np.isfinite(sigmas).any():
+            sizes[channel] = (float(np.nanmax(sigmas)), left, int(np.nanargmax(sigmas)))
     if not sizes:
         raise DataError("the noise of the samples is not known")
-    channel = max(sizes, key=lambda c: sizes[c][0])
-    sigma, left, worst = sizes[channel]
+    listed_first = [ROLES[finding.channel].key for finding in found.what_is_wrong]
+    channel = next((c for c in listed_first if c in sizes), max(sizes, key=lambda c: sizes[c][0]))
+    _, left, worst = sizes[channel]
     factor, text = page_unit(channel)
-    size = f"{signed(factor * float(left.median[worst]), '+.0f')} {text}"
-    title = f"{OUTPUTS[channel].name.capitalize()}: residual {size} at slip {left.centre[worst]:.2f} ({sigma:.1f} σ)"
-    return replace(_residuals(recommendation, channel), key="largest-residual", title=title)
+    size = f"{number(factor * float(left.median[worst]))} {text}"
+    slip = signed(float(left.centre[worst]), ".2f")
+    title = f"{OUTPUTS[channel].name.capitalize()}: median residual {size} at slip {slip}, calibrated soil"
+    return replace(_residuals(recommendation, channel, wide=(1000, 340, 150)), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
@@ -473,12 +529,21 @@ def signals(inputs: ReportInputs) -> Contents:
         }
     blocks: list[Block] = []
     if rows:
-        head = ["channel", "state", "rate (Hz)", "longest gap (ms)", "delay (ms)", "sigma of a sample"]
+        head = ["channel", "state", "rate (Hz)", "longest gap (ms)", "delay (ms)", "sigma of a filtered sample"]
         blocks.append(Table("All channels, all runs", head, rows, _SENSORS_NOTE, left=2))
     lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in inputs.sources if source.lost]
     blocks += [Text(f"Lost while recording: {listed(lost)}.", "warning")] if lost else []
-    notes = dict.fromkeys(text for run in inputs.runs for text in texts_of(run.quality.notes))
-    blocks += [Text(f"{text}.") for text in list(notes)[:3]]
+    notes = runs_by_text(inputs.runs, lambda run: run.quality.notes)
+    blocks += [Text(_of_runs(text, names, len(inputs.runs))) for text, names in list(notes.items())[:3]]
     told = inputs.diagnosed.notes if inputs.diagnosed is not None else ()
     blocks += [Text(f"{upper(note_text(note))}.", "warning") for note in told if note.code == DiagnosisCode.WHEEL_ORDER]
     return blocks, numbers
+
+
+def _of_runs(text: str, names: Sequence[str], of: int) -> str:
+    """Return what is noted of runs as a sentence that names them, and channels as people call them."""
+    first, _, rest = text.partition(" ")
+    sentence = f"{ROLES[first].name} {rest}" if first in ROLES else text
+    who = "all runs" if len(names) == of and of > 1 else listed(names)
+    who = who if len(names) <= _NAMED_RUNS or len(names) == of else f"{len(names)} of {of} runs"
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", f"In {who}: {sentence}.")
