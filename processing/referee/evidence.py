@@ -18,7 +18,7 @@ from processing.referee.mends import JUDGED_ROLES
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
-_HELD_S = 2.0
+_HELD_S, _LEAST_LEFT = 2.0, 0.1
 _ALIKE, _AT_REST = 1e-9, 0.001
 """Shares of a value within which the next is the same, and of the largest, below which one is at rest."""
 
@@ -40,12 +40,12 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     severity = Severity.FAULT if ruling.refused else Severity.DOUBT
     values = _values(run, vehicle, evidence, ruling)
     if whole:
-        values |= {"mends": (), "shares": (), "held": whole}
+        values |= {"held": whole}
     return [Note(RunCode.IMPLAUSIBLE, severity, values)], {}
 
 
 def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[str, BoolArray]:
-    """Return where a channel has one value, and not 0 as at rest, for seconds; the filter rounds its ends."""
+    """Return where a channel, and not all of them, has one value for seconds, not 0; the filter rounds its ends."""
     found = {}
     edge = round(run.rate_hz / run.cutoff_hz)
     for role, values in channels.items():
@@ -56,9 +56,9 @@ def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[st
         for first, last in bounds.reshape(-1, 2):
             if last - first >= _HELD_S * run.rate_hz and abs(values[first]) >= least:
                 rows[max(first - edge, 0) : last + 1 + edge] = True
-        if rows.any():
-            found[role] = rows
-    return found
+        found[role] = rows
+    every = np.all([*found.values()], axis=0)  # then it is the run that does not change
+    return {role: rows & ~every for role, rows in found.items() if (rows & ~every).any()}
 
 
 def _frozen(
@@ -67,13 +67,15 @@ def _frozen(
     """Return the held rows without which the run is sound; and seconds by role where too little is left to judge."""
     alone = [{role: rows} for role, rows in sorted(held.items(), key=lambda item: -int(item[1].sum()))]
     whole: dict[str, float] = {}
-    for some in [*alone, dict(held)][: len(held) + (len(held) > 1)]:
+    for some in [*alone, *([dict(held)] if len(held) > 1 else [])]:
         channels = {
             role: np.where(some[role], nan, values) if role in some else values
             for role, values in evidence.channels.items()
         }
-        if not is_judged(left := replace(evidence, channels=channels, against_track=_against_track(run, channels))):
-            whole |= {role: float(rows.sum()) / run.rate_hz for role, rows in some.items() if role != "vertical_load"}
+        left = replace(evidence, channels=channels, against_track=_against_track(run, channels))
+        rest = int(np.isfinite([*channels.values()]).all(axis=0).sum())
+        if not is_judged(left) or rest < _LEAST_LEFT * sum(int(rows.sum()) for rows in some.values()):
+            whole |= {role: float(rows.sum()) / run.rate_hz for role, rows in some.items() if len(some) == 1}
         elif not judge(left).doubted:
             return some, {}
     return {}, whole

@@ -279,7 +279,7 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -
         None is; it names each run, with what would mend it.
     """
     refused = [
-        (run, refusal(note.values, f"{_name(run)}, {run.vehicle_source}"), bool(note.values["mends"]))
+        (run, refusal(note.values, f"{_name(run)}, {run.vehicle_source}"), "held" not in note.values)
         for run, processed_run in processed
         if is_refused(processed_run)
         for note in processed_run.quality.notes
