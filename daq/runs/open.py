@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
+from typing import Literal
 
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError, DataError, Fault, RecordingError, WheelsoilError
@@ -39,6 +40,38 @@ RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix not in ("
 _MCAP_MAGIC = b"\x89MCAP"
 _NAMED = 4
 """Folders that a fault names, more are counted."""
+
+
+@dataclass(frozen=True)
+class SetAsideRun:
+    """A run that was given and is not used.
+
+    Attributes
+    ----------
+    run : str
+        Its id.
+    cause : "unreadable", "impossible", "misdeclared", "repeated" or "switched_off"
+        `misdeclared`: impossible, and a line of vehicle.toml mends it.
+    reason, next_step : str
+        Why, and what to do.
+    message : str
+        Both for a terminal; empty where whoever is there knows it.
+    """
+
+    run: str
+    cause: Literal["unreadable", "impossible", "misdeclared", "repeated", "switched_off"]
+    reason: str
+    next_step: str
+    message: str = ""
+
+    @property
+    def drive_again(self) -> bool:
+        """Whether nothing but another drive gives its measurement."""
+        return self.cause in ("unreadable", "impossible")
+
+    def facts(self) -> dict[str, str]:
+        """Return what JSON holds of it."""
+        return {"run": self.run, "cause": self.cause, "reason": self.reason, "next_step": self.next_step}
 
 
 @contextmanager
@@ -132,7 +165,7 @@ def open_runs(
     runs: str | Path | None = None,
     given: Configuration | None = None,
     lenient_dbc: bool = False,
-    left_out: Callable[[str], None] | None = None,
+    left_out: Callable[[SetAsideRun], None] | None = None,
 ) -> list[Run]:
     """Open recordings, logs and campaign folders.
 
@@ -151,8 +184,8 @@ def open_runs(
     lenient_dbc : bool
         See `daq.can.databases.load_database`.
     left_out : callable, optional
-        Called with a text for each file of a folder that cannot be read or is empty: it is skipped while the folder
-        has others. None: such a file is an error, as it always is where the file itself is named.
+        Called for each file of a folder that cannot be read or is empty: it is skipped while the folder has others.
+        None: such a file is an error, as it always is where the file itself is named.
 
     Returns
     -------
@@ -188,7 +221,7 @@ def open_runs(
                     continue
                 files = _files_of(path, known, collected) if whole else [path]
             found: list[Run] = []
-            unreadable = Collected()
+            unreadable: list[tuple[Path, RecordingError]] = []
             for file in files:
                 with collected.catch():
                     if file.resolve() in taken:
@@ -197,14 +230,14 @@ def open_runs(
                         found.append(_open_file(file, known, lenient_dbc))
                         taken |= _other_parts(found[-1])
                     except RecordingError as error:
-                        unreadable.errors.append(error)
+                        unreadable.append((file, error))
             if whole and known.runs is None:
                 found = _without_copies(found)
             if found and left_out:
-                for failure in unreadable.errors:
-                    left_out("; ".join(f"{fault.where}: skipped: {fault.what}" for fault in failure.faults))
+                for file, failure in unreadable:
+                    left_out(_skipped(file, known, failure))
             else:
-                collected.errors += unreadable.errors
+                collected.errors += [failure for _, failure in unreadable]
             opened += found
     collected.stop_if_any()
     return _with_unique_ids(opened)
@@ -304,6 +337,15 @@ def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
     if path.is_file() and is_recording(path):
         return recording_run(path, known, lenient_dbc=lenient_dbc)
     return series_run(path, known) if series_format(path) else log_run(path, known)
+
+
+def _skipped(file: Path, known: Configuration, failure: RecordingError) -> SetAsideRun:
+    names = [run.id for run in known.runs or () if Path(run.file).name == file.name and run.id]
+    reason = "; ".join(fault.what for fault in failure.faults)
+    step = "; ".join(dict.fromkeys(fault.next_step for fault in failure.faults if fault.next_step))
+    message = "; ".join(f"{fault.where}: skipped: {fault.what}" for fault in failure.faults)
+    name = names[0] if names else file.name.partition(".")[0]
+    return SetAsideRun(name, "unreadable", reason, step or "drive it again", message)
 
 
 def _other_parts(run: Run) -> set[Path]:

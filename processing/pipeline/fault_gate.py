@@ -147,7 +147,7 @@ class FaultGate:
                 series[role] = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
         for role in series:
             held_long = np.zeros(len(rows[role]), np.bool_)
-            for kind, at in held_too_long(role, series).items():
+            for kind, at in held_too_long(role, series, rotating=self._rotating).items():
                 self._note(role, kind, series[role], at)
                 held_long |= at
             rows[role] = rows[role][~held_long]

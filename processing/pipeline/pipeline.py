@@ -39,6 +39,7 @@ from processing.pipeline.inputs import (
     without_null_island,
 )
 from processing.pipeline.motion import speed_at_wheel, usable_accelerometers
+from processing.pipeline.quality import without_frozen
 from processing.pipeline.resampling import (
     OnBase,
     choose_cutoff,
@@ -50,7 +51,7 @@ from processing.pipeline.resampling import (
 from processing.pipeline.rut import with_ruts
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import GROUND_SPEED, ProcessedRun
-from processing.referee import plausibility_notes
+from processing.referee import plausibility_of
 from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
@@ -196,7 +197,9 @@ def process_stream(
     notes += lowered + gate.notes() + removal.notes()
     ready_run = _ReadyRun(vehicle, wheel, run or RunInfo(), cutoff_hz, clock, tuple(notes), missing, gate, removal)
     processed, little = _with_remark(ready_run, samples, options)
-    found = (*processed.quality.notes, *plausibility_notes(processed, vehicle), *little)
+    doubts, frozen = plausibility_of(processed, vehicle)
+    processed = without_frozen(processed, frozen) if frozen else processed
+    found = (*processed.quality.notes, *doubts, *little)
     quality = replace(processed.quality, notes=found, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import REACTIONS, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
+from daq import REACTIONS, ROLES, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts, Standstill
@@ -102,6 +102,19 @@ def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> P
         if any(first <= stand.start_s and stand.start_s + stand.duration_s <= last for first, last in keep)
     )
     quality = replace(run.quality, shares=shares_of(reason), standstills=standstills)
+    return replace(run, reason=reason, quality=quality)
+
+
+def without_frozen(run: ProcessedRun, frozen: Mapping[str, BoolArray]) -> ProcessedRun:
+    """Return the run with frozen rows, shape (n,) by role, excluded as a fault of the sensor, which is noted."""
+    rows = np.any([*frozen.values(), np.zeros(len(run), np.bool_)], axis=0)
+    reason = np.where((run.reason == Reason.USED) & rows, np.uint8(Reason.SENSOR_FAULT), run.reason)
+    notes = []
+    for role, held in frozen.items():
+        facts = {"role": role, "kind": "frozen", "value": float(np.median(run.column(ROLES[role].field)[held]))}
+        seconds = {"time_s": float(held.sum()) / run.rate_hz, "share": float(held.mean())}
+        notes.append(Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | seconds))
+    quality = replace(run.quality, shares=shares_of(reason), notes=(*run.quality.notes, *notes))
     return replace(run, reason=reason, quality=quality)
 
 

@@ -1,8 +1,9 @@
 """Values that are no measurement: drops to zero, frozen values, a clipped end, values far from all others.
 
 Each is something that the channel's own noise, or the vehicle's inertia, rules out. A channel without noise of its own
-(coarse, or held between slow samples) cannot be known to be frozen or clipped, nor can one at rest; a torque is exactly
-constant where a clutch or a limiter holds it. Such samples are kept: what is excluded wrongly is lost.
+(coarse, or held between slow samples) cannot be known to be frozen or clipped, nor can one at rest; a torque may be
+constant where a clutch or a limiter holds it, while the pull hardly changes. Such samples are kept: what is excluded
+wrongly is lost.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ _IMPOSSIBLE_MPS2 = 6.0
 _LEAST_DROP_MPS, _LARGEST_DEAD_BAND_MPS, _LONGEST_DROP_S = 0.5, 1.0, 2.0
 _ROLLING_ON = 0.5
 """Share of the speed before a drop at which the wheel still turns within it."""
-_FROZEN_S, _FROZEN_SAMPLES = 2.0, 8
+_FROZEN_S, _FROZEN_SAMPLES, _LEAST_ALIVE = 2.0, 8, 0.1
 _CHANGE, _AS_USUAL = 0.05, 0.5
+_SWING, _PARTS = 0.25, 16
+"""Shares of the load by which the pull differs among so many parts of a time, and no constant torque lets it."""
 _QUICK_S, _QUICK_SHARE, _USUAL_SHARE = 0.25, 0.95, 0.9
 _CLIPPED_S, _CLIPPED_SAMPLES, _IN_A_ROW, _CLIPPED_STRETCHES, _FAR = 0.3, 20, 3, 5, 0.5
 _MOVING, _AT_REST = 0.1, 0.001
@@ -132,12 +135,18 @@ def _within_gap(values: FloatArray) -> FloatArray:
     return np.asarray(levels[: wide[-1] + 1] if len(wide) else levels)
 
 
-def held_too_long(role: str, series: Mapping[str, Series]) -> dict[FaultKind, BoolArray]:
-    """Find frozen and clipped values of a wheel speed or a force while a speed is not small; shape (n,) each."""
-    if role not in _PARTNERS:
+def held_too_long(role: str, series: Mapping[str, Series], *, rotating: bool = False) -> dict[FaultKind, BoolArray]:
+    """Find frozen and clipped values of a wheel speed or a force while a speed is not small; shape (n,) each.
+
+    `rotating`: the forces are in axes of the wheel, and say nothing of a torque.
+    """
+    if role not in (*_PARTNERS, "driving_torque"):
         return {}
     channel, held = series[role], held_values(series[role])
     speeds = [series[speed] for speed in ("wheel_speed", "ground_speed") if speed in series]
+    if role == "driving_torque":
+        pull = [] if rotating else _pull_in_loads(series)
+        return {FaultKind.FROZEN: frozen(channel, held, pull, speeds, pull_swings)}
     partners = [series[other] for other in _PARTNERS[role] if other in series]
     if role not in LOADS:
         return {FaultKind.FROZEN: frozen(channel, held, partners, speeds, speed_changes)}
@@ -179,7 +188,7 @@ def frozen(series: Series, held: Held, partners: Sequence[Series], speeds: Seque
         return none
     driven = held.mostly(moving_at(series[0], speeds))
     suspect, rest = suspect & driven, ~long & driven
-    if held.until_s[suspect].sum() > held.until_s[rest].sum():
+    if held.until_s[rest].sum() < _LEAST_ALIVE * held.until_s[suspect].sum():
         return none
     values = series[1][held.rows(rest)]
     if not _quick(held, rest) or not _noisy(values):
@@ -200,6 +209,20 @@ def speed_changes(partner: FloatArray, _: FloatArray) -> bool:
 def force_shakes(partner: FloatArray, usual: FloatArray) -> bool:
     """Whether a force is about as noisy within some time, shape (k,), as it usually is, shape (n,)."""
     return roughness(partner) > _AS_USUAL * roughness(usual)
+
+
+def pull_swings(pull: FloatArray, _: FloatArray) -> bool:
+    """Whether the pull, in loads, shape (k,), goes up and down more than under a constant torque."""
+    low, high = np.quantile([float(part.mean()) for part in np.array_split(pull, min(_PARTS, len(pull)))], (0.1, 0.9))
+    return bool(high - low > _SWING)
+
+
+def _pull_in_loads(series: Mapping[str, Series]) -> list[Series]:
+    if not series.keys() >= set(LOADS):
+        return []
+    time_ns, pull = series["drawbar_pull"]
+    load = float(np.median(np.abs(series["vertical_load"][1])))
+    return [(time_ns, pull / load)] if load > 0 else []
 
 
 def clipped(series: Series, held: Held, speeds: Sequence[Series]) -> BoolArray:

@@ -2,30 +2,83 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from math import nan
 from typing import Any
 
 import numpy as np
 
-from daq import EARTH_RADIUS_M, ROLES, STANDARD_GRAVITY_MPS2, FloatArray, Note, Severity, VehicleConfig
+from daq import EARTH_RADIUS_M, ROLES, STANDARD_GRAVITY_MPS2, BoolArray, FloatArray, Note, Severity, VehicleConfig
 from processing.notes import RunCode
 from processing.processed_run import ProcessedRun
-from processing.referee.judgement import Evidence, Ruling, judge
+from processing.referee.judgement import Evidence, Ruling, is_judged, judge
 from processing.referee.mends import JUDGED_ROLES
 
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
+_HELD_S, _LEAST_LEFT = 2.0, 0.1
+_ALIKE, _AT_REST = 1e-9, 0.001
+"""Shares of a value within which the next is the same, and of the largest, below which one is at rest."""
 
 
-def plausibility_notes(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
-    """Return a note where a mistake of vehicle.toml is more probable than none: a fault where the run is impossible."""
+def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Note], dict[str, BoolArray]]:
+    """Return a note where a mistake of vehicle.toml is more probable than none, and what is frozen in its place.
+
+    The note is a fault where the run is impossible. A channel that keeps one value for seconds is what is impossible
+    where the run is sound without them: then there is no note, but their rows, shape (n,), by role.
+    """
     evidence = evidence_of(run, vehicle)
     ruling = judge(evidence)
     if not ruling.doubted:
-        return []
+        return [], {}
+    held = _held_rows(evidence.channels, run)
+    frozen, whole = _frozen(run, evidence, held)
+    if frozen:
+        return [], frozen
     severity = Severity.FAULT if ruling.refused else Severity.DOUBT
-    return [Note(RunCode.IMPLAUSIBLE, severity, _values(run, vehicle, evidence, ruling))]
+    values = _values(run, vehicle, evidence, ruling)
+    if whole:
+        values |= {"held": whole}
+    return [Note(RunCode.IMPLAUSIBLE, severity, values)], {}
+
+
+def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[str, BoolArray]:
+    """Return where a channel, and not all of them, has one value for seconds, not 0; the filter rounds its ends."""
+    found = {}
+    edge = round(run.rate_hz / run.cutoff_hz)
+    for role, values in channels.items():
+        alike = np.abs(np.diff(values)) <= _ALIKE * np.abs(values[1:])
+        bounds = np.flatnonzero(np.diff(np.concatenate([[False], alike, [False]]).astype(np.int8)))
+        rows = np.zeros(len(values), np.bool_)
+        least = _AT_REST * float(np.nanmax(np.abs(values)))
+        for first, last in bounds.reshape(-1, 2):
+            if last - first >= _HELD_S * run.rate_hz and abs(values[first]) >= least:
+                rows[max(first - edge, 0) : last + 1 + edge] = True
+        found[role] = rows
+    every = np.all([*found.values()], axis=0)  # then it is the run that does not change
+    return {role: rows & ~every for role, rows in found.items() if (rows & ~every).any()}
+
+
+def _frozen(
+    run: ProcessedRun, evidence: Evidence, held: Mapping[str, BoolArray]
+) -> tuple[dict[str, BoolArray], dict[str, float]]:
+    """Return the held rows without which the run is sound; and seconds by role where too little is left to judge."""
+    alone = [{role: rows} for role, rows in sorted(held.items(), key=lambda item: -int(item[1].sum()))]
+    whole: dict[str, float] = {}
+    for some in [*alone, *([dict(held)] if len(held) > 1 else [])]:
+        channels = {
+            role: np.where(some[role], nan, values) if role in some else values
+            for role, values in evidence.channels.items()
+        }
+        left = replace(evidence, channels=channels, against_track=_against_track(run, channels))
+        rest = int(np.isfinite([*channels.values()]).all(axis=0).sum())
+        if not is_judged(left) or rest < _LEAST_LEFT * sum(int(rows.sum()) for rows in some.values()):
+            whole |= {role: float(rows.sum()) / run.rate_hz for role, rows in some.items() if len(some) == 1}
+        elif not judge(left).doubted:
+            return some, {}
+    return {}, whole
 
 
 def _values(run: ProcessedRun, vehicle: VehicleConfig, evidence: Evidence, ruling: Ruling) -> dict[str, Any]:

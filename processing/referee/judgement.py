@@ -91,6 +91,11 @@ class Ruling:
         return tuple(found)
 
 
+def is_judged(evidence: Evidence) -> bool:
+    """Return whether there are samples enough in motion."""
+    return _rows(evidence) is not None
+
+
 def judge(evidence: Evidence) -> Ruling:
     """Return the posterior over sound and every mend that the measured channels allow."""
     rows = _rows(evidence)

@@ -149,6 +149,45 @@ def test_faults_are_found_and_sound_samples_kept(kind: str, damage: Damage, role
     assert share >= 0.95 and lost <= 0.01
 
 
+def frozen_for(seconds: float, role: str, step: float = 0.0) -> ProcessedRun:
+    """Return a run of 40 s in which a channel, in steps of so much, keeps one value for some seconds."""
+    run, channels = recording("sandy", 1)
+    one = channels[role]
+    at = (one.time_ns - one.time_ns[0]) * 1e-9
+    values = np.round(one.values / step) * step if step else one.values
+    first = int(np.searchsorted(at, min(14.0, 39.9 - seconds)))
+    values = np.where((at >= at[first]) & (at < at[first] + seconds), values[first], values)
+    return process(channels | {role: replace(one, values=values)}, run.vehicle, run.info)
+
+
+@pytest.mark.parametrize("seconds", [3.0, 8.0, 15.0, 26.0])
+@pytest.mark.parametrize("role", ROLES)
+def test_what_is_frozen_is_excluded_and_is_no_unit(role: str, seconds: float) -> None:
+    run = frozen_for(seconds, role)
+    assert list(facts_of(run)) == [(role, "frozen")]
+    assert RunCode.IMPLAUSIBLE not in {note.code for note in run.quality.notes}
+    assert run.quality.shares["SENSOR_FAULT"] > 0.95 * seconds / 40
+
+
+def test_a_coarse_torque_that_makes_a_run_impossible_is_frozen() -> None:
+    """It has no noise to miss: it is kept, unless the run is sound without it."""
+    assert not facts_of(frozen_for(3.0, "driving_torque", 300.0))
+    run = frozen_for(26.0, "driving_torque", 300.0)
+    assert facts_of(run)["driving_torque", "frozen"]["time_s"] == pytest.approx(26.0, abs=1.0)
+    assert RunCode.IMPLAUSIBLE not in {note.code for note in run.quality.notes}
+    assert not run.used[(run.time_s > 15) & (run.time_s < 39)].any()
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 1.8])
+def test_a_speed_that_is_frozen_all_the_time_is_named_first(speed_mps: float) -> None:
+    config, channels = recording("sandy", 1)
+    one = channels["ground_speed"]
+    run = process(channels | {"ground_speed": replace(one, values=np.full(len(one), speed_mps))}, config.vehicle)
+    [note] = [note for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
+    assert note.values["held"] == {"ground_speed": pytest.approx(40, abs=1)}
+    assert "ground speed stays the same for 40" in note_text(note) and "check the sensor" in note_text(note)
+
+
 # A wheel that bogs down: the ground speed is 0, for a while, while the wheel turns on.
 RECEIVERS = {
     "20 Hz": (20.0, 0.0, 0.0),

@@ -9,6 +9,7 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 
 from daq.recording import Recording
+from wheelsoil.workflows.report import report_of
 
 HEAD_BYTES = 5000
 
@@ -44,7 +45,8 @@ def test_in_a_folder_it_costs_only_itself(head, command, tmp_path):
     args = [text.format(out=tmp_path / "out") for text in command]
     alone = ok(args[0], recordings(folder)[-1], *args[1:])
     done = ok(args[0], folder, *args[1:])
-    assert done.out == alone.out
+    listed = "\nset aside  a-begun: " if command[0] == "process" else ""
+    assert done.out.startswith(alone.out + listed) and (listed or done.out == alone.out)
     assert f"{begun}: skipped: " in done.err
 
 
@@ -52,7 +54,16 @@ def test_fit_goes_on_without_it(head):
     folder, begun = head
     done, alone = (invoke("fit", path) for path in (folder, recordings(folder)[-1]))
     assert f"{begun}: skipped: " in done.err
-    assert (done.code, done.out) == (alone.code, alone.out)
+    assert done.code == alone.code and done.out.startswith(f"{alone.out}\nset aside  a-begun: ")
+    [aside] = invoke("fit", folder, "--json").json["runs_set_aside"]
+    assert (aside["run"], aside["cause"]) == ("a-begun", "unreadable") and aside["reason"] and aside["next_step"]
+
+
+def test_a_report_names_it(head):
+    folder, _ = head
+    report = report_of([folder], diagnose=False)
+    assert [run["run"] for run in report.numbers()["runs_set_aside"]] == ["a-begun"]
+    assert report.head.badge is not None and report.head.badge[1].startswith("▲ 1 of 2 runs ")
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["alone", "vehicle.toml beside it"])

@@ -52,7 +52,13 @@ def write(tmp_path):
 def test_a_run_that_is_switched_off_is_as_if_it_were_not_given(clay, write):
     choice = write(runs=(ChosenRun("run-2.mcap", use=False), ChosenRun(id="run-4", use=False)))
     given = [clay / f"run-{i}.mcap" for i in (1, 3, 5, 6)]
-    assert ok("fit", clay, "--choice", choice, "--json").json == ok("fit", *given, "--json").json
+    found = ok("fit", clay, "--choice", choice, "--json").json
+    aside = found.pop("runs_set_aside")
+    assert found == ok("fit", *given, "--json").json
+    assert [(run["run"], run["reason"]) for run in aside] == [
+        ("run-2", "switched off in choice.toml"),
+        ("run-4", "switched off in choice.toml"),
+    ]
 
 
 def test_settings_of_the_file_are_those_of_the_options(two, write):

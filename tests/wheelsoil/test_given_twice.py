@@ -13,6 +13,7 @@ from cli_support import invoke, ok
 from view_client import taken_from
 
 from daq import DataError
+from daq.runs import SetAsideRun
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.workflows.choice import Choice
 from wheelsoil.workflows.runs import Files, process_runs, repetitions
@@ -52,11 +53,14 @@ def test_a_copy_of_a_run_is_set_aside(folder: Path, copied: Callable[[Path, Path
 
 
 def test_who_processes_is_told_of_a_run_given_twice(folder: Path) -> None:
-    said: list[str] = []
+    said: list[SetAsideRun] = []
     opened = Files().open_runs([folder, folder / "run-2.mcap"], print)
     found = process_runs(opened, Choice().process_options(), set_aside=said.append)
     assert [run.id for run, _ in found] == ["run-1", "run-2"]
-    assert [text.split(",")[0] for text in said] == ["set aside: run run-2-2"]
+    assert [run.message.split(",")[0] for run in said] == ["set aside: run run-2-2"]
+    assert [(run.run, run.cause, run.reason) for run in said] == [
+        ("run-2-2", "repeated", "the same measurement as run-2")
+    ]
 
 
 def test_two_runs_of_a_bench_may_share_speed_and_load(folder: Path) -> None:

@@ -13,7 +13,7 @@ from daq.runs.open import open_runs
 from processing.notes import RunCode
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.workflows.grading import grade_of
+from wheelsoil.workflows.grading import grade_of, short_runs
 from wheelsoil.workflows.runs import process_runs
 
 
@@ -85,4 +85,14 @@ def test_a_zero_tells_where_it_is_large_and_stays(run, levels, level):
     stands = tuple(Standstill(0.0, 2.0, {"drawbar_pull": n}, {"drawbar_pull": 5.0}, "released") for n in levels)
     grade = grade_of(replace(run, quality=replace(run.quality, standstills=stands)))
     assert grade.level == level
-    assert level == "good" or grade.reasons == ("drawbar pull reads 395 N at standstill: take a zero",)
+    [said, *_] = grade.reasons or [""]
+    assert level == "good" or said.startswith("drawbar pull reads 395 N at standstill, more than 2 % of load (")
+
+
+def test_a_run_far_shorter_than_the_others_is_noted(run):
+    short = replace(run, rate_hz=3 * run.rate_hz)
+    assert short_runs([run, short]) == [[], []]
+    [none, [said], also_none] = short_runs([run, short, run])
+    lengths = [f"{len(one) / one.rate_hz:.0f} s" for one in (short, run)]
+    assert said == f"{lengths[0]} long, most runs {lengths[1]}: check whether it was cut off"
+    assert none == also_none == [] and grade_of(run, [said]).reasons == (said,)

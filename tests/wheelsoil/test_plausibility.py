@@ -9,7 +9,10 @@ import pytest
 from cli_support import invoke
 from implausible import implausible
 
+from daq.runs import SetAsideRun, open_runs
+from processing import ProcessOptions
 from wheelsoil.wording.plausibility_text import plausibility_sentence, refusal
+from wheelsoil.workflows.runs import process_runs
 
 _TURNED = ('driving_torque = "WFT_Moments.My"', 'driving_torque = "-WFT_Moments.My"')
 _KNOTS = ('ground_speed = "GNSS_2.Speed"', 'ground_speed = {signal = "GNSS_2.Speed", unit = "m/s"}')
@@ -58,6 +61,23 @@ def test_a_refused_run_among_others_is_set_aside(campaign: Path, tmp_path: Path)
     assert found.code == 0, found.err
     assert '"run-1"' in found.out and '"run-2"' not in found.out
     assert "set aside" in found.err and "run-2" in found.err
+
+
+def test_who_processes_is_given_the_line_that_mends_it(campaign: Path, tmp_path: Path) -> None:
+    said: list[SetAsideRun] = []
+    folder = _copy(campaign, tmp_path, _TURNED, ("run-2.mcap",))
+    found = process_runs(open_runs([campaign / "run-1.mcap", folder]), ProcessOptions(), set_aside=said.append)
+    assert [run.id for run, _ in found] == ["run-1"]
+    [aside] = said
+    assert (aside.run, aside.cause, aside.drive_again) == ("run-2", "misdeclared", False)
+    assert aside.reason.startswith("the run is impossible") and "write driving_torque" in aside.next_step
+
+
+def test_a_channel_that_never_changes_is_named_before_a_unit() -> None:
+    values = implausible("unit:ground_speed=kt").values | {"held": {"ground_speed": 40.0}}
+    step = refusal(values, "").next_step
+    assert step.startswith("ground speed stays the same for 40.0 s: check the sensor and drive again. If it is sound, ")
+    assert "knots" in step
 
 
 def test_a_pasted_unit_is_read(campaign: Path, tmp_path: Path) -> None:

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
-from report_support import diagnosed_by_hand
+from report_support import cells_of, diagnosed_by_hand, section_of
 
 from daq.errors import ConfigError
+from daq.runs import SetAsideRun
 from processing.processed_run import ProcessedRun
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import texts_of
+from wheelsoil.report.sections.overview import _shown_runs
 from wheelsoil.workflows.report import report_of
 from wheelsoil.workflows.runs import Files
 
@@ -78,6 +80,35 @@ def test_a_run_without_a_usable_sample_is_poor_and_named_first(material):
     glance = report.numbers()["sections"]["glance"]
     assert glance["grades"]["run-1"]["level"] == "poor"
     assert glance["next_step"].startswith("Look at data quality first; run-1 is poor")
+
+
+ASIDE = (
+    SetAsideRun("run-9", "unreadable", "the file is empty", "drive it again"),
+    SetAsideRun("run-8", "switched_off", "switched off in choice.toml", "say use = true"),
+)
+
+
+def test_runs_that_are_set_aside_are_counted_named_and_listed(material):
+    report = build_report(replace(material, set_aside=ASIDE))
+    numbers = report.numbers()
+    assert report.head.badge == ("fair", "▲ 2 of 4 runs used") and ("Runs", "4") in report.head.facts
+    assert numbers["runs_set_aside"] == [run.facts() for run in ASIDE]
+    assert "run-9; the reasons stand under Runs." in numbers["texts"]["glance"]
+    assert any("run-9: the file is empty. Next: drive it again." in text for text in numbers["texts"]["quality"])
+    cells = cells_of(section_of(report, "runs"))
+    assert cells[cells.index("run-9") + 1] == "✕ set aside" and cells[cells.index("run-8") + 1] == "– set aside"
+    assert "the file is empty. Next: drive it again" in cells
+    assert build_report(material).numbers()["runs_set_aside"] == []
+
+
+def test_a_run_that_is_switched_off_is_not_driven_again(material):
+    glance = build_report(replace(material, set_aside=ASIDE[1:])).numbers()["texts"]["glance"]
+    assert "none. Set aside: run-8; the reasons stand under Runs." in glance
+
+
+def test_the_worst_runs_of_many_are_shown():
+    levels = ["good"] * 98 + ["poor", "fair"]
+    assert _shown_runs(levels) == [*range(38), 98, 99] and _shown_runs(levels[:3]) == [0, 1, 2]
 
 
 @pytest.mark.slow

@@ -168,7 +168,9 @@ def test_the_fit_is_that_of_the_command_line_with_the_saved_choice(view: View, f
     saved = view.post("/api/save", campaign="c1", name="as-seen.toml")["path"]
     assert Path(saved) == folder.resolve() / "as-seen.toml"
     curves = ours.pop("curves")
-    assert ours == ok("fit", folder, "--choice", saved, "--json").json
+    found = ok("fit", folder, "--choice", saved, "--json").json
+    assert [run["cause"] for run in found.pop("runs_set_aside")] == ["switched_off"]
+    assert ours == found
     assert list(curves) == list(ours["models"]) and "chosen" in curves
     values = {name: found["value"] for name, found in ours["models"]["vasilev"]["estimates"].items()}
     assert curves["vasilev"] == {"sinkage": "balanced", "effects": ["vasilev"], "values": values, "soil": {}}

@@ -162,7 +162,9 @@ def test_two_terrains_in_one_folder_are_two_campaigns(view: View, home: Path) ->
     ours = view.post("/api/fit", campaign=sandy["key"])
     assert ours["soil"]["name"] == "sandy"
     saved = view.post("/api/save", campaign=sandy["key"], name="choice.toml")["path"]
-    assert ours.pop("curves") and ours == ok("fit", home / "field", "--choice", saved, "--json").json
+    found = ok("fit", home / "field", "--choice", saved, "--json").json
+    assert {run["cause"] for run in found.pop("runs_set_aside")} == {"switched_off"}
+    assert ours.pop("curves") and ours == found
     of_the_other = f"/api/run?campaign={clay['key']}&run={sandy['runs'][0]['key']}"
     assert view.ask("GET", of_the_other).status == 404
     (clay_again, sandy_again), _ = open_campaigns([home / "field"], Files())

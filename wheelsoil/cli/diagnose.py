@@ -15,7 +15,7 @@ from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from daq.runs import Run
+    from daq.runs import Run, SetAsideRun
     from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
 
@@ -87,7 +87,7 @@ def diagnose_command(
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
     from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
@@ -138,11 +138,12 @@ def diagnose_command(
         _print_plan(found, target, json=json)
         return
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
-    per_wheel = PerWheel(files.runs_of_wheels(paths, say), json=json)
+    unreadable: list[SetAsideRun] = []
+    per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
     settings = replace(settings, average=output is not None)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for("diagnose", of_wheel, files, by_hand)
+        processed = options.processed_for("diagnose", of_wheel, files, by_hand, set_aside=per_wheel.set_aside)
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         show = _shown(per_wheel, processed[0][0].vehicle if len(vehicles) == 1 else None, verbose=verbose)
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output

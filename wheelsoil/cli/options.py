@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from daq.runs import Configuration, Run
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.runs import Check, Files
+    from wheelsoil.workflows.runs import Check, Files, SetAside
 
 Runs = Annotated[
     list[Path],
@@ -456,7 +456,12 @@ def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
 
 
 def processed_for(
-    purpose: str, opened: Sequence[Run], files: Files, choice: Choice, check: Check | None = None
+    purpose: str,
+    opened: Sequence[Run],
+    files: Files,
+    choice: Choice,
+    check: Check | None = None,
+    set_aside: SetAside | None = None,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process the runs of one wheel as a choice says, and print what makes them implausible (stderr).
 
@@ -466,12 +471,21 @@ def processed_for(
         Of the processing: what a run must hold.
     check : callable, optional
         See `wheelsoil.workflows.runs.open_and_process`.
+    set_aside : callable, optional
+        As there.
     """
     from wheelsoil.workflows.grading import doubted_runs
-    from wheelsoil.workflows.runs import process_runs
+    from wheelsoil.workflows.runs import process_runs, say_set_aside
 
-    options, accept = choice.process_options(purpose), files.accept_implausible
-    processed = process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept, check=check)
+    processed = process_runs(
+        opened,
+        choice.process_options(purpose),
+        zero=files.zero,
+        choice=choice,
+        accept_implausible=files.accept_implausible,
+        check=check,
+        set_aside=set_aside or say_set_aside,
+    )
     for text in doubted_runs(run for _, run in processed):
         say_folded(text)
     return processed

@@ -126,6 +126,7 @@ def report_command(
                 "left_out": report.left_out,
                 "not_fitted": report.not_fitted,
                 "failed": report.failed,
+                "runs_set_aside": [run.facts() for run in report.set_aside],
                 "result": report.sentence,
             }
         )

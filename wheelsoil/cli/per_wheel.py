@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
-    from daq.runs import Run
+    from daq.runs import Run, SetAsideRun
 
 _OF_CAUSES = ("causes", "further_causes")
 
@@ -20,10 +20,13 @@ class PerWheel:
     ----------
     opened : mapping wheel -> list of Run
         See `wheelsoil.workflows.runs.Files.runs_of_wheels`.
+    unreadable : sequence of SetAsideRun
+        What could not be opened: of every wheel.
     """
 
-    def __init__(self, opened: Mapping[str, list[Run]], *, json: bool) -> None:
-        self._opened, self._json = opened, json
+    def __init__(self, opened: Mapping[str, list[Run]], *, json: bool, unreadable: Sequence[SetAsideRun] = ()) -> None:
+        self._opened, self._json, self._unreadable = opened, json, unreadable
+        self._set_aside: list[SetAsideRun] = []
         self._found: list[dict[str, Any]] = []
         self._shown = 0
         self._said: dict[str, str] = {}
@@ -42,7 +45,7 @@ class PerWheel:
         collected = Collected()
         try:
             for wheel, runs in self._opened.items():
-                self.wheel = wheel
+                self.wheel, self._set_aside = wheel, [*self._unreadable]
                 if self.several:
                     say(f"wheel {wheel}")
                 with collected.catch(f"wheel {wheel}" if wheel else ""):
@@ -55,15 +58,29 @@ class PerWheel:
                 print_pairs((f"wheel {wheel}", sentence) for wheel, sentence in self._said.items())
         collected.stop_if_any()
 
+    def set_aside(self, run: SetAsideRun) -> None:
+        """Print why a run of this wheel is not used (stderr), and list it below the result."""
+        from wheelsoil.workflows.runs import noted_in
+
+        noted_in(self._set_aside)(run)
+
+    def set_aside_lines(self) -> list[tuple[str, str]]:
+        """Return the runs of this wheel that are not used: name and text."""
+        return [("set aside", f"{run.run}: {run.reason}") for run in self._set_aside]
+
     def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
         """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
-            self._found.append(self._with_wheel(as_json()))
+            listed = [run.facts() for run in self._set_aside]
+            self._found.append(self._with_wheel(as_json() | ({"runs_set_aside": listed} if listed else {})))
             return
         if self.several:
             print(f"\nwheel {self.wheel}" if self._shown else f"wheel {self.wheel}")
         self._shown += 1
         print_text()
+        if lines := self.set_aside_lines():
+            print()
+            print_pairs(lines)
         if sentence:
             self._said[self.wheel] = sentence
 

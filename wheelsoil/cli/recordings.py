@@ -68,12 +68,13 @@ def export_command(
     """
     from daq.runs import open_runs
     from wheelsoil.workflows.recordings import export_recording, export_tables
+    from wheelsoil.workflows.runs import say_set_aside
 
     if decode and signal:
         raise ConfigError.of("--decode writes every signal", next_step="omit --signal")
     if not output.parent.is_dir():
         raise ConfigError.of("no such folder", output.parent, next_step="create it or choose another output")
-    opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
+    opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say_set_aside)
     without = [run for run in opened if not run.databases]
     if without:
         raise ConfigError(
@@ -118,10 +119,10 @@ def info_command(
     """
     from daq.runs import one_wheel, open_runs
     from wheelsoil.workflows.recordings import file_facts
-    from wheelsoil.workflows.runs import doubts_of
+    from wheelsoil.workflows.runs import doubts_of, say_set_aside
 
     given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
-    opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
+    opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say_set_aside)
     if wheel is not None:
         one_wheel(opened, wheel)
     facts = []

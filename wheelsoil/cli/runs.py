@@ -24,7 +24,7 @@ from wheelsoil.console import (
 )
 
 if TYPE_CHECKING:
-    from daq.runs import Run
+    from daq.runs import Run, SetAsideRun
     from model.fit import CampaignFit
     from processing import ProcessedRun
     from wheelsoil.workflows.sinkage import SinkageFacts
@@ -62,7 +62,7 @@ def process_command(
     json: options.Json = False,
 ) -> None:
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
-    from wheelsoil.workflows.runs import Files, process_runs
+    from wheelsoil.workflows.runs import Files, noted_in, process_runs
 
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
@@ -70,19 +70,31 @@ def process_command(
     files = Files(
         vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
     )
-    opened = files.runs_of_wheels(runs, say)
+    unreadable: list[SetAsideRun] = []
     found: list[tuple[str, ProcessedRun]] = []
-    wheels = PerWheel(opened, json=json)
+    aside: list[tuple[str, str]] = []
+    wheels = PerWheel(files.runs_of_wheels(runs, noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        done = process_runs(of_wheel, settings, zero=zero, choice=by_hand, accept_implausible=accept_implausible)
+        done = process_runs(
+            of_wheel,
+            settings,
+            zero=zero,
+            choice=by_hand,
+            accept_implausible=accept_implausible,
+            set_aside=wheels.set_aside,
+        )
         found.extend((wheels.wheel, run) for _, run in done)
+        aside.extend(wheels.set_aside_lines())
 
     try:
         wheels.each(work)
     finally:
         if found:
             _show_processed(found, target, json=json)
+            if aside and not json:
+                print()
+                print_pairs(aside)
 
 
 def _show_processed(found: Sequence[tuple[str, ProcessedRun]], target: Path | None, *, json: bool) -> None:
@@ -172,7 +184,7 @@ def fit_command(
     """
     from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, one_terrain
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.tables import read_bench
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
@@ -202,10 +214,11 @@ def fit_command(
             fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, choices, wheel_test.terrain)
         _show_fit_of_table(fit, json=json)
         return
-    wheels = PerWheel(files.runs_of_wheels(runs or (), say), json=json)
+    unreadable: list[SetAsideRun] = []
+    wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain)
+        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain, wheels.set_aside)
         with computing("fitting"):
             found = fit_runs(processed, choices, soil)
         wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
@@ -296,7 +309,7 @@ def sinkage_command(
     Load, drawbar pull, torque and radius give the sinkage with a 95 % band in bins of slip, and its growth with slip.
     A measured sinkage is printed beside it, and every driven row is checked against a bound that holds on every soil.
     """
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
 
     options.refuse_two_sources(runs or (), table, None, [*(rename or ()), *(where or ())], "evaluate")
@@ -312,10 +325,12 @@ def sinkage_command(
         vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
     )
     by_hand = options.chosen(None, min_speed=min_speed)
-    wheels = PerWheel(files.runs_of_wheels(runs or (), say), json=json)
+    unreadable: list[SetAsideRun] = []
+    wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        found = sinkage_of_runs(options.processed_for("sinkage", of_wheel, files, by_hand))
+        processed = options.processed_for("sinkage", of_wheel, files, by_hand, set_aside=wheels.set_aside)
+        found = sinkage_of_runs(processed)
         wheels.show(lambda: sinkage_as_json(found), lambda: print_sinkage(found))
 
     wheels.each(work)

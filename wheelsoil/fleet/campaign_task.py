@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, one_wheel, open_runs
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun, one_wheel, open_runs
 from model import one_thread, processes
 from processing import LOOK
 from wheelsoil import __version__
@@ -72,7 +72,7 @@ class _Opened:
     runs: tuple[Run, ...] = ()
     benches: tuple[BenchFiles, ...] = ()
     choice: Choice = field(default_factory=Choice)
-    remarks: tuple[tuple[str, str], ...] = ()
+    unreadable: tuple[SetAsideRun, ...] = ()
 
 
 @one_thread
@@ -133,8 +133,8 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         files = TableFiles((str(vehicle),) if vehicle.is_file() else (), (source.folder / TERRAIN_FILE,))
         benches = tuple(read_benches([Path(source.path)], files))
         return _Opened(content_of(source, _hashes(facts), options), facts, benches=benches)
-    omissions: list[str] = []
-    runs = tuple(one_wheel(open_runs([source.path], left_out=omissions.append), None))
+    unreadable: list[SetAsideRun] = []
+    runs = tuple(one_wheel(open_runs([source.path], left_out=unreadable.append), None))
     facts = facts | facts_of(file for run in runs for file in run.files)
     chosen = source.folder / CHOICE_FILE
     described = [{name: hashlib.sha256(data).hexdigest() for name, data in run.attachments.items()} for run in runs]
@@ -143,7 +143,7 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         facts,
         runs,
         choice=load_choice(chosen) if chosen.is_file() else Choice(),
-        remarks=tuple(("opening", text) for text in omissions),
+        unreadable=tuple(unreadable),
     )
 
 
@@ -156,13 +156,14 @@ def _hashes(files: Iterable[str]) -> list[list[str]]:
 
 
 def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
-    choice, fit, remarks = opened.choice, None, list(opened.remarks)
+    choice, fit, remarks = opened.choice, None, []
+    aside = list(opened.unreadable)
     processed = process_runs(
         opened.runs,
         choice.process_options(LOOK),
         choice=choice,
         accept_implausible=True,
-        set_aside=lambda text: remarks.append(("opening", text)),
+        set_aside=aside.append,
     )
     try:
         fit = fit_runs(processed, choice.fit_choices(), None)
@@ -174,7 +175,7 @@ def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
         step = "put the runs of each soil and wheel into a folder of their own"
         raise ConfigError(Fault("the runs are of several soils or wheels", next_step=step))
     diagnosis = diagnose_campaigns(campaigns, settings)
-    return Found(source, processed, fit=fit, diagnosis=diagnosis, remarks=tuple(remarks))
+    return Found(source, processed, fit=fit, diagnosis=diagnosis, remarks=tuple(remarks), set_aside=tuple(aside))
 
 
 def _of_tables(source: Source, opened: _Opened, options: FleetOptions) -> Found:

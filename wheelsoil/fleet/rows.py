@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq import OUTPUTS, Note
-from daq.runs import Run
+from daq.runs import Run, SetAsideRun
 from model.diagnosis import Diagnosis
 from model.fit import CampaignFit
 from processing import ProcessedRun, Segment
@@ -22,7 +22,7 @@ from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
-from wheelsoil.workflows.grading import grade_of
+from wheelsoil.workflows.grading import grade_of, short_runs
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS, Z95
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import Traction, traction_of
@@ -41,6 +41,8 @@ class Found:
         Why it failed.
     remarks : tuple of (where, text)
         What was said while it was worked on.
+    set_aside : tuple of SetAsideRun
+        Runs that were given and are not used.
     """
 
     source: Source
@@ -51,13 +53,14 @@ class Found:
     fault: str = ""
     remarks: tuple[tuple[str, str], ...] = ()
     state: str = field(default="done")
+    set_aside: tuple[SetAsideRun, ...] = ()
 
 
 def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
     """Return the rows of a campaign, by table."""
     made = {
         "campaigns": [_campaign(found)],
-        "runs": [_run(run, done) for run, done in found.processed],
+        "runs": _runs(found.processed),
         "notes": list(_notes(found)),
         "fits": list(_fits(found.fit)),
         "coefficients": [*_coefficients(found.fit), *_soils(found.diagnosis)],
@@ -142,8 +145,13 @@ def _traction(found: Found, runs: tuple[ProcessedRun, ...]) -> Traction:
     return steady_traction(found.diagnosis, whole, wheel, found.fit.soil, found.fit.options.reading)
 
 
-def _run(run: Run, done: ProcessedRun) -> dict[str, Any]:
-    grade, traction, quality, info = grade_of(done), traction_of((done,)), done.quality, done.run
+def _runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[dict[str, Any]]:
+    short = short_runs([done for _, done in processed])
+    return [_run(run, done, lost) for (run, done), lost in zip(processed, short, strict=True)]
+
+
+def _run(run: Run, done: ProcessedRun, lost: Sequence[str]) -> dict[str, Any]:
+    grade, traction, quality, info = grade_of(done, lost), traction_of((done,)), done.quality, done.run
     return {
         "run": info.id,
         "file": run.path.name,
@@ -206,6 +214,9 @@ def _notes(found: Found) -> Iterator[dict[str, Any]]:
         by_text = {note_text(note): note for note in (*first, *grounds.cautions, *found.diagnosis.notes)}
         yield from (_note(by_text[text], "diagnosis") for text in noted)
     yield from ({"of": where, "severity": "remark", "text": text} for where, text in found.remarks)
+    for run in found.set_aside:
+        text = f"set aside: {run.reason}; next: {run.next_step}"
+        yield {"run": run.run, "of": "opening", "code": run.cause, "severity": "remark", "text": text}
 
 
 def _note(note: Note, of: str, run: str = "") -> dict[str, Any]:

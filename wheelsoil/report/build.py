@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from daq import ConfigError, DataError, WheelsoilError
+from daq.runs import SetAsideRun
 from daq.series import write_whole
 from wheelsoil import __version__
 from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
@@ -187,6 +188,8 @@ class Report:
         Runs without a needed signal, if others were fitted; a text.
     failed : tuple of str
         What a fault has cost, and not the measurement: keys of sections, "diagnosis".
+    set_aside : tuple of SetAsideRun
+        Runs that were given and are not used.
     """
 
     head: Head
@@ -195,6 +198,7 @@ class Report:
     made_at: datetime
     not_fitted: str = ""
     failed: tuple[str, ...] = ()
+    set_aside: tuple[SetAsideRun, ...] = ()
 
     def numbers(self) -> dict[str, Any]:
         """Return every number of the report as JSON values: those of tables, texts and figures."""
@@ -206,6 +210,7 @@ class Report:
             "left_out": self.left_out,
             "not_fitted": self.not_fitted,
             "failed": self.failed,
+            "runs_set_aside": [run.facts() for run in self.set_aside],
             "sections": {section.key: plain(section.numbers) for section in self.sections},
             "texts": {section.key: texts_of(section) for section in self.sections},
             "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
@@ -276,6 +281,7 @@ def build_report(inputs: ReportInputs) -> Report:
         made_at=datetime.now(UTC),
         not_fitted=inputs.not_fitted,
         failed=tuple(failed),
+        set_aside=inputs.set_aside,
     )
 
 
@@ -306,10 +312,10 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
     levels = [grade.level for grade in inputs.grades]
     if not levels:
         return None
-    usable = sum(level != "poor" for level in levels)
-    level = "good" if usable == len(levels) else "fair" if usable else "poor"
+    usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
+    level = "good" if usable == given else "fair" if usable else "poor"
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
-    return level, f"{sign} {usable} of {len(levels)} runs usable"
+    return level, f"{sign} {usable} of {given} runs {'used' if usable == len(levels) < given else 'usable'}"
 
 
 def _subtitle(inputs: ReportInputs) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, VehicleConfig
 from daq.recording import Event
-from daq.runs import Run
+from daq.runs import Run, SetAsideRun
 from model import AveragedModel
 from model.diagnosis import Diagnosis
 from model.fit import CampaignFit, ModelFit
@@ -29,7 +29,7 @@ from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
-from wheelsoil.workflows.grading import Grade, grade_of
+from wheelsoil.workflows.grading import Grade, grade_of, short_runs
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.tables import BenchFiles
@@ -185,6 +185,8 @@ class ReportInputs:
         Single-wheel tables in place of runs.
     last : LastReport, optional
         An earlier report, with which this one is compared.
+    set_aside : tuple of SetAsideRun
+        Runs that were given and are not used.
     """
 
     runs: tuple[ProcessedRun, ...]
@@ -201,6 +203,7 @@ class ReportInputs:
     diagnosis_failed: bool = False
     tables: tuple[BenchFiles, ...] = ()
     last: LastReport | None = None
+    set_aside: tuple[SetAsideRun, ...] = ()
 
     @property
     def diagnosis(self) -> Diagnosis:
@@ -257,7 +260,8 @@ class ReportInputs:
         """What each run is worth, losses of its recording counted in."""
         sources = [self.source_of(run) for run in self.runs]
         return tuple(
-            grade_of(run, source.lost if source else []) for run, source in zip(self.runs, sources, strict=True)
+            grade_of(run, [*short, *(source.lost if source else [])])
+            for run, short, source in zip(self.runs, short_runs(self.runs), sources, strict=True)
         )
 
     @property

@@ -50,7 +50,7 @@ class ViewedRun:
         Contains the processed run.
     ended : int
         Number of consecutive ends of the helper while it processed this run.
-    graded : tuple of (PlotData, keep, Grade), or None
+    graded : tuple of (PlotData, keep, short, Grade), or None
         The last grade and its inputs.
     """
 
@@ -62,7 +62,7 @@ class ViewedRun:
     plot_data: PlotData | None = None
     file: Path | None = None
     ended: int = 0
-    graded: tuple[PlotData, tuple[Interval, ...] | None, Grade] | None = None
+    graded: tuple[PlotData, tuple[Interval, ...] | None, list[str], Grade] | None = None
 
     def update_state(self, wanted: ProcessOptions) -> None:
         """Set the state: waiting if the wanted options differ from those of the last processing."""
@@ -78,11 +78,12 @@ class ViewedRun:
             return ""
         return texts_of(plausibility_of(self.plot_data.run))[0]
 
-    def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None) -> Grade:
-        """Return the grade of the kept part, as in the report."""
-        if self.graded is None or self.graded[0] is not plot_data or self.graded[1] != keep:
-            self.graded = (plot_data, keep, grade_of(plot_data.kept(keep), plot_data.lost))
-        return self.graded[2]
+    def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None, short: list[str]) -> Grade:
+        """Return the grade of the kept part, as in the report; `short` is of `short_runs`."""
+        if self.graded is None or self.graded[0] is not plot_data or self.graded[1:3] != (keep, short):
+            grade = grade_of(plot_data.kept(keep), [*short, *plot_data.lost])
+            self.graded = (plot_data, keep, short, grade)
+        return self.graded[3]
 
 
 @dataclass
@@ -354,7 +355,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     opened: list[Run] = []
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
-            opened += files.open_runs(part, remarks.append)
+            opened += files.open_runs(part, lambda run: remarks.append(run.message))
     if not opened:
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from daq import ConfigError, Fault, parse_mapping
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.workflows.grading import short_runs
 from wheelsoil.workflows.runs import Files
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -132,6 +133,8 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
     """Return a campaign's entry in the answer of /api/list."""
     terrain, wheel = campaign.first.terrain, campaign.first.vehicle.wheel
     keeps = campaign.keeps()
+    processed = {run.key: run.plot_data.run for run in campaign.runs if run.plot_data is not None}
+    short = dict(zip(processed, short_runs(list(processed.values())), strict=True))
     diagnosis = campaign.diagnosis
     found = diagnosis.found or {}
     return {
@@ -141,7 +144,9 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
         "terrain": campaign.soil_name or (terrain.soil.name if terrain else None),
         "vehicle": campaign.first.vehicle.vehicle.name,
         "wheel": {"radius_m": wheel.radius_m, "width_m": wheel.width_m} if wheel else None,
-        "runs": [_run_entry(run, run.key in keeps, keeps.get(run.key)) for run in campaign.runs],
+        "runs": [
+            _run_entry(run, run.key in keeps, keeps.get(run.key), short.get(run.key, [])) for run in campaign.runs
+        ],
         "diagnosis": {
             "state": diagnosis.state,
             "share": diagnosis.share,
@@ -173,7 +178,9 @@ def fault_of_ours(error: BaseException, where: str = "") -> Fault:
     return Fault("a fault in the page", where, lines[0], next_step="please report it")
 
 
-def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] | None) -> dict[str, Any]:
+def _run_entry(
+    run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] | None, short: list[str]
+) -> dict[str, Any]:
     info, data = run.run.info, run.plot_data
     entry = {
         "key": run.key,
@@ -201,7 +208,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
     }
     if data is None:
         return entry
-    grade = run.grade(data, keep)
+    grade = run.grade(data, keep, short)
     return entry | {
         "duration_s": len(data.run) / data.run.rate_hz,
         "usable_share": grade.usable_share,

@@ -58,6 +58,13 @@ def _found(v: Values) -> str:
 
 
 def _next_step(v: Values) -> str:
+    if v.get("held"):
+        held = [f"{ROLES[role].name} stays the same for {time_s:.1f} s" for role, time_s in v["held"].items()]
+        return f"{', '.join(held)}: check the sensor and drive again. If it is sound, {_mend_step(v)}"
+    return _mend_step(v)
+
+
+def _mend_step(v: Values) -> str:
     mends = [BY_KEY[key] for key in v["mends"]]
     if len(mends) == 1:
         return f"{_mistake(mends[0])} ({_share(v['shares'][0])}): {_cure(mends[0], v)}"

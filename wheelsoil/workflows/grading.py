@@ -22,6 +22,8 @@ _GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
 """Low slip tells little; a run that was only braked or coasted is no bad data, so that it is never poor for it."""
 _ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
 """Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
+_SHORT, _FEWEST = 0.5, 3
+"""Of the usual length, of so many runs: a shorter one is noted."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,17 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     faults = [note for note in notes if note.severity == Severity.FAULT and note.code != RunCode.ROLE_MISSING]
     doubts = [note for note in notes if note.severity == Severity.DOUBT]
     poor = [*texts_of(missing.values()), *poor, *texts_of(faults)]
-    fair += [*texts_of(doubts), *_zeros(run), *lost]
+    fair += [*lost, *texts_of(doubts), *_zeros(run)]
     level: Level = "poor" if poor else "fair" if fair else "good"
     return Grade(level, (*poor, *fair), share, highest)
+
+
+def short_runs(runs: Sequence[ProcessedRun]) -> list[list[str]]:
+    """Return for each run why it is suspiciously short beside the others: nothing, or one text."""
+    lengths_s = [len(run) / run.rate_hz for run in runs]
+    usual_s = float(np.median(lengths_s)) if len(runs) >= _FEWEST else 0.0
+    text = f"{{:.0f}} s long, most runs {usual_s:.0f} s: check whether it was cut off"
+    return [[text.format(length_s)] if length_s < _SHORT * usual_s else [] for length_s in lengths_s]
 
 
 def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
@@ -113,6 +123,11 @@ def _zeros(run: ProcessedRun) -> list[str]:
         levels = np.array([level for level, _ in seen])
         sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
         one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))
-        if sure and one_sided and abs(np.median(levels)) > _ZERO_SHARE * abs(np.median(load)) * arm_m:
-            reasons.append(f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill: take a zero")
+        least = _ZERO_SHARE * abs(np.median(load)) * arm_m
+        if sure and one_sided and abs(np.median(levels)) > least:
+            limit = f"{100 * _ZERO_SHARE:.0f} % of load{' x radius' if arm_m != 1 else ''}"
+            reasons.append(
+                f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill, more than {limit} "
+                f"({least:.0f} {unit}): take a zero"
+            )
     return reasons

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from daq import DataError, VehicleConfig, WheelsoilError
+from daq.runs import SetAsideRun
 from model import ExtendedModel
 from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
@@ -26,7 +27,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
-from wheelsoil.workflows.runs import Files, open_and_process
+from wheelsoil.workflows.runs import Files, noted_in, open_and_process
 from wheelsoil.workflows.tables import BenchFiles
 
 
@@ -73,12 +74,15 @@ def report_of(
     """
     choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
-    processed = open_and_process(paths, options, files, choice=choice, check=one_terrain)
+    aside: list[SetAsideRun] = []
+    processed = open_and_process(paths, options, files, choice=choice, check=one_terrain, set_aside=noted_in(aside))
     if callable(last):
         last = last(processed)
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
-    return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last)
+    return report_of_processed(
+        processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last, set_aside=aside
+    )
 
 
 def report_of_processed(
@@ -91,6 +95,7 @@ def report_of_processed(
     diagnosed: Diagnosed = NOT_DIAGNOSED,
     choice: Choice | None = None,
     last: LastReport | None = None,
+    set_aside: Sequence[SetAsideRun] = (),
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
@@ -120,6 +125,7 @@ def report_of_processed(
         no_diagnosis=diagnosed.why_not,
         diagnosis_failed=diagnosed.failed,
         last=last,
+        set_aside=tuple(set_aside),
     )
     return build_report(inputs)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from daq import (
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
-from daq.runs import VEHICLE_FILE, Collected, Run, one_wheel, open_runs
+from daq.runs import VEHICLE_FILE, Collected, Run, SetAsideRun, one_wheel, open_runs
 from model import in_parallel
 from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
 from wheelsoil.console import progress, say
@@ -36,6 +37,25 @@ _MAY_BE_EVEN = tuple(ROLES[role] for role in ("wheel_speed", "vertical_load"))
 _SAME_NOISE = 0.1
 """In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
 _PROBED = 64
+
+
+SetAside = Callable[[SetAsideRun], None]
+
+
+def say_set_aside(run: SetAsideRun) -> None:
+    """Print why a run is not used (stderr), unless whoever is there switched it off."""
+    if run.message:
+        say(run.message)
+
+
+def noted_in(kept: list[SetAsideRun]) -> SetAside:
+    """Return what prints why a run is not used, and keeps it."""
+
+    def note(run: SetAsideRun) -> None:
+        say_set_aside(run)
+        kept.append(run)
+
+    return note
 
 
 @dataclass(frozen=True)
@@ -55,7 +75,7 @@ class Files:
     accept_implausible: bool = False
     wheel: str | None = None
 
-    def open_runs(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
+    def open_runs(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
         """Open runs of one wheel with these files in place of their own; see `daq.runs.open_runs`.
 
         Raises
@@ -65,7 +85,7 @@ class Files:
         """
         return one_wheel(self._open(paths, left_out), self.wheel)
 
-    def runs_of_wheels(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> dict[str, list[Run]]:
+    def runs_of_wheels(self, paths: Sequence[Path], left_out: SetAside) -> dict[str, list[Run]]:
         """Open the runs of each wheel, or of `wheel` alone, by its id; a single ``[wheel]`` without an id has none.
 
         Raises
@@ -93,7 +113,7 @@ class Files:
             raise ConfigError.of("one zero file for several wheels", self.zero, ", ".join(found), next_step=step)
         return found
 
-    def _open(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
+    def _open(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
         return open_runs(
             paths,
             vehicle=self.vehicle,
@@ -114,12 +134,14 @@ def open_and_process(
     *,
     choice: Choice | None = None,
     check: Check | None = None,
+    set_aside: SetAside = say_set_aside,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Open runs and process each; says on stderr what could not be read of a damaged recording.
 
     Of `files`, the zero file takes the place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`).
     Of `choice`, the runs and what is kept of them are taken; `options` are given by themselves
-    (`Choice.process_options`). `check` is given the runs that are used before the work, and may raise.
+    (`Choice.process_options`). `check` is given the runs that are used before the work, and may raise. `set_aside` is
+    called with every run that is not used.
 
     Raises
     ------
@@ -127,9 +149,15 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     files = files or Files()
-    opened = files.open_runs(paths, say)
-    accept = files.accept_implausible
-    return process_runs(opened, options, zero=files.zero, choice=choice, accept_implausible=accept, check=check)
+    return process_runs(
+        files.open_runs(paths, set_aside),
+        options,
+        zero=files.zero,
+        choice=choice,
+        accept_implausible=files.accept_implausible,
+        check=check,
+        set_aside=set_aside,
+    )
 
 
 def process_runs(
@@ -140,12 +168,12 @@ def process_runs(
     choice: Choice | None = None,
     accept_implausible: bool = False,
     check: Check | None = None,
-    set_aside: Callable[[str], None] = say,
+    set_aside: SetAside = say_set_aside,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`.
 
-    A run that repeats another, or is impossible as it is declared, is set aside, and `set_aside` is called with the
-    reason; it is an error where none is left. `accept_implausible` keeps those that are impossible.
+    `set_aside` is called with each run that is switched off, repeats another, or is impossible as it is declared; it
+    is an error where none is left. `accept_implausible` keeps those that are impossible.
     """
 
     def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
@@ -164,7 +192,12 @@ def process_runs(
     collected = Collected()
     processed = []
     chosen = choice or Choice()
-    in_use, unfit = runs_in_use(chosen, one_wheel(opened, None))
+    of_one = one_wheel(opened, None)
+    in_use, unfit = runs_in_use(chosen, of_one)
+    used_ids = {used.run.id for used in in_use}
+    for run in (run for run in of_one if run.id not in used_ids and not unfit):
+        step = f"say use = true of it in {chosen.source}, to use it"
+        set_aside(SetAsideRun(run.id, "switched_off", f"switched off in {Path(chosen.source).name}", step))
     if check and in_use:
         check([used.run for used in in_use])
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
@@ -226,19 +259,18 @@ def _apart(run: ProcessedRun, other: ProcessedRun, channel: ChannelDefinition, r
     return float(np.median(np.abs(a - b)[there] / np.maximum(sigma[rows][there], np.finfo(float).tiny)))
 
 
-def _once(
-    processed: list[tuple[Run, ProcessedRun]], set_aside: Callable[[str], None]
-) -> list[tuple[Run, ProcessedRun]]:
+def _once(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs without those that repeat another."""
     repeated = repetitions([run for _, run in processed])
     for i, j in sorted(repeated.items()):
-        set_aside(f"set aside: {_name(processed[i][0])}: the same measurement as {_name(processed[j][0])}")
+        run, same = processed[i][0], processed[j][0]
+        message = f"set aside: {_name(run)}: the same measurement as {_name(same)}"
+        reason = f"the same measurement as {same.id}"
+        set_aside(SetAsideRun(run.id, "repeated", reason, f"take {run.path.name} out of the folder", message))
     return [pair for i, pair in enumerate(processed) if i not in repeated]
 
 
-def _plausible(
-    processed: list[tuple[Run, ProcessedRun]], set_aside: Callable[[str], None]
-) -> list[tuple[Run, ProcessedRun]]:
+def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs that are possible as they are declared.
 
     Raises
@@ -247,16 +279,17 @@ def _plausible(
         None is; it names each run, with what would mend it.
     """
     refused = [
-        refusal(note.values, f"{_name(run)}, {run.vehicle_source}")
+        (run, refusal(note.values, f"{_name(run)}, {run.vehicle_source}"), "held" not in note.values)
         for run, processed_run in processed
         if is_refused(processed_run)
         for note in processed_run.quality.notes
         if note.code == RunCode.IMPLAUSIBLE
     ]
     if len(refused) == len(processed) and refused:
-        raise ConfigError(*refused)
-    for fault in refused:
-        set_aside(f"set aside: {fault}")
+        raise ConfigError(*(fault for _, fault, _ in refused))
+    for run, fault, mended in refused:
+        cause: Literal["misdeclared", "impossible"] = "misdeclared" if mended else "impossible"
+        set_aside(SetAsideRun(run.id, cause, fault.what, fault.next_step, f"set aside: {fault}"))
     return [pair for pair in processed if not is_refused(pair[1])]
 
 

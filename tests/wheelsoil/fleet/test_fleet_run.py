@@ -16,9 +16,12 @@ import pytest
 from cli_support import invoke, ok
 from fleet_support import contents, differing, in_one_process, killed_at, rows_of
 
+from daq.runs import SetAsideRun
 from processing import LOOK
 from wheelsoil.cache import entries
 from wheelsoil.fleet import FleetOptions, Shard, find_sources, open_store, plan_fleet
+from wheelsoil.fleet.roots import Source
+from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.workflows import Choice
 
 NAMES = ["autumn/day-2", "autumn/day-4", "autumn/day-6", "bench/wheel", "broken", "spring/day-1", "spring/day-3"]
@@ -249,3 +252,11 @@ def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> No
         result = invoke("fleet", *command)
         assert result.code == 2 and "another schema version" in result.err
     assert invoke("fleet", "status", tmp_path / "nowhere").code == 2
+
+
+def test_a_run_that_is_set_aside_is_a_note_with_its_name(tmp_path: Path) -> None:
+    aside = SetAsideRun("run-9", "unreadable", "the file is empty", "drive it again")
+    found = Found(Source("wet", str(tmp_path)), set_aside=(aside,))
+    [note] = tables_of(found, "hash")["notes"].to_pylist()
+    assert (note["run"], note["of"], note["code"]) == ("run-9", "opening", "unreadable")
+    assert note["text"] == "set aside: the file is empty; next: drive it again"

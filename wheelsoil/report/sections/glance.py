@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 
 import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
+from daq.runs import SetAsideRun
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, shares_of
 from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
@@ -57,7 +58,9 @@ def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
     sentences = _sentences(inputs)
-    steps = Steps(_steps(inputs, grades), _again(grades), [caution_text(bias) for bias in _cautions(inputs)])
+    steps = Steps(
+        _steps(inputs, grades), _again(grades, inputs.set_aside), [caution_text(bias) for bias in _cautions(inputs)]
+    )
     headline, details = _headline(inputs, sentences)
     tiles = _tiles(inputs, grades)
     blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), Tiles(tiles)]
@@ -365,13 +368,20 @@ def _cautions(inputs: ReportInputs) -> list[Bias]:
         return []
 
 
-def _again(grades: dict[str, Grade]) -> str:
+def _again(grades: dict[str, Grade], set_aside: Sequence[SetAsideRun]) -> str:
+    """Return which runs to drive again, or which are not used for another reason."""
     if not grades:
         return ""
-    poor = [name for name, grade in grades.items() if grade.level == "poor"]
+    poor = [run.run for run in set_aside if run.drive_again]
+    poor += [name for name, grade in grades.items() if grade.level == "poor"]
+    others = [run.run for run in set_aside if not run.drive_again]
+    if not poor and others:
+        others_set_aside = listed(others) if len(others) <= _NAMED else f"{len(others)} runs"
+        return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
-    poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+    given = len(grades) + len(set_aside)
+    poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
     return f"{poor_runs}; the reasons stand under Runs."
 
 
@@ -406,7 +416,7 @@ def header_facts(inputs: ReportInputs) -> list[tuple[str, str]]:
         low, high = (f"{end / 1e3:.1f}" for end in (min(loads), max(loads)))
         found.append(("Load", f"{low} kN" if low == high else f"{low} to {high} kN"))
     if inputs.runs:
-        found.append(("Runs", str(len(inputs.runs))))
+        found.append(("Runs", str(len(inputs.runs) + len(inputs.set_aside))))
     pressures = sorted({run.run.inflation_kpa for run in inputs.runs if run.run.inflation_kpa})
     wheel = inputs.vehicle.wheel
     tyre = [f"{wheel.tyre}"] if wheel and wheel.tyre else []

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES, DataError, FloatArray
+from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from wheelsoil.report.content import (
@@ -481,9 +482,23 @@ def runs(inputs: ReportInputs) -> Contents:
         "highest measured Dp/W",
         "reason",
     ]
-    more = f"The first {_MOST_RUNS} of {len(rows)}; the others are in the appendix. " if len(rows) > _MOST_RUNS else ""
+    shown = _shown_runs([grade.level for grade in inputs.grades])
+    more = f"{len(shown)} of {len(rows)}, the worst; the others are in the appendix. " if len(shown) < len(rows) else ""
     note = f"{more}Usable: share of the samples in motion. Measured pull: of a straight line through slip 0.1 to 0.3."
-    return [Table("Go or drive again", head, rows[:_MOST_RUNS], note, left=2, words=("reason",))], numbers
+    listed_rows = [*(_set_aside_row(run, len(head)) for run in inputs.set_aside), *(rows[i] for i in shown)]
+    return [Table("Go or drive again", head, listed_rows, note, left=2, words=("reason",))], numbers
+
+
+def _shown_runs(levels: Sequence[str]) -> list[int]:
+    """Return the places of the runs that the table has room for, in their order: the worst, then the first."""
+    ranks = list(_DECISIONS)
+    worst = sorted(range(len(levels)), key=lambda i: -ranks.index(levels[i]))
+    return sorted(worst[:_MOST_RUNS])
+
+
+def _set_aside_row(run: SetAsideRun, columns: int) -> list[str]:
+    decision = "✕ set aside" if run.cause not in ("repeated", "switched_off") else "– set aside"
+    return [run.run, decision, *["–"] * (columns - 3), f"{run.reason}. Next: {run.next_step}"]
 
 
 def _counted(value: int, what: str) -> str:

@@ -42,6 +42,7 @@ def quality(inputs: ReportInputs) -> Contents:
     blocks: list[Block] = [
         Panels([_shares_figure(inputs.runs)], _reading(inputs)),
         _runs_table(inputs),
+        *(Text(f"Set aside: {run.run}: {run.reason}. Next: {run.next_step}.", "warning") for run in inputs.set_aside),
         *_notes(inputs.runs),
     ]
     numbers = {
