@@ -28,6 +28,7 @@ from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import isolated
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.wording.verdict import several_terrains
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -296,8 +297,10 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
         return None
     usable = sum(level != "poor" for level in levels)
     level = "good" if usable == len(levels) else "fair" if usable else "poor"
+    apart = inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None
+    level = "fair" if apart and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
-    return level, f"{sign} {usable} of {len(levels)} runs usable"
+    return level, f"{sign} {usable} of {len(levels)} runs usable{', hardly on one terrain' if apart else ''}"
 
 
 def _subtitle(inputs: ReportInputs) -> str:

@@ -22,7 +22,7 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, details_of, headline_of, refusal_words
+from wheelsoil.wording.verdict import adequacy_words, deciding_runs, details_of, headline_of, refusal_words
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
@@ -153,7 +153,7 @@ def diagnosis_lines(
         _next_run(diagnosis, width),
         notes,
     )
-    worth = wrapped(gain_text(diagnosis.gain), width) if diagnosis.gain is not None else []
+    worth = wrapped(gain_text(diagnosis.gain, covered(diagnosis)), width) if diagnosis.gain is not None else []
     brief = (worth, inconsistent, to_check, notes, wrapped(_REST, width))
     parts = (head, details, causes, *(whole if verbose else brief))
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
@@ -274,7 +274,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     return [
         "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
-        *wrapped(gain_text(gain), width, "  "),
+        *wrapped(gain_text(gain, covered(diagnosis)), width, "  "),
     ]
 
 
@@ -295,12 +295,19 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
     ]
 
 
-COVERED = "is right in 90 % of campaigns of few runs"
-"""Of the interval of a gain: measured by studies/gain_interval on 200 campaigns."""
+_COVERED = "is right in 90 % of campaigns of few runs"
+"""Of the interval of a gain: measured by studies/gain_interval on 200 campaigns of three to five runs."""
+_FEW_RUNS = 8
 
 
-def gain_text(gain: Gain) -> str:
-    """Return the gain in a sentence."""
+def covered(found: Diagnosis) -> str:
+    """Return in how many campaigns the interval of a gain is right; "" where the study says nothing of such data."""
+    runs = len(found.gain.chosen) if found.gain is not None else 0
+    return _COVERED if runs <= _FEW_RUNS and not found.grounds.table_channels else ""
+
+
+def gain_text(gain: Gain, of_interval: str = _COVERED) -> str:
+    """Return the gain in a sentence; `of_interval` is what `covered` returns."""
     if nothing_chosen(gain):
         return NO_GAIN
     how, low, high = reduction(gain)
@@ -310,7 +317,7 @@ def gain_text(gain: Gain) -> str:
     return (
         f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
-        + (f" The interval {COVERED}." if within else "")
+        + (f" The interval {of_interval}." if within and of_interval else "")
     )
 
 
@@ -424,7 +431,7 @@ def _static(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
-    steps = enumerate(diagnosis.next_run, 1)
+    steps = enumerate(deciding_runs(diagnosis), 1)
     lines = [line for i, run in steps for line in wrapped(f"{i}. {_step(run)}", width, "  ", "     ")]
     return ["Next run, best first", *lines] if lines else []
 

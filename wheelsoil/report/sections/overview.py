@@ -53,7 +53,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, rival_words, several_terrains
 from wheelsoil.workflows.key_figures import Z95, KeyFigure, figures_of_diagnosis, figures_of_traction, sizes_of
 from wheelsoil.workflows.traction import Traction, traction_of
 
@@ -188,6 +188,8 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
     judged = found.adequacy
+    if (note := several_terrains(found)) is not None:
+        return [Check(False, f"{upper(note_text(note))}.")]
     left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
     sentence = adequacy_words(judged)
     return [Check(judged.ok, f"{sentence[0].upper()}{sentence[1:]}: {left}.")]
@@ -214,10 +216,8 @@ def _parameters(inputs: ReportInputs) -> Table | None:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
     causes = listed([_with_form(cause) for cause in recommended_causes(found)])
-    of_soil = (
-        "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
-    )
-    model = f"Wong with {causes}, {of_soil}" if causes else CALIBRATED
+    of_soil = "soil fitted with it" if found.verdict == "named" else "the soil is that of the fit without a cause"
+    model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
 
@@ -287,10 +287,11 @@ def causes(inputs: ReportInputs) -> Contents:
             Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
         )
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
+    stated = [cause.name for cause in found.causes]
     rows: list[list[str | KeyFigure]] = [
         [plain_name(candidate.name), figures[f"candidate.{candidate.name}"], *_size(found, candidate.name)]
         for i, candidate in enumerate(found.candidates)
-        if candidate.name != "none" and (i < _MOST_CAUSES or candidate.name in rivals)
+        if candidate.name != "none" and (i < _MOST_CAUSES or candidate.name in (*rivals, *stated))
     ]
     if rows:
         note = (
@@ -298,7 +299,9 @@ def causes(inputs: ReportInputs) -> Contents:
             "Minimum detectable: alone, in half of such campaigns."
         )
         chances = {candidate.name: candidate.probability for candidate in found.candidates}
-        note += "".join(f" {sentence}." for sentence in rival_words(rivals, chances))
+        note += "".join(f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances))
+        if found.verdict == "one_of" and found.grounds.barred is not None:
+            note += f" {upper(plain_name(stated[0]))} is not named: {note_text(found.grounds.barred)}."
         head = ["cause", "probability", "estimate", "minimum detectable"]
         blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:
