@@ -22,7 +22,14 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import adequacy_words, deciding_runs, details_of, headline_of, refusal_words
+from wheelsoil.wording.verdict import (
+    adequacy_words,
+    deciding_runs,
+    details_of,
+    headline_of,
+    refusal_words,
+    several_terrains,
+)
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
@@ -303,7 +310,8 @@ _FEW_RUNS = 8
 def covered(found: Diagnosis) -> str:
     """Return in how many campaigns the interval of a gain is right; "" where the study says nothing of such data."""
     runs = len(found.gain.chosen) if found.gain is not None else 0
-    return _COVERED if runs <= _FEW_RUNS and not found.grounds.table_channels else ""
+    other = found.grounds.table_channels or several_terrains(found) is not None
+    return _COVERED if runs <= _FEW_RUNS and not other else ""
 
 
 def gain_text(gain: Gain, of_interval: str = _COVERED) -> str:

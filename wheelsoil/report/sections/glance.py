@@ -126,7 +126,7 @@ def _error_tile(inputs: ReportInputs) -> Tile:
             title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
         )
     apart = several_terrains(found) is not None
-    right = f", {covered(found)}" if covered(found) and not apart else ""
+    right = f", {covered(found)}" if covered(found) else ""
     notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %{right}"] if isfinite(low) else []
     notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""

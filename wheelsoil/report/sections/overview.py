@@ -283,9 +283,9 @@ def causes(inputs: ReportInputs) -> Contents:
         Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
     ]
     if bars:
-        blocks.append(
-            Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
-        )
+        as_if = "As if on one terrain. " if several_terrains(found) is not None else ""
+        caption = f"{as_if}Sets exclude each other; with the rest they add up to 100 %."
+        blocks.append(Bars("Which set of causes acts", caption, bars))
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
     stated = [cause.name for cause in found.causes]
     rows: list[list[str | KeyFigure]] = [
