@@ -221,6 +221,20 @@ def test_a_name_that_the_stress_peak_bars_is_said_with_the_rule_and_both_probabi
     )
 
 
+def test_a_sure_cause_that_another_rule_bars_is_said_with_the_rule() -> None:
+    """Not "these data cannot separate them" beside a probability of 99.8 %."""
+    worse = Note(LackCode.CHANNEL_WORSE, values={"channel": "t", "percent": 8.0, "low": 2.0, "high": 15.0})
+    both = (replace(CAUSE, probability=0.998), *causes("slope"))
+    found = replace(BARE, verdict="one_of", causes=both, grounds=Grounds(barred=worse))
+    assert headline_of(found) == (
+        "Most probably slip sinkage, but not named: it contradicts driving torque, whose held-out error grows by 8 % "
+        "(2 to 15)."
+    )
+    long_one = Note(LackCode.NO_BETTER, values={"nats": 2.0, "least": 3.0})
+    below = headline_of(replace(found, grounds=Grounds(barred=long_one)))
+    assert below == "Most probably slip sinkage, but not named: the reason is below."
+
+
 MIXED = Note(
     DiagnosisCode.SEVERAL_TERRAINS,
     Severity.FAULT,

@@ -16,8 +16,9 @@ from wheelsoil.report.drawing import Curve, Plane, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, recommended_causes
+from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
-from wheelsoil.wording.verdict import error_text, several_terrains
+from wheelsoil.wording.verdict import several_terrains
 
 _BINS = 16
 _LONGEST_STEP_S = 0.5

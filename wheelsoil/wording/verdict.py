@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from typing import Literal, NamedTuple
@@ -23,6 +23,7 @@ from model.diagnosis import (
     ParameterEstimate,
     Reduction,
 )
+from wheelsoil.wording.error_text import ERRORS, error_text
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -36,8 +37,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, step_text
-from wheelsoil.wording.numbers import estimate, measured
-from wheelsoil.wording.numbers import number as shown
+from wheelsoil.wording.numbers import estimate
 
 REFUTED_AT = 3.0
 """One-sigmas of the laboratory by which a soil's parameter may be off."""
@@ -113,13 +113,15 @@ def headline_of(found: Diagnosis) -> str:
         return _hardly_one_terrain(found, note)
     if found.verdict == "named":
         return _named_headline(found, names)
-    if found.verdict == "one_of" and peak_bars(found):
-        instead = "a stress peak ahead of the wheel's bottom would fit almost as well"
-        return f"Most probably {names[0]}, but not named: {instead}."
+    if found.verdict == "one_of" and (why := found.grounds.barred) is not None and chances[0] > _SURE:
+        reason = "a stress peak ahead of the wheel's bottom would fit almost as well"
+        whole = f"Most probably {names[0]}, but not named: {reason if peak_bars(found) else note_text(why)}."
+        short = f"Most probably {names[0]}, but not named: the reason is below."
+        return whole if len(whole.split()) <= MOST_WORDS else short
     if found.verdict == "one_of" and len(names) > 1:
         sure = all(cause.probability > _SURE for cause in found.causes)
-        why = "not sure enough for names" if sure else "these data cannot separate them"
-        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {why}"
+        doubt = "not sure enough for names" if sure else "these data cannot separate them"
+        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {doubt}"
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
@@ -168,59 +170,6 @@ def _finding_or_size(cause: Cause, channel: str) -> str:
         return size_text(cause)
     text = error_text(cause, OUTPUTS[channel].name)
     return f"{text[0].lower()}{text[1:]}"
-
-
-def _too(value: float) -> str:
-    return "too much" if value > 0 else "too little"
-
-
-def _percent(value: float) -> str:
-    return f"{shown(100 * abs(value), 2)} %"
-
-
-ERRORS: Mapping[str, Callable[[str, str, float], str]] = {
-    "drawbar_pull_zero": lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip",
-    "torque_zero": lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip",
-    "zero_drift": lambda c, size, x: (
-        f"The zero of the {c} drifts by {size} over the campaign, {'up' if x > 0 else 'down'}wards"
-    ),
-    "drawbar_pull_gain": lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-    "torque_gain": lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-    "crosstalk": lambda c, _, x: (
-        f"{_percent(x)} of the vertical load is {'added to' if x > 0 else 'taken off'} the {c}"
-    ),
-    "load_zero": lambda _, size, x: f"The vertical load reads {size} {_too(x)}",
-    "load_gain": lambda _c, _s, x: f"The vertical load reads {_percent(x)} {_too(x)}",
-    "speed_bias": lambda _, size, x: f"The ground speed reads {size} {_too(x)}",
-    "speed_latency": lambda _, size, x: (
-        f"The ground speed comes {size} {'later' if x > 0 else 'earlier'} than declared"
-    ),
-    "wheel_radius": lambda _c, _s, x: (
-        f"Slip is shifted: the rolling radius is {_percent(x)} {'larger' if x > 0 else 'smaller'} than stated"
-    ),
-    "wheel_inertia": lambda c, _s, _x: (
-        f"The {c} follows the wheel's acceleration: outboard mass and inertia are not declared"
-    ),
-}
-"""What a cause that is an error does, as a sentence of channel, size with 95 % interval, and value."""
-_IN_CHANNEL = {
-    "drawbar_pull_zero": "drawbar pull",
-    "drawbar_pull_gain": "drawbar pull",
-    "torque_zero": "driving torque",
-    "torque_gain": "driving torque",
-    "zero_drift": "drawbar pull",
-}
-
-
-def error_text(cause: Cause, channel: str) -> str:
-    """Return what a cause of `ERRORS` does, with its size; `channel` in words, where the cause has none of its own."""
-    first = cause.parameters[0]
-    low, high = first.interval95
-    size = f"{measured(abs(first.value), first.sigma)} {first.unit}".removesuffix(" 1")
-    if isfinite(low) and isfinite(high):
-        ends = sorted((abs(low), abs(high))) if low * high > 0 else (low, high)
-        size = f"{size} ({' to '.join(measured(end, first.sigma) for end in ends)})"
-    return ERRORS[cause.name](_IN_CHANNEL.get(cause.name, channel), size, first.value)
 
 
 def details_of(found: Diagnosis) -> list[str]:

@@ -107,6 +107,8 @@ def fit(inputs: ReportInputs) -> Contents:
     }
     if inputs.fitted:
         traction = traction_of(inputs.fitted)
+        if inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
+            blocks.append(Text("Over all runs, which are hardly on one terrain; each run is under Runs.", "warning"))
         blocks.append(Tiles(_traction_tiles(traction), small=True))
         numbers["traction"] = traction
     return blocks, numbers
