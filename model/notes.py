@@ -98,7 +98,7 @@ class DiagnosisCode(StrEnum):
     SOIL_SIGMA_ASSUMED = "soil_sigma_assumed"
     """campaigns"""
     SEVERAL_TERRAINS = "several_terrains"
-    """campaign, share"""
+    """campaign, share; of two clear groups of runs also runs, groups, drawbar_coefficients, files"""
 
 
 class StepCode(StrEnum):

@@ -17,7 +17,7 @@ from wheelsoil.wording.names import chance, place_text, plain_name
 from wheelsoil.wording.notes import naming_text, odds_text, step_text, texts_of
 from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.run_summary import summary_table
-from wheelsoil.wording.verdict import refusal_words, sentence_of
+from wheelsoil.wording.verdict import deciding_runs, refusal_words, sentence_of
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, errors_of, figures_of_diagnosis, sizes_of
 
 Cell = str | KeyFigure
@@ -86,7 +86,7 @@ def diagnosis_html(found: Diagnosis) -> str:
         rows = _gain_rows(found.gain, found.verdict)
         head = ["R0 on held-out runs", "calibrated soil", "with the causes", "unit"]
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
-    if found.next_run:
+    if next_runs := deciding_runs(found):
         runs = [
             [
                 step_text(run),
@@ -94,7 +94,7 @@ def diagnosis_html(found: Diagnosis) -> str:
                 odds_text(run.expected_log_bayes_factor),
                 number(run.cost_runs),
             ]
-            for run in found.next_run
+            for run in next_runs
         ]
         shown.append(html_table(["next run, best first", "right name", "expected odds", "cost, runs"], runs))
     return "".join(shown)

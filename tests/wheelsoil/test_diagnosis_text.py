@@ -20,15 +20,18 @@ from model.diagnosis.core.result import (
     Diagnosis,
     Finding,
     Grounds,
+    LackOfFit,
+    NextRun,
     ParameterEstimate,
     RefutedSoil,
     SoilInstead,
 )
-from model.diagnosis.core.shapes import Rows
+from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.effects import EFFECTS
-from model.notes import LackCode
+from model.notes import LackCode, StepCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.diagnosis_text import diagnosis_lines, gain_text, stages_lines, wrapped
+from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, stages_lines, wrapped
+from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 
 VERDICTS = tuple(SENTENCES)
@@ -78,6 +81,52 @@ def test_no_verdict_ends_without_a_next_step(verdict, family, step):
         kind = EFFECTS[family].kind if family in EFFECTS else "physical"
         found = replace(found, causes=(replace(found.causes[0], name=family, kind=kind, parameters=()),))
     assert step in text_of(found, 100)
+
+
+def test_a_residual_in_one_channel_is_followed_to_its_sensor() -> None:
+    bent = Finding("driving_torque", Shape(Kind.DRAWBAR_PULL_SQUARED, "t"), -469.0, -9.0)
+    found = replace(diagnosis("unexplained"), grounds=Grounds(lack_of_fit=LackOfFit((bent,))), next_run=())
+    first, *_ = next_steps(found, VehicleConfig())
+    assert first.what.startswith("Check the drawbar pull against known pulls in both directions")
+    assert first.why.startswith("Residual: drawbar pull, slip 0.4 to 0.9: -122 N.")
+    soil = Finding("sinkage", Shape(Kind.SLIP, "z", (0.4, 0.9)), 0.01, 5.0)
+    both = replace(found, grounds=Grounds(lack_of_fit=LackOfFit((bent, soil))))
+    assert next_steps(both, VehicleConfig())[0].what.startswith("Look at what is wrong")
+
+
+def test_a_standstill_is_declared_for_a_new_run_only_and_asked_of_no_table() -> None:
+    """The line would declare the held brakes of these runs as released."""
+    held = {"torque_zero": Note(LackCode.NOT_AT_STANDSTILL)}
+    found = replace(diagnosis("nothing_detectable"), next_run=(), not_identifiable=held)
+    [step] = next_steps(found, VehicleConfig())
+    assert step.what.startswith("Drive another run") and "do not show torque zero" in step.why
+    assert step.paste.startswith("# in the vehicle.toml of that run only\n")
+    assert next_steps(replace(found, grounds=Grounds(table_channels=("dp",))), VehicleConfig()) == []
+
+
+def test_a_step_that_separates_what_is_separable_is_not_shown() -> None:
+    runs = (NextRun(Note(StepCode.LIKE_OTHERS), ("slip_sinkage", "bulldozing"), 9.0),)
+    decided = Grounds(confounded=("bulldozing",))
+    found = replace(diagnosis("named"), grounds=decided, next_run=runs, not_identifiable={})
+    [step] = next_steps(found, VehicleConfig())
+    assert step.why == "No further run is needed for the name."
+    assert "like the others" not in text_of(found)
+    likely = replace(found, candidates=(Candidate("bulldozing", 0.1),))
+    assert next_steps(likely, VehicleConfig())[0].what == "One more run like the others"
+
+
+def test_a_lifted_zero_is_a_command_to_paste() -> None:
+    found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
+    step = next_steps(found, VehicleConfig())[0]
+    assert "`" not in f"{step.what}{step.why}{text_of(found)}" and step.paste.startswith("wheelsoil zero")
+
+
+def test_in_how_many_campaigns_an_interval_is_right_is_said_of_few_runs_only() -> None:
+    found = diagnosis("named")
+    assert found.gain is not None and covered(found)
+    assert not covered(replace(found, gain=replace(found.gain, chosen=(("vasilev",),) * 98)))
+    assert not covered(replace(found, grounds=Grounds(table_channels=("dp", "z"))))
+    assert "campaigns of few runs" not in gain_text(found.gain, "")
 
 
 def test_of_a_bench_table_the_mean_of_the_rows_is_said():

@@ -21,7 +21,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.to_json import plain
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.view.medians import compared
-from wheelsoil.wording.cost_text import cost_rows
+from wheelsoil.wording.cost_text import cost_meaning, cost_rows
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
 from wheelsoil.wording.figures import figure_value, recording_figures
@@ -120,6 +120,21 @@ def test_the_page_has_the_table_of_cost_of_the_report(material: ReportInputs) ->
     assert all(text.startswith("−") for text in written) and "%" not in written[1]
     assert found.costs[0].difference95[0] < found.costs[0].difference < 0
     assert "kN" in shown["says"] and shown["title"] == "With and without slip sinkage"
+
+
+def test_a_cause_that_costs_nothing_has_no_table_of_zeros(material: ReportInputs) -> None:
+    found = cost(material)
+    nothing = tuple(replace(one, with_causes=one.without, difference95=(0.0, 0.0)) for one in found.costs)
+    late = replace(found.causes[0], kind="measurement")
+    free = replace(found, costs=nothing, causes=(late,))
+    assert cost_meaning(free) == "Costs nothing in steady driving: an error of measurement." and not cost_rows(free)
+    assert shown_of(diagnosis(), free)["cost"]["rows"] == []
+
+
+def test_sizes_are_of_the_model_of_the_verdict() -> None:
+    for verdict, model in (("named", "recommended"), ("one_of", "most_probable")):
+        figures = figures_of_diagnosis(diagnosis(verdict))
+        assert figures["cause.slip_sinkage.H_m"].model == model
 
 
 def test_the_page_and_the_json_of_diagnose_have_the_values_of_the_report(material: ReportInputs) -> None:

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_samples import BRAKING, diagnosis
-from report_support import cells_of, section_of
+from report_support import cells_of, section_of, text_of
 
-from daq.notes import Note
-from model.diagnosis.core.result import Grounds, NextRun, ParameterEstimate
-from model.notes import StepCode
+from daq.notes import Note, Severity
+from model.diagnosis.core.result import Candidate, Grounds, NextRun, ParameterEstimate
+from model.notes import DiagnosisCode, StepCode
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
@@ -91,8 +91,9 @@ def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
 
 
 def test_one_sentence_leads_and_the_others_are_below(material):
-    alike = Grounds(confounded=("grouser",))
-    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun(BRAKING, (), 5.0),), not_identifiable={})
+    alike, likely = Grounds(confounded=("grouser",)), (Candidate("slip_sinkage", 0.97), Candidate("grouser", 0.06))
+    runs = (NextRun(BRAKING, (), 5.0),)
+    found = replace(diagnosis("named"), grounds=alike, candidates=likely, next_run=runs, not_identifiable={})
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
@@ -104,6 +105,29 @@ def test_one_sentence_leads_and_the_others_are_below(material):
     (steps,) = [block for block in blocks if isinstance(block, Steps)]
     assert steps.steps[0].what == "A run with braking, down to a slip of -0.6"
     assert report.numbers()["sections"]["glance"]["sentence"] == sentence_of(found)
+
+
+def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
+    """The badge and the checks say it, the figure shows the groups, and no candidate stands as a fact."""
+    names = tuple(run.run.id for run in material.runs)
+    facts = {
+        "campaign": "clay",
+        "share": 0.22,
+        "runs": names,
+        "groups": (names[:1], names[1:]),
+        "drawbar_coefficients": ((-0.02, 0.01), (0.09, 0.11)),
+    }
+    note = Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, facts)
+    by_hand = replace(diagnosis("one_of"), grounds=Grounds(cautions=(note,)))
+    seen_runs = replace(by_hand.plot_data[0], runs=names[:2])
+    report = build_report(replace(material, diagnosed=replace(by_hand, plot_data=(seen_runs,))))
+    assert report.head.badge is not None and report.head.badge[0] == "fair" and "one terrain" in report.head.badge[1]
+    checks = report.numbers()["sections"]["fit"]["checks"]
+    assert any("differs by 22 % from run to run" in check for check in checks)
+    assert not any("no more than noise is left" in check for check in checks)
+    assert "differ" in report.numbers()["drawings"]["hero"]["title"]
+    assert "part them first" in text_of(report, "next_run")
+    assert "no more than noise" not in text_of(report, "candidates")
 
 
 def test_three_numbers_stand_below_the_verdict(material):

@@ -9,6 +9,7 @@ from math import nan
 import pytest
 from diagnosis_samples import MORE_LOAD, diagnosis
 
+from daq.config import VehicleConfig
 from daq.errors import Fault
 from daq.notes import Note, Severity
 from model.diagnosis.core.result import (
@@ -22,6 +23,8 @@ from model.diagnosis.core.result import (
     Grounds,
     NextRun,
     ParameterEstimate,
+    PriorShift,
+    Reduction,
     RefutedSoil,
     Scores,
     undecided,
@@ -30,10 +33,14 @@ from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.mending import next_steps
+from wheelsoil.wording.names import stretches
 from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import (
     Statement,
+    deciding_runs,
     details_of,
+    falling_channel,
     finding_of,
     gain_words,
     headline_of,
@@ -84,11 +91,15 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     size = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
     cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
     runs = (NextRun(MORE_LOAD, ("slip_sinkage", "grouser"), 9.0),)
-    alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
+    likely = (Candidate("slip_sinkage", 0.93), Candidate("grouser", 0.06))
+    grounds = Grounds(confounded=("grouser",))
+    alike = replace(BARE, causes=(cause,), candidates=likely, next_run=runs, grounds=grounds)
     said = words(named_words(alike, CHANCES))
     assert said.endswith("Next: a run with more load: about 12.9 kN on the wheel, 500 kg more there than so far.")
     assert "p = m1 + m2 = 0.615 (0.580 to 0.640)" in said
     assert "Next:" not in words(named_words(replace(alike, grounds=Grounds()), CHANCES))
+    decided = replace(alike, candidates=(Candidate("grouser", 0.001),))
+    assert "Next:" not in words(named_words(decided, CHANCES)) and not deciding_runs(decided)
 
 
 def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
@@ -125,7 +136,8 @@ def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
 def test_other_places_take_the_parts_of_a_verdict_that_they_show_by_themselves() -> None:
     """The page shows finding, gain and next step apart: each is marked, none is found again by its words."""
     run = NextRun(MORE_LOAD, (), 4.0)
-    found = replace(BARE, gain=gain(), grounds=Grounds(confounded=("grouser",)), next_run=(run,))
+    grounds, likely = Grounds(confounded=("grouser",)), (Candidate("grouser", 0.06),)
+    found = replace(BARE, gain=gain(), grounds=grounds, candidates=likely, next_run=(run,))
     assert [one.about for one in statements_of(found)] == ["cause", "gain", "", "next"]
     assert finding_of(found) == "Slip sinkage explains the misfit (97.0 %; vasilev most probable, 70.0 %)"
     assert statements_of(found)[0].text.startswith(f"{finding_of(found)}: H = ")
@@ -165,6 +177,108 @@ def test_causes_that_surely_act_are_joined_by_and() -> None:
     assert title == "Slope and bulldozing, perhaps with grouser: these data cannot separate them."
     title = headline_of(replace(BARE, verdict="one_of", causes=tuple(likely[:2]), gain=None))
     assert title == "Slope and bulldozing: not sure enough for names."
+
+
+LATE = Cause(
+    "speed_latency",
+    "",
+    "measurement",
+    "speed_latency",
+    0.999,
+    1.0,
+    (ParameterEstimate("extra_delay_s", "s", 0.1531, (0.1374, 0.1689), 0.008),),
+)
+
+
+def test_the_headline_states_an_error_only_where_it_falls_for_certain() -> None:
+    """Never "explains" beside an error that grows; another channel may fall for certain; else the size is certain."""
+    unsure = replace(gain(4.0), interval95=(-1.0, 9.0), reductions={})
+    late = replace(BARE, causes=(LATE,), gain=unsure, plot_data=())
+    title = "Speed latency acts: the ground speed comes 0.1531 s (0.1374 to 0.1689) later than declared."
+    assert headline_of(late) == title and falling_channel(late) is None
+    assert finding_of(late) == "Speed latency acts (99.9 %)" and "0.1531" not in " ".join(details_of(late))
+    worse = replace(gain(-10.0), interval95=(-169.0, 55.0))
+    assert headline_of(replace(BARE, gain=worse)) == "Slip sinkage acts: H = 0.0310 (0.0270 to 0.0350) m."
+    other = replace(worse, reductions={"dp": Reduction(-10.0, (-169.0, 55.0)), "t": Reduction(50.0, (40.0, 60.0))})
+    assert headline_of(replace(BARE, gain=other)) == (
+        "Slip sinkage explains the misfit: the driving torque error on held-out data falls by 50 %."
+    )
+
+
+def test_a_name_that_the_stress_peak_bars_is_said_with_the_rule_and_both_probabilities() -> None:
+    peak = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.177})
+    likely = (Candidate("slip_sinkage", 0.998), Candidate("stress_peak_shift", 0.002))
+    both = (replace(CAUSE, probability=0.998), *causes("stress_peak_shift"))
+    found = replace(BARE, verdict="one_of", causes=both, candidates=likely, grounds=Grounds(barred=peak))
+    assert headline_of(found).startswith("Most probably slip sinkage, but not named: a stress peak ahead of")
+    first, size, why = details_of(found)
+    assert first == "A cause acts (with probability > 99.9 %): slip sinkage or stress peak shift."
+    assert size == "If slip sinkage acts: H = 0.0310 (0.0270 to 0.0350) m."
+    assert why == (
+        "Slip sinkage is not named: its probability is only 17.7 % if a stress peak ahead of the wheel's bottom is "
+        "taken for the rule, as it is on most soils, and 99.8 % if it is taken for rare."
+    )
+
+
+def test_a_sure_cause_that_another_rule_bars_is_said_with_the_rule() -> None:
+    """Not "these data cannot separate them" beside a probability of 99.8 %."""
+    worse = Note(LackCode.CHANNEL_WORSE, values={"channel": "t", "percent": 8.0, "low": 2.0, "high": 15.0})
+    both = (replace(CAUSE, probability=0.998), *causes("slope"))
+    found = replace(BARE, verdict="one_of", causes=both, grounds=Grounds(barred=worse))
+    assert headline_of(found) == (
+        "Most probably slip sinkage, but not named: it contradicts driving torque, whose held-out error grows by 8 % "
+        "(2 to 15)."
+    )
+    long_one = Note(LackCode.NO_BETTER, values={"nats": 2.0, "least": 3.0})
+    below = headline_of(replace(found, grounds=Grounds(barred=long_one)))
+    assert below == "Most probably slip sinkage, but not named: the reason is below."
+
+
+MIXED = Note(
+    DiagnosisCode.SEVERAL_TERRAINS,
+    Severity.FAULT,
+    {
+        "campaign": "clay",
+        "share": 0.22,
+        "runs": ("run-1", "run-2", "run-3", "run-4"),
+        "groups": (("run-1", "run-2", "run-3"), ("run-4",)),
+        "drawbar_coefficients": ((-0.02, 0.01), (0.09, 0.09)),
+        "files": ("run-4.log",),
+    },
+)
+
+
+@pytest.mark.parametrize("verdict", ["named", "one_of", "unexplained", "nothing_detectable"])
+def test_that_runs_are_hardly_on_one_terrain_comes_first(verdict: str) -> None:
+    found = diagnosis(verdict)  # type: ignore[arg-type]
+    mixed = replace(found, grounds=Grounds(cautions=(MIXED,), prior_shifts=(PriorShift("slope", 3.0, verdict, ()),)))  # type: ignore[arg-type]
+    assert headline_of(mixed) == "These runs are hardly on one terrain: runs 1 to 3 differ from run-4."
+    first, numbers, *others, last = sentences_of(mixed)
+    assert first == headline_of(mixed) and "and 0.09 on run-4. Nothing is said of a cause" in numbers
+    assert any(one.startswith("As if on one terrain: ") for one in others)
+    assert last.startswith("Next: put runs 1 to 3 and run-4 in folders of their own")
+    assert details_of(mixed)[0] == numbers and "Whoever" not in sentence_of(mixed)
+    [step] = next_steps(mixed, VehicleConfig())
+    assert step.what.startswith("Put runs 1 to 3 and run-4") and "mv run-4.log ../second" in step.paste
+    unknown = replace(MIXED, values={"campaign": "clay", "share": 0.22})
+    bare = replace(found, grounds=Grounds(cautions=(unknown,)))
+    assert headline_of(bare) == "These runs are hardly on one terrain." and not deciding_runs(bare)
+
+
+def test_runs_that_ask_for_two_soils_are_in_the_headline_of_unexplained() -> None:
+    runs = (("run-2",), ("run-1",))
+    found = replace(diagnosis("unexplained"), grounds=Grounds(terrains=runs))
+    assert headline_of(found) == "No known cause explains these data: run-2 asks for another soil than run-1."
+    assert next_steps(found, VehicleConfig())[0].what.startswith("If these are two terrains, put run-2 and run-1")
+
+
+def test_runs_are_listed_in_stretches() -> None:
+    order = [f"run-{i}" for i in range(1, 11)]
+    assert stretches(order[:3], order) == "runs 1 to 3"
+    assert stretches([order[9], order[0], order[1]], order) == "runs 1, 2 and 10"
+    assert stretches(["a"], ["a", "b"]) == "a"
+    assert stretches(order[::2], order, most=3) == "5 runs"
+    assert stretches(["b", "c", "d"], ["a", "b", "c", "d"]) == "b to d"
 
 
 def test_how_well_two_are_separated_is_said_by_one_probability() -> None:

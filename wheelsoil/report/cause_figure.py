@@ -16,8 +16,9 @@ from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, recommended_causes
-from wheelsoil.report.words import measured, number
+from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
+from wheelsoil.wording.verdict import several_terrains
 
 _BINS = 16
 _LONGEST_STEP_S = 0.5
@@ -48,8 +49,6 @@ class _View(NamedTuple):
         Title of the abscissa.
     across : callable
         The abscissa of samples.
-    finding : callable
-        Sentence of the figure, of channel, size and 95 % interval in words, and the value.
     own : callable, optional
         What the cause adds to the channel itself, of its value, the samples, and what the recommended model predicts;
         None for a cause that acts through slip or load.
@@ -57,16 +56,7 @@ class _View(NamedTuple):
 
     axis: str
     across: Callable[[_Samples], FloatArray]
-    finding: Callable[[str, str, float], str]
     own: Own | None = None
-
-
-def _too(value: float) -> str:
-    return "too much" if value > 0 else "too little"
-
-
-def _percent(value: float) -> str:
-    return f"{number(100 * abs(value), 2)} %"
 
 
 def _slip_of(samples: _Samples) -> FloatArray:
@@ -75,63 +65,21 @@ def _slip_of(samples: _Samples) -> FloatArray:
 
 _SLIP = ("Slip ratio", _slip_of)
 _VIEWS: Mapping[str, _View] = {
-    "drawbar_pull_zero": _View(
-        *_SLIP, lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip", lambda x, s, _: x + 0.0 * s.slip
-    ),
-    "torque_zero": _View(
-        *_SLIP, lambda c, size, x: f"The {c} reads {size} {_too(x)} at every slip", lambda x, s, _: x + 0.0 * s.slip
-    ),
-    "zero_drift": _View(
-        "Time since the first run (min)",
-        lambda s: s.day_min,
-        lambda c, size, x: f"The zero of the {c} drifts by {size} over the campaign, {'up' if x > 0 else 'down'}wards",
-        lambda x, s, _: x * s.clock,
-    ),
+    "drawbar_pull_zero": _View(*_SLIP, lambda x, s, _: x + 0.0 * s.slip),
+    "torque_zero": _View(*_SLIP, lambda x, s, _: x + 0.0 * s.slip),
+    "zero_drift": _View("Time since the first run (min)", lambda s: s.day_min, lambda x, s, _: x * s.clock),
+    # the abscissa of a gain is replaced by what is predicted
     "drawbar_pull_gain": _View(
-        "Predicted drawbar pull (N)",
-        lambda s: s.slip,  # replaced by what is predicted
-        lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-        lambda x, _, predicted: x / (1.0 + x) * predicted,
+        "Predicted drawbar pull (N)", lambda s: s.slip, lambda x, _, model: x / (1.0 + x) * model
     ),
-    "torque_gain": _View(
-        "Predicted driving torque (N m)",
-        lambda s: s.slip,
-        lambda c, _, x: f"The {c} reads {_percent(x)} {_too(x)}, in proportion to its size",
-        lambda x, _, predicted: x / (1.0 + x) * predicted,
-    ),
-    "crosstalk": _View(
-        "Vertical load (kN)",
-        lambda s: s.load_n / 1e3,
-        lambda c, _, x: f"{_percent(x)} of the vertical load is {'added to' if x > 0 else 'taken off'} the {c}",
-        lambda x, s, _: x * s.load_n,
-    ),
-    "load_zero": _View(
-        "Vertical load (kN)", lambda s: s.load_n / 1e3, lambda _, size, x: f"The vertical load reads {size} {_too(x)}"
-    ),
-    "load_gain": _View(
-        "Vertical load (kN)",
-        lambda s: s.load_n / 1e3,
-        lambda _c, _s, x: f"The vertical load reads {_percent(x)} {_too(x)}",
-    ),
-    "speed_bias": _View(
-        "Ground speed (m/s)", lambda s: s.speed_mps, lambda _, size, x: f"The ground speed reads {size} {_too(x)}"
-    ),
-    "speed_latency": _View(
-        "Acceleration of the vehicle (m/s²)",
-        lambda s: s.acceleration_mps2,
-        lambda _, size, x: f"The ground speed comes {size} {'later' if x > 0 else 'earlier'} than declared",
-    ),
-    "wheel_radius": _View(
-        *_SLIP,
-        lambda _c, _s, x: (
-            f"Slip is shifted: the rolling radius is {_percent(x)} {'larger' if x > 0 else 'smaller'} than stated"
-        ),
-    ),
-    "wheel_inertia": _View(
-        "Acceleration of the rim (m/s²)",
-        lambda s: s.rim_acceleration_mps2,
-        lambda c, _s, _x: f"The {c} follows the wheel's acceleration: outboard mass and inertia are not declared",
-    ),
+    "torque_gain": _View("Predicted driving torque (N m)", lambda s: s.slip, lambda x, _, model: x / (1.0 + x) * model),
+    "crosstalk": _View("Vertical load (kN)", lambda s: s.load_n / 1e3, lambda x, s, _: x * s.load_n),
+    "load_zero": _View("Vertical load (kN)", lambda s: s.load_n / 1e3),
+    "load_gain": _View("Vertical load (kN)", lambda s: s.load_n / 1e3),
+    "speed_bias": _View("Ground speed (m/s)", lambda s: s.speed_mps),
+    "speed_latency": _View("Acceleration of the vehicle (m/s²)", lambda s: s.acceleration_mps2),
+    "wheel_radius": _View(*_SLIP),
+    "wheel_inertia": _View("Acceleration of the rim (m/s²)", lambda s: s.rim_acceleration_mps2),
 }
 _GAINS = ("drawbar_pull_gain", "torque_gain")
 _BRAKED = (*_GAINS, "wheel_inertia")
@@ -147,7 +95,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         To show it in; a cause that acts in one channel itself is shown in that one.
     """
     found = inputs.diagnosed
-    if found is None or not found.plot_data or not recommended_causes(found):
+    if found is None or not found.plot_data or not recommended_causes(found) or several_terrains(found) is not None:
         return None
     shares = {each: shares_of(found, each, recommendation.measured) for each in recommended_causes(found)}
     cause = max(shares, key=lambda each: max(shares[each].values(), default=0.0))
@@ -163,10 +111,13 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     else:
         channel = max(shares[cause], key=shares[cause].__getitem__, default=channel)
         line = view.own(cause.parameters[0].value, samples, recommendation.recommended[channel])
-        left, against = recommendation.residual(channel) + line, "the recommended model without its correction"
+        model = f"the {recommendation.title.lower()} model"
+        left, against = recommendation.residual(channel) + line, f"{model} without its correction"
     across = recommendation.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
     factor, unit = page_unit(channel)
-    title = _title(view, cause, channel)
+    title = error_text(cause, OUTPUTS[channel].name)
+    if found.verdict != "named":  # one of several: no fact
+        title = f"If {plain_name(cause.name)} acts: {title[0].lower()}{title[1:]}"
     over_slip = view.across is _slip_of
     driven_only = cause.name not in _BRAKED
     if driven_only:  # braking is so steep that the driven part would look flat
@@ -189,16 +140,6 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         "Points: median and middle half. Line: the correction."
     )
     return drawn("hero", title, caption, plane, curves, samples=cloud)
-
-
-def _title(view: _View, cause: Cause, channel: str) -> str:
-    first = cause.parameters[0]
-    low, high = first.interval95
-    size = f"{measured(abs(first.value), first.sigma)} {first.unit}".removesuffix(" 1")
-    if np.isfinite(low) and np.isfinite(high):
-        ends = sorted((abs(low), abs(high))) if low * high > 0 else (low, high)
-        size = f"{size} ({' to '.join(measured(end, first.sigma) for end in ends)})"
-    return view.finding(OUTPUTS[channel].name, size, first.value)
 
 
 def shares_of(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[str, float]:

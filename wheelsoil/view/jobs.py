@@ -27,7 +27,15 @@ from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.numbers import typeset
-from wheelsoil.wording.verdict import finding_of, reduction_in, refusal_words, size_text, statements_of
+from wheelsoil.wording.verdict import (
+    falling_channel,
+    finding_of,
+    reduction_in,
+    refusal_words,
+    several_terrains,
+    size_text,
+    statements_of,
+)
 from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, steady_traction
 from wheelsoil.workflows.diagnosis import (
     Processed,
@@ -217,6 +225,7 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
         "change_percent": None
         if diagnosis.gain is None
         else reduction_in(diagnosis.gain, diagnosis.main_channel).percent,
+        "better": falling_channel(diagnosis) == diagnosis.main_channel and several_terrains(diagnosis) is None,
         "sizes": [typeset(size_text(cause)) for cause in diagnosis.causes],
         "figures": {
             key: {"value": figure.value, "text": figure_value(figure), "unit": figure.unit, "model": figure.model}

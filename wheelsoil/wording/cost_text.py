@@ -30,8 +30,16 @@ def cost_title(found: CausesCost) -> str:
     return f"With and without {listed([plain_name(cause.name) for cause in found.causes])}"
 
 
+def costs_nothing(found: CausesCost) -> bool:
+    """Return whether no cost, and no end of its interval, is more than nothing."""
+    return not any(abs(x) > 0 for cost in found.costs for x in (cost.difference, *cost.difference95))
+
+
 def cost_meaning(found: CausesCost) -> str:
     """Return what the difference is."""
+    if costs_nothing(found):
+        error = {cause.kind for cause in found.causes} == {"measurement"}
+        return f"Costs nothing in steady driving{': an error of measurement' if error else ''}."
     return _MEASURED if {cause.kind for cause in found.causes} == {"measurement"} else _PHYSICAL
 
 
@@ -45,9 +53,9 @@ def cost_note(found: CausesCost) -> str:
 
 
 def cost_rows(found: CausesCost) -> list[list[str | KeyFigure]]:
-    """Return a row for each quantity and slip, with the columns of `COST_HEAD`."""
+    """Return a row for each quantity and slip, with the columns of `COST_HEAD`; none where it costs nothing."""
     rows: list[list[str | KeyFigure]] = []
-    for cost in found.costs:
+    for cost in () if costs_nothing(found) else found.costs:
         name, factor = _QUANTITIES[cost.quantity]
         figure = figure_of_cost(cost)
         values = [number(factor * cost.without), number(factor * cost.with_causes)]

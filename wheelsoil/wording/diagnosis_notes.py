@@ -7,7 +7,7 @@ from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
-from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name
+from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name, stretches
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _CONDITIONS = {
@@ -159,10 +159,13 @@ def _skid(v: Values) -> str:
 
 
 def _terrains(v: Values) -> str:
+    sides = zip(v.get("groups", ()), v.get("drawbar_coefficients", ()), strict=True)
+    between = [(" to ".join(dict.fromkeys(f"{end:.2f}" for end in ends)), names) for names, ends in sides]
+    pulls = [f"{ends} on {stretches(names, v['runs'])}" for ends, names in between]
     return (
-        f"the soil of {v['campaign']} differs by {100 * v['share']:.0f} % in tan phi from run to run: hardly one "
-        "terrain. Nothing is said of a cause that one part of these runs has and the other has not; diagnose them as "
-        "campaigns of their own"
+        f"tan phi of the soil of {v['campaign']} differs by {100 * v['share']:.0f} % from run to run"
+        + (f": pull over load at slip 0.2 is {' and '.join(pulls)}" if pulls else "")
+        + ". Nothing is said of a cause that one part of these runs has and the other has not"
     )
 
 
@@ -196,8 +199,8 @@ def _cancel(v: Values) -> str:
 
 def _peak(v: Values) -> str:
     return (
-        "its probability is "
-        f"{chance(v['probability'])} where the stress peak lies ahead of the wheel's bottom, as it does on most soils"
+        f"its probability is only {chance(v['probability'])} if a stress peak ahead of the wheel's bottom is taken for "
+        "the rule, as it is on most soils"
     )
 
 
@@ -222,13 +225,13 @@ STEP_KEYS: dict[str, str] = {
     StepCode.HALF_PRESSURE: "inflation_kpa in runs.toml",
     StepCode.OTHER_DIRECTION: "direction in runs.toml",
     StepCode.SECOND_PASS: "pass_number in runs.toml",
-    StepCode.STANDSTILLS: 'standstill_brakes = "released" in vehicle.toml',
+    StepCode.STANDSTILLS: 'standstill_brakes = "released" in the vehicle.toml of that run',
     StepCode.RUT: "[[run.rut]] in runs.toml",
     StepCode.SINKAGE: "the role sinkage in vehicle.toml",
     StepCode.TORQUE: "the role driving_torque in vehicle.toml",
     StepCode.KNOWN_PULL: "[[static]] in runs.toml",
     StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
-    StepCode.LIFTED_ZERO: "`wheelsoil zero RECORDING`, and zero_file in vehicle.toml",
+    StepCode.LIFTED_ZERO: "zero_file in vehicle.toml, by wheelsoil zero RECORDING",
 }
 """Key of a file under which the result of a step is written."""
 
@@ -269,8 +272,8 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.CHANNEL_UNUSED: lambda v: f"{ROLES[v['role']].name} was measured and not looked at",
     LackCode.CHANNEL_MISSING: lambda v: f"{ROLES[v['role']].name} was not measured",
     LackCode.NOT_AT_STANDSTILL: (
-        "no standstill with released brakes was recorded: it would show the zeros "
-        '(standstill_brakes = "released" in vehicle.toml, or a signal brake)'
+        "no standstill is declared to be with released brakes, which would show the zeros "
+        "(standstill_brakes in vehicle.toml, or a signal brake)"
     ),
     LackCode.NO_TRACE: _no_trace,
     LackCode.NOT_SETTLED: "the iterated linearisation of the model did not converge, so that no cause can be judged",

@@ -25,9 +25,11 @@ from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, wo
 from wheelsoil.wording.verdict import (
     NOT_IN_THESE_DATA,
     adequacy_words,
+    deciding_runs,
     details_of,
     headline_of,
     refusal_words,
+    several_terrains,
     undetectable,
 )
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
@@ -160,7 +162,7 @@ def diagnosis_lines(
         _next_run(diagnosis, width),
         notes,
     )
-    worth = wrapped(gain_text(diagnosis.gain), width) if diagnosis.gain is not None else []
+    worth = wrapped(gain_text(diagnosis.gain, covered(diagnosis)), width) if diagnosis.gain is not None else []
     brief = (worth, inconsistent, to_check, notes, wrapped(_REST, width))
     parts = (head, details, causes, *(whole if verbose else brief))
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
@@ -281,7 +283,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     return [
         "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
-        *wrapped(gain_text(gain), width, "  "),
+        *wrapped(gain_text(gain, covered(diagnosis)), width, "  "),
     ]
 
 
@@ -302,12 +304,20 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
     ]
 
 
-COVERED = "held in 90 % of campaigns of a study"
-"""Of the interval of a gain: measured by studies/gain_interval on 200 campaigns."""
+_COVERED = "held in 90 % of campaigns of a study"
+"""Of the interval of a gain: measured by studies/gain_interval on 200 campaigns of three to five runs."""
+_FEW_RUNS = 8
 
 
-def gain_text(gain: Gain) -> str:
-    """Return the gain in a sentence."""
+def covered(found: Diagnosis) -> str:
+    """Return in how many campaigns the interval of a gain is right; "" where the study says nothing of such data."""
+    runs = len(found.gain.chosen) if found.gain is not None else 0
+    other = found.grounds.table_channels or several_terrains(found) is not None
+    return _COVERED if runs <= _FEW_RUNS and not other else ""
+
+
+def gain_text(gain: Gain, of_interval: str = _COVERED) -> str:
+    """Return the gain in a sentence; `of_interval` is what `covered` returns."""
     if nothing_chosen(gain):
         return NO_GAIN
     how, low, high = reduction(gain)
@@ -317,7 +327,7 @@ def gain_text(gain: Gain) -> str:
     return (
         f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
-        + (f" The interval {COVERED}." if within else "")
+        + (f" The interval {of_interval}." if within and of_interval else "")
     )
 
 
@@ -432,7 +442,7 @@ def _static(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
-    steps = enumerate(diagnosis.next_run, 1)
+    steps = enumerate(deciding_runs(diagnosis), 1)
     lines = [line for i, run in steps for line in wrapped(f"{i}. {_step(run)}", width, "  ", "     ")]
     return ["Next run, best first", *lines] if lines else []
 

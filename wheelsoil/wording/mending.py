@@ -6,13 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from daq import VehicleConfig, number
-from model import LackCode
-from model.diagnosis import Cause, Diagnosis, NextRun
+from model import LackCode, StepCode
+from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from wheelsoil.wording.names import listed, plain_name, upper
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
+from wheelsoil.wording.verdict import deciding_runs, findings_text, groups_of_runs, several_terrains, terrains_step
 
 _LIFTED = 'wheelsoil zero spin.mcap --vehicle vehicle.toml\n# then:\n[transducer]\nzero_file = "zero.toml"'
-_RELEASED = '[vehicle]\nstandstill_brakes = "released"'
+_RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
+_MOST_FILES = 12
+"""Files that a command names."""
 
 
 MENDED = ("wheel_inertia",)
@@ -33,12 +36,45 @@ class Step:
 
 
 def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
-    """Return what removes the named causes of the measurement, then the runs that decide most; may be empty."""
-    named = found.causes if found.verdict == "named" else ()
+    """Return what parts two terrains, else what removes named causes of the measurement and what decides most."""
+    if several_terrains(found) is not None:
+        return [parting_step(found)]
+    named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
     steps = [mending_of(cause, vehicle) for cause in named if cause.name in MENDED or cause.kind == "measurement"]
-    missing = missing_step(found) if steps or not found.next_run else None
+    if found.verdict == "unexplained" and not found.grounds.table_channels:
+        steps = [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
+    missing = missing_step(found) if steps or not runs else None
+    if named and not steps and not runs:
+        steps = [step_of(found)]
     steps += [missing] if missing is not None else []
-    return [*steps, *map(_step_of_run, found.next_run)]
+    return [*steps, *map(_step_of_run, runs)]
+
+
+def parting_step(found: Diagnosis) -> Step:
+    """Return how to part runs that are hardly on one terrain into two folders."""
+    note = several_terrains(found)
+    files = note.values.get("files", ()) if note is not None else ()
+    moved = f"mkdir ../second\ncp *.toml *.dbc ../second\nmv {' '.join(files)} ../second"
+    lines = [moved, "# then write its soil into ../second/terrain.toml"]
+    paste = "\n".join(lines) if 0 < len(files) <= _MOST_FILES else ""
+    before = "" if note is not None else "if these are two terrains, "
+    return Step(f"{upper(before + terrains_step(found))}.", "No cause is to be relied on before.", paste)
+
+
+def residual_step(found: Diagnosis) -> Step:
+    """Return what to look at where nothing explains the runs: the channel in which the residual is, where it is one."""
+    worst = found.grounds.lack_of_fit.worst
+    roles = set(map(_role_of, worst))
+    if found.grounds.barred is not None or len(roles) != 1:
+        return step_of(found)
+    [role] = roles
+    where = findings_text([w for w in found.what_is_wrong if w.channel == role][:2] or worst)
+    return Step(_CHECKS[role], f"Residual: {where}. Do not rely on the model before.")
+
+
+def _role_of(found: Finding) -> str:
+    kind = None if isinstance(found.place, Rows) else Kind(found.place.kind)
+    return found.channel if kind is None else _ROLE_OF_KIND.get(kind, found.channel)
 
 
 def step_of(found: Diagnosis) -> Step:
@@ -54,7 +90,8 @@ def step_of(found: Diagnosis) -> Step:
         )
     if found.verdict == "named":
         advice = "Save the recommended model for fit, simulate and report."
-        return Step(advice, paste="wheelsoil diagnose FOLDER -o model.toml")
+        decided = "No further run is needed for the name." if not deciding_runs(found) else ""
+        return Step(advice, decided, "" if found.grounds.table_channels else "wheelsoil diagnose FOLDER -o model.toml")
     return Step("No further run is asked for; see the minimum detectable effect.")
 
 
@@ -65,9 +102,10 @@ def _step_of_run(run: NextRun) -> Step:
         tells = f"right name: {named}; {tells}"
     cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
     reason = [f"Separates {parted}; {tells}{cost}."] if parted else []
-    written = [f"Write {key}."] if (key := key_text(run)) else []
+    lifted = run.step.code == StepCode.LIFTED_ZERO
+    written = [f"Write {key}."] if (key := key_text(run)) and not lifted else []
     what = step_text(run) if run.campaign else upper(step_text(run))
-    return Step(what, " ".join([*reason, *written]), campaign=run.campaign)
+    return Step(what, " ".join([*reason, *written]), _LIFTED if lifted else "", run.campaign)
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
@@ -78,10 +116,15 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
 
 
 def missing_step(found: Diagnosis) -> Step | None:
-    """Return what would make the causes identifiable that the verdict says are not; None where no line does."""
-    if any(why.code is LackCode.NOT_AT_STANDSTILL for why in found.not_identifiable.values()):
-        return Step("Record a standstill with released brakes, and declare it in vehicle.toml.", paste=_RELEASED)
-    return None
+    """Return what would make the causes identifiable that the verdict says are not; None where no run does."""
+    lacking = [plain_name(f) for f, why in found.not_identifiable.items() if why.code is LackCode.NOT_AT_STANDSTILL]
+    if not lacking or found.grounds.table_channels:
+        return None
+    why = (
+        f"These runs do not show {listed(lacking)}: their brakes were held, or are not declared. Put the new run in a "
+        "folder of its own, and diagnose both folders together."
+    )
+    return Step("Drive another run with a standstill of 10 s, brakes released", why, _RELEASED)
 
 
 def _zero(_: float, __: VehicleConfig) -> Step:
@@ -127,6 +170,25 @@ def _check(what: str) -> Callable[[float, VehicleConfig], Step]:
 
 _MASS_KG, _INERTIA_KGM2 = 75.0, 8.0
 """What a scale of 1 of `wheel_inertia` stands for."""
+_ROLE_OF_KIND = {
+    Kind.DRAWBAR_PULL: "drawbar_pull",
+    Kind.DRAWBAR_PULL_SQUARED: "drawbar_pull",
+    Kind.DRAWBAR_PULL_DRIFT: "drawbar_pull",
+    Kind.TORQUE: "driving_torque",
+    Kind.TORQUE_SQUARED: "driving_torque",
+    Kind.TORQUE_DRIFT: "driving_torque",
+    Kind.SPEED_ERROR: "ground_speed",
+    Kind.LOAD_ERROR: "vertical_load",
+    Kind.LOAD_ERROR_WITH_LOAD: "vertical_load",
+}
+"""Channel that a shape of the residual points to, whichever channel shows it."""
+_CHECKS = {
+    "drawbar_pull": "Check the drawbar pull against known pulls in both directions: a load cell on the lifted wheel.",
+    "driving_torque": "Check the driving torque against known torques: a lever and weights on the lifted wheel.",
+    "vertical_load": "Check the vertical load on scales, at two loads.",
+    "ground_speed": "Check the ground speed against a second receiver, or a measured distance.",
+    "sinkage": "Check the sinkage against the depth of the rut, by a ruler.",
+}
 _RULES: dict[str, Callable[[float, VehicleConfig], Step]] = {
     "torque_zero": _zero,
     "drawbar_pull_zero": _zero,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import floor, isfinite
 
 from daq import OUTPUTS, Quantity, unit_suffix, unit_text
@@ -60,6 +60,8 @@ SOIL_UNITS = {
     "frictional_modulus": "N/m^(n+2)",
 }
 """Units of the soil's parameters; "" for a plain number."""
+
+_RUN = "run-"
 
 LABORATORY = "Wong, laboratory soil"
 """Wong's model with the soil of terrain.toml."""
@@ -159,6 +161,27 @@ def place_text(place: Shape | Rows) -> str:
 def listed(names: Sequence[str], joint: str = "and") -> str:
     """Return "a, b and c"."""
     return " ".join([", ".join(names[:-1]), joint, names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def stretches(names: Collection[str], order: Sequence[str], most: int = 5) -> str:
+    """Return names in their order, three and more that follow each other as "a to c"; many only by their number.
+
+    Names as "run-1" are "runs 1 to 3".
+    """
+    if len(names) > 1 and all(name.startswith(_RUN) and name[len(_RUN) :].isdigit() for name in order):
+        numbers = [name.removeprefix(_RUN) for name in order]
+        text = stretches([name.removeprefix(_RUN) for name in names], numbers, most)
+        return text if text.endswith(" runs") else f"runs {text}"
+    parts: list[list[str]] = []
+    before = -1
+    for place in sorted(order.index(name) for name in names):
+        if place == before + 1 and parts:
+            parts[-1].append(order[place])
+        else:
+            parts.append([order[place]])
+        before = place
+    texts = [text for part in parts for text in ([f"{part[0]} to {part[-1]}"] if len(part) > 2 else part)]
+    return listed(texts) if len(texts) <= most else f"{len(names)} runs"
 
 
 def upper(text: str) -> str:

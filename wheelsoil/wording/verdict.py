@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -22,6 +23,7 @@ from model.diagnosis import (
     Reduction,
 )
 from model.effects import EFFECTS
+from wheelsoil.wording.error_text import ERRORS, error_text
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -31,6 +33,7 @@ from wheelsoil.wording.names import (
     parameter_name,
     place_text,
     plain_name,
+    stretches,
     upper,
 )
 from wheelsoil.wording.notes import note_text, step_text
@@ -48,6 +51,7 @@ NOT_IN_THESE_DATA = "not detectable in these data"
 MOST_WORDS = 25
 """Of a headline."""
 _MOST_NAMES = 3
+_MOST_LACKING = 5
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
 NO_CHANGE = 0.5
@@ -70,7 +74,7 @@ class Statement(NamedTuple):
     """A sentence of a verdict, and which one it is where other places show that by itself."""
 
     text: str
-    about: Literal["", "cause", "gain", "next"] = ""
+    about: Literal["", "headline", "cause", "gain", "want", "next"] = ""
 
 
 def sentence_of(found: Diagnosis) -> str:
@@ -88,6 +92,8 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     grounds = found.grounds
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
+    if (note := several_terrains(found)) is not None:
+        return _as_if_on_one_terrain(found, note)
     statements = [*_verdict_of_table(found), *_error_of_form(grounds)] if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, statement in enumerate(statements) if statement.about == "next"), len(statements))
     first = statements[:1]
@@ -105,36 +111,174 @@ def headline_of(found: Diagnosis) -> str:
         chances = [*chances[: _MOST_NAMES - 1], min(chances[_MOST_NAMES - 1 :])]
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
+    if (note := several_terrains(found)) is not None:
+        return _hardly_one_terrain(found, note)
     if found.verdict == "named":
-        sentence = f"{listed(names).capitalize()} explain{'s' if len(names) == 1 else ''} the misfit"
-    elif found.verdict == "one_of" and len(names) > 1:
+        return _named_headline(found, names)
+    if found.verdict == "one_of" and (why := found.grounds.barred) is not None and chances[0] > _SURE:
+        reason = "a stress peak ahead of the wheel's bottom would fit almost as well"
+        whole = f"Most probably {names[0]}, but not named: {reason if peak_bars(found) else note_text(why)}."
+        short = f"Most probably {names[0]}, but not named: the reason is below."
+        return whole if len(whole.split()) <= MOST_WORDS else short
+    if found.verdict == "one_of" and len(names) > 1:
         sure = all(cause.probability > _SURE for cause in found.causes)
-        why = "not sure enough for names" if sure else "these data cannot separate them"
-        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {why}"
+        doubt = "not sure enough for names" if sure else "these data cannot separate them"
+        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {doubt}"
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
+        if soils := _asking_for_two_soils(found):
+            return f"No known cause explains these data: {soils}."
         return "No known cause explains these data: do not rely on the model."
     else:
         return "No cause is detected: soil and noise explain these data."
-    gain, channel = found.gain, found.main_channel
-    change = reduction_in(gain, channel) if gain is not None else None
-    if change is None or not isfinite(change.percent) or abs(change.percent) < NO_CHANGE:
+    channel = falling_channel(found)
+    if channel is None:
         return f"{sentence}."
-    how = "falls" if change.percent > 0 else "grows"
-    error = f"the {OUTPUTS[channel].name} error on held-out data {how} by {abs(change.percent):.0f} %"
-    whole = f"{sentence}: {error}." if found.verdict == "named" else f"{sentence}. With the first, {error}."
+    whole = f"{sentence}. With the first, {_fall_of(found, channel)}."
     return whole if len(whole.split()) <= MOST_WORDS else f"{sentence}."
+
+
+def _named_headline(found: Diagnosis, names: Sequence[str]) -> str:
+    """Return the name with the error that falls for certain; where none does, with the size."""
+    several = "" if len(names) == 1 else "s"
+    verb = f"explain{'' if several else 's'} the misfit" if _explains(found) else f"act{'' if several else 's'}"
+    sentence, channel = f"{listed(names).capitalize()} {verb}", falling_channel(found)
+    sizes = "; ".join(_finding_or_size(cause, found.main_channel) for cause in found.causes)
+    whole = f"{sentence}: {sizes if channel is None else _fall_of(found, channel)}."
+    return whole if len(whole.split()) <= MOST_WORDS else f"{sentence}."
+
+
+def falling_channel(found: Diagnosis) -> str | None:
+    """Return the channel whose held-out error falls for certain with the causes: the main one, if it does; or None."""
+    gain, main = found.gain, found.main_channel
+    if gain is None:
+        return None
+    others = sorted(gain.base, key=lambda channel: reduction_in(gain, channel).interval95[0], reverse=True)
+    return next((channel for channel in dict.fromkeys((main, *others)) if _falls(reduction_in(gain, channel))), None)
+
+
+def _falls(change: Reduction) -> bool:
+    return change.percent >= NO_CHANGE and change.interval95[0] > 0
+
+
+def _fall_of(found: Diagnosis, channel: str) -> str:
+    percent = reduction_in(found.gain, channel).percent if found.gain is not None else float("nan")
+    return f"the {OUTPUTS[channel].name} error on held-out data falls by {percent:.0f} %"
+
+
+def _finding_or_size(cause: Cause, channel: str) -> str:
+    if cause.name not in ERRORS or not cause.parameters:
+        return size_text(cause)
+    text = error_text(cause, OUTPUTS[channel].name)
+    return f"{text[0].lower()}{text[1:]}"
 
 
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
-    statements = [statement for statement in statements_of(found) if statement.about not in ("gain", "next")]
+    elsewhere = ("headline", "gain", "next")
+    statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
+    if _size_in_headline(found):
+        statements = [statement for statement in statements if statement.about != "cause"]
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
+    wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
+    if wants:
+        lacking = [plain_name(family) for family, why in found.not_identifiable.items() if why.code not in _USUAL]
+        names = listed(lacking) if len(lacking) <= _MOST_LACKING else f"{len(lacking)} causes"
+        texts[wants[0] : wants[-1] + 1] = [f"Not identifiable from these runs: {names}."]
+    if found.verdict == "one_of" and found.causes[0].parameters and several_terrains(found) is None:
+        texts.insert(1, f"If {plain_name(found.causes[0].name)} acts: {size_text(found.causes[0])}.")
     if found.verdict == "named" and found.grounds.table_channels:
         texts.insert(1, f"{sizes}.")
     return texts
+
+
+def _size_in_headline(found: Diagnosis) -> bool:
+    """Return whether the headline states the whole size of a named cause."""
+    if found.verdict != "named" or len(found.causes) > 1 or falling_channel(found) is not None:
+        return False
+    return not found.causes[0].form and ":" in headline_of(found)
+
+
+def several_terrains(found: Diagnosis) -> Note | None:
+    """Return the note that runs are hardly on one terrain; None where they may be."""
+    cautions = found.grounds.cautions
+    return next((note for note in cautions if note.code == DiagnosisCode.SEVERAL_TERRAINS), None)
+
+
+class Groups(NamedTuple):
+    """Runs of the one soil and of the other as text, and whether the first is a single run."""
+
+    first: str
+    second: str
+    single: bool
+
+
+def groups_of_runs(found: Diagnosis) -> Groups | None:
+    """Return the runs of the one soil and of the other; None where they are not known."""
+    note, soils = several_terrains(found), found.grounds.terrains
+    if note is not None:
+        groups, order = note.values.get("groups", ()), note.values.get("runs", ())
+    elif soils is not None:
+        groups, order = soils, [name for data in found.plot_data for name in data.runs]
+    else:
+        return None
+    if len(groups) != 2:
+        return None
+    first, second = (stretches(group, order) for group in groups)
+    return Groups(first, second, len(groups[0]) == 1)
+
+
+def _hardly_one_terrain(found: Diagnosis, note: Note) -> str:
+    of_campaign = f"The runs of {note.values['campaign']}" if len(found.soils) > 1 else "These runs"
+    groups = groups_of_runs(found)
+    apart = f": {groups.first} differ{'s' if groups.single else ''} from {groups.second}" if groups else ""
+    return f"{of_campaign} are hardly on one terrain{apart}."
+
+
+def _asking_for_two_soils(found: Diagnosis) -> str:
+    groups = groups_of_runs(found)
+    return f"{groups.first} ask{'s' if groups.single else ''} for another soil than {groups.second}" if groups else ""
+
+
+def _as_if_on_one_terrain(found: Diagnosis, note: Note) -> list[Statement]:
+    """Return the sentences where runs are hardly on one terrain: that first, and the causes as if they were."""
+    others = tuple(caution for caution in found.grounds.cautions if caution.code != note.code)
+    grounds = replace(found.grounds, cautions=others, prior_shifts=())
+    first, *rest = [s for s in statements_of(replace(found, next_run=(), grounds=grounds)) if s.about != "next"]
+    as_if = Statement(f"As if on one terrain: {first.text[0].lower()}{first.text[1:]}")
+    return [
+        Statement(_hardly_one_terrain(found, note), "headline"),
+        *_sentences([note_text(note)]),
+        as_if,
+        *rest,
+        *_sentences([Statement(f"Next: {terrains_step(found)}", "next")]),
+    ]
+
+
+def terrains_step(found: Diagnosis) -> str:
+    """Return what to do with runs that are hardly on one terrain."""
+    groups = groups_of_runs(found)
+    what = f"{groups.first} and {groups.second}" if groups else "the runs of each terrain"
+    return f"put {what} in folders of their own, each with its soil in terrain.toml, and report each folder"
+
+
+def peak_bars(found: Diagnosis) -> bool:
+    """Return whether a name is kept back because the stress peak may lie ahead of the wheel's bottom."""
+    return found.grounds.barred is not None and found.grounds.barred.code == LackCode.PEAK_MAY_SHIFT
+
+
+def open_rivals(found: Diagnosis) -> list[str]:
+    """Return the confounded families that these data do not separate from the causes."""
+    chances = {candidate.name: candidate.probability for candidate in found.candidates}
+    return [family for family in found.grounds.confounded if chances.get(family, 0.0) >= _OPEN_AT]
+
+
+def deciding_runs(found: Diagnosis) -> tuple[NextRun, ...]:
+    """Return the next runs, without those that only separate from a name what these data separate already."""
+    decided = found.verdict == "named" and found.grounds.confounded and not open_rivals(found)
+    return () if decided or several_terrains(found) is not None else found.next_run
 
 
 def finding_of(found: Diagnosis) -> str:
@@ -142,7 +286,7 @@ def finding_of(found: Diagnosis) -> str:
     first = statements_of(found)[0]
     if first.about != "cause" or len(found.causes) > 1:
         return first.text
-    return upper(without_powers(_cause_named(found.causes[0])))
+    return upper(without_powers(_cause_named(found.causes[0], _explains(found))))
 
 
 def size_text(cause: Cause) -> str:
@@ -343,7 +487,7 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
     if found.verdict == "unexplained":
         left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
         tried = listed([f"{plain_name(f)} ({chance(chances[f])})" for f in best if f in chances]) or "no cause"
-        where = [f"The most probable set, {tried}, is off most in {_findings(left)}"] if left else []
+        where = [f"The most probable set, {tried}, is off most in {findings_text(left)}"] if left else []
         if found.adequacy is not None:
             where.insert(0, adequacy_words(found.adequacy).capitalize())
         return _sentences(
@@ -359,7 +503,7 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
 def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statement]:
     """Return the sentences of "named"."""
     alike = found.grounds.confounded
-    causes = " and ".join(f"{_cause_named(cause)}: {size_text(cause)}" for cause in found.causes)
+    causes = " and ".join(f"{_cause_named(cause, _explains(found))}: {size_text(cause)}" for cause in found.causes)
     statements: list[str | Statement] = [Statement(causes, "cause")]
     if found.grounds.free_form:
         family, over = found.grounds.free_form
@@ -371,8 +515,8 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     if found.grounds.beside:
         statements.append(f"A further cause acts: {_alternatives(found.grounds.beside, chances)}")
     statements += rival_words(alike, chances)
-    if alike and found.next_run:
-        statements.append(_next(found.next_run[0]))
+    if alike and (runs := deciding_runs(found)):
+        statements.append(_next(runs[0]))
     return _sentences(statements)
 
 
@@ -386,6 +530,8 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         statements = [f"A cause acts ({likely}), most probably {best}"]
         if barred is None:
             statements.append(f"That is not sure enough for a name{_unlisted_words(found.adequacy)}")
+    elif peak_bars(found):
+        statements = [f"A cause acts ({likely}): {listed([plain_name(family) for family in families], 'or')}"]
     else:
         sure = [family for family in families if chances[family] > _SURE]
         acts = "Several causes act" if len(sure) > 1 else "A cause acts"
@@ -401,7 +547,10 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
             for cause_set in together
         ]
         statements.append(f"Several may act together: {'; '.join(pairs)}")
-    if barred is not None:
+    if barred is not None and peak_bars(found):
+        rare = f"and {chance(chances[families[0]])} if it is taken for rare"
+        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}, {rare}")
+    elif barred is not None:
         statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.confounded if family not in families]
     statements += rival_words(others, chances)
@@ -502,7 +651,7 @@ def nothing_words(
 ) -> list[Statement]:
     """Return the sentences of "nothing_detectable"; `sizes` by family."""
     statements: list[str | Statement] = [
-        f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"
+        Statement(f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline")
     ]
     best = max(chances, key=lambda family: chances[family], default="")
     if best and chances[best] > _WORTH_SAYING:
@@ -519,7 +668,7 @@ def nothing_words(
         examples = listed(shown[:_MOST_EXAMPLES])
         statements.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
     if wrong:
-        statements.append(f"The largest residual is in {_findings(wrong[:1])}")
+        statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
     return _sentences(statements)
 
 
@@ -531,15 +680,24 @@ def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     return _sentences(
         [
-            f"{listed(families)} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}"
+            Statement(
+                f"{listed(families)} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}",
+                "want",
+            )
             for why, families in by_reason.items()
         ]
     )
 
 
-def _cause_named(cause: Cause) -> str:
+def _explains(found: Diagnosis) -> bool:
+    """Return whether no held-out error speaks against saying that a named cause explains the misfit."""
+    return found.gain is None or falling_channel(found) is not None
+
+
+def _cause_named(cause: Cause, explains: bool) -> str:
     form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
-    return f"{plain_name(cause.name)} explains the misfit ({chance(cause.probability)}{form})"
+    verb = "explains the misfit" if explains else "acts"
+    return f"{plain_name(cause.name)} {verb} ({chance(cause.probability)}{form})"
 
 
 def _estimate(p: ParameterEstimate, name: str) -> str:
@@ -599,7 +757,8 @@ def _alternatives(families: Sequence[str], chances: Mapping[str, float]) -> str:
     return alternatives([(f"{plain_name(family)} ({chance(chances[family])})", chances[family]) for family in families])
 
 
-def _findings(found: Sequence[Finding]) -> str:
+def findings_text(found: Sequence[Finding]) -> str:
+    """Return findings as channel, place, size and sigmas."""
     return "; ".join(
         f"{ROLES[finding.channel].name}, {place_text(finding.place)}: "
         f"{finding.size:+.3g} {ROLES[finding.channel].unit_text} ({abs(finding.statistic):.1f} sigma)"

@@ -36,6 +36,7 @@ from wheelsoil.cache.store import kept, known
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
 from wheelsoil.workflows.runs import Files
 from wheelsoil.workflows.tables import BenchFiles
+from wheelsoil.workflows.traction import traction_of
 
 if TYPE_CHECKING:
     from model.diagnosis import Plan
@@ -46,6 +47,8 @@ _ONE_TERRAIN = 0.1
 """Scatter of tan phi from run to run that one terrain may have."""
 _SURPRISING = 2.0
 """The same, in one-sigmas of the laboratory's tan phi."""
+_APART = 2.0
+"""Gap between two groups of runs in Dp/W at slip 0.2, over the wider of them, from which on they are stated."""
 _KINDS = ("physical", "measurement")
 _UNNAMED = "runs"
 """Name of a campaign without a folder, on a soil without a name."""
@@ -334,7 +337,29 @@ def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> 
     known = campaign.soil_prior.sigma_of("tan_phi") / campaign.soil.tan_phi if campaign.soil.tan_phi else 0.0
     if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
         return []
-    return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, {"campaign": campaign.name, "share": scatter})]
+    values = {"campaign": campaign.name, "share": scatter}
+    if isinstance(campaign, Campaign):
+        values |= _two_groups(campaign.runs)
+    return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, values)]
+
+
+def _two_groups(runs: Sequence[ProcessedRun]) -> dict[str, object]:
+    """Return the runs in two groups by their pull at slip 0.2 over load; nothing where they are not clearly two."""
+    pulls = {run.run.id: traction_of((run,)).pull for run in runs}
+    known = {name: pull.pull_n / pull.load_n for name, pull in pulls.items() if pull is not None and pull.load_n > 0}
+    if len(known) < max(len(runs), 2):
+        return {}
+    order = sorted(known, key=known.__getitem__)
+    cut = max(range(1, len(order)), key=lambda i: known[order[i]] - known[order[i - 1]])
+    sides = [[name for name in known if name in part] for part in (order[:cut], order[cut:])]
+    sides.sort(key=lambda side: list(known).index(side[0]))
+    ends = [(min(known[name] for name in side), max(known[name] for name in side)) for side in sides]
+    gap = known[order[cut]] - known[order[cut - 1]]
+    if gap < _APART * max(high - low for low, high in ends):
+        return {}
+    files = tuple(run.run.file for run in runs if run.run.id in sides[1] and run.run.file)
+    groups = tuple(map(tuple, sides))
+    return {"runs": tuple(known), "groups": groups, "drawbar_coefficients": tuple(ends), "files": files}
 
 
 def plan_campaigns(

@@ -53,7 +53,8 @@ class KeyFigure:
 def figures_of_diagnosis(found: Diagnosis) -> dict[str, KeyFigure]:
     """Return what a diagnosis shows: confidence, sizes of the causes, errors on held-out data, candidates."""
     figures = [*_confidence(found), *_candidates(found)]
-    figures += [figure for cause in found.causes for figure in sizes_of(cause)]
+    model = MODELS.get(found.verdict, MODELS["named"])
+    figures += [figure for cause in found.causes for figure in sizes_of(cause, model)]
     figures += errors_of(found.gain, found.verdict) if found.gain is not None else []
     return {figure.key: figure for figure in figures}
 
@@ -76,15 +77,15 @@ def _candidates(found: Diagnosis) -> Iterator[KeyFigure]:
             yield KeyFigure(f"candidate.{candidate.name}", candidate.probability, "", "probability")
 
 
-def sizes_of(cause: Cause) -> list[KeyFigure]:
-    """Return the parameters of a cause."""
+def sizes_of(cause: Cause, model: str = MODELS["named"]) -> list[KeyFigure]:
+    """Return the parameters of a cause, of a model of `MODELS`."""
     return [
         KeyFigure(
             f"cause.{cause.name}.{parameter.name}",
             parameter.value,
             "" if parameter.unit == "1" else parameter.unit,
             "by sigma",
-            "recommended",
+            model,
             parameter.sigma,
             parameter.interval95,
         )

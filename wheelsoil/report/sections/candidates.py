@@ -12,7 +12,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
 from wheelsoil.wording.names import chance, parameter_name, plain_name
-from wheelsoil.wording.verdict import adequacy_words, refusal_words
+from wheelsoil.wording.verdict import adequacy_words, refusal_words, several_terrains
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
@@ -53,8 +53,8 @@ def candidates(inputs: ReportInputs) -> Contents:
 
 
 def _figure(found: Diagnosis) -> Figure:
-    shown = found.candidates[:_SHOWN]
     named = {cause.name for cause in found.causes}
+    shown = [c for i, c in enumerate(found.candidates) if i < _SHOWN or c.name in named]
     labels = ("in the set", "not in it") if found.verdict == "one_of" else ("named", "not named")
     parts: tuple[list[Candidate], ...] = (
         [c for c in shown if c.name in named],
@@ -116,7 +116,10 @@ def _adequacy(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
     if found.adequacy and isfinite(found.adequacy.statistic):
         adequacy = adequacy_words(found.adequacy)
-        if found.adequacy.ok:
+        if found.adequacy.ok and several_terrains(found) is not None:
+            apart = "What is left is judged with a soil that differs from run to run"
+            blocks.append(Text(f"{apart}: {adequacy}.", "warning"))
+        elif found.adequacy.ok:
             blocks.append(Text(f"The best explanation leaves no more than noise: {adequacy}.", "good"))
         else:
             text = (

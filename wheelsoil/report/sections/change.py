@@ -30,8 +30,9 @@ def cost(inputs: ReportInputs) -> Contents:
         inputs.fit.soil,
         inputs.fit.options.reading,
     )
-    table = Table(cost_title(found), COST_HEAD, cost_rows(found), cost_note(found), words=("unit",))
-    return [Text(cost_meaning(found)), table], {
+    rows = cost_rows(found)
+    table = [Table(cost_title(found), COST_HEAD, rows, cost_note(found), words=("unit",))] if rows else []
+    return [Text(cost_meaning(found)), *table], {
         "costs": [vars(entry) | {"difference": entry.difference} for entry in found.costs],
         "load_n": found.load_n,
         "ground_speed_mps": found.ground_speed_mps,

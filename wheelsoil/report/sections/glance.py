@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from math import isfinite
 
 import numpy as np
 
-from daq import OUTPUTS, DataError, FloatArray
-from daq.runs import SetAsideRun
+from daq import OUTPUTS, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, shares_of
 from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
@@ -30,9 +29,9 @@ from wheelsoil.report.recommendation import (
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
 from wheelsoil.report.words import number, signed
-from wheelsoil.wording.diagnosis_text import COVERED
+from wheelsoil.wording.diagnosis_text import covered
 from wheelsoil.wording.mending import Step, next_steps, step_of
-from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
+from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name, stretches
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
@@ -41,8 +40,10 @@ from wheelsoil.wording.verdict import (
     alternatives,
     details_of,
     headline_of,
+    peak_bars,
     reduction_in,
     sentences_of,
+    several_terrains,
 )
 from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction
@@ -58,9 +59,7 @@ def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
     sentences = _sentences(inputs)
-    steps = Steps(
-        _steps(inputs, grades), _again(grades, inputs.set_aside), [caution_text(bias) for bias in _cautions(inputs)]
-    )
+    steps = Steps(_steps(inputs, grades), _again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
     tiles = _tiles(inputs, grades)
     blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), Tiles(tiles)]
@@ -136,10 +135,13 @@ def _error_tile(inputs: ReportInputs) -> Tile:
         return Tile(
             title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
         )
-    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} % ({COVERED})"] if isfinite(low) else []
+    apart = several_terrains(found) is not None
+    right = f" ({covered(found)})" if covered(found) else ""
+    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %{right}"] if isfinite(low) else []
     notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
-    return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=low > 0)
+    better = low > 0 and not apart
+    return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=better)
 
 
 def _error_of(gain: Gain, channel: str) -> str:
@@ -186,6 +188,10 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         return Tile(title, *share, f"in {named}, alone or with others{_chosen(found)}", keys=keys)
     if found.verdict == "one_of":
         names = alternatives([(f"{plain_name(c.name)} {chance(c.probability)}", c.probability) for c in found.causes])
+        if found.grounds.barred is not None and peak_bars(found):
+            names = listed([plain_name(cause.name) for cause in found.causes], "or")
+        if several_terrains(found) is not None:
+            names = f"{names}; only if these runs are on one terrain"
         return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
         return Tile(title, *share, "that no cause acts", keys=keys)
@@ -245,6 +251,9 @@ def hero(inputs: ReportInputs) -> Drawing:
         raise DataError("no driven sample has a measured drawbar pull or torque")
     if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
+    note = several_terrains(inputs.diagnosed) if inputs.diagnosed is not None else None
+    if note is not None and "groups" in note.values:
+        return _of_two_terrains(recommendation, note, channel)
     factor = page_unit(channel)[0]
     shift = load_shift(recommendation, channel)
     left, off = (recommendation.residual(channel, base=base) for base in (False, True))
@@ -326,6 +335,26 @@ def _axis(channel: str) -> str:
     return f"{OUTPUTS[channel].name.capitalize()} ({page_unit(channel)[1]})"
 
 
+def _of_two_terrains(recommendation: Recommendation, note: Note, channel: str) -> Drawing:
+    """Return a channel against slip of two groups of runs that are hardly on one terrain."""
+    factor, unit = page_unit(channel)
+    names = np.array([name.rsplit(": ", 1)[-1] for name in recommendation.runs])[recommendation.run]
+    driven, curves, titles = recommendation.slip > 0, [], []
+    for group, look in zip(note.values["groups"], ("base", "model"), strict=True):
+        rows = driven & np.isin(names, group)
+        found = binned(recommendation.slip[rows], factor * recommendation.measured[channel][rows], EDGES)
+        titles.append(stretches(group, note.values["runs"]))
+        curves.append(Curve(titles[-1], found.centre, found.median, look))
+    plane = Plane(
+        (0.0, max(0.05 * np.ceil(float(np.nanmax(recommendation.slip)) / 0.05), 0.2)),
+        reach(*(curve.y for curve in curves)),
+        "Slip ratio",
+        f"{OUTPUTS[channel].name.capitalize()} ({unit})",
+    )
+    title = f"{OUTPUTS[channel].name.capitalize()} against slip: {' and '.join(titles)} differ"
+    return drawn("hero", title, "Driving, as measured, at the load of each run. Lines: median.", plane, curves)
+
+
 def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
     """Return slip and channel of every used driven sample of the runs; None where there are no runs."""
     field = OUTPUTS[channel].field
@@ -368,16 +397,19 @@ def _cautions(inputs: ReportInputs) -> list[Bias]:
         return []
 
 
-def _again(grades: dict[str, Grade], set_aside: Sequence[SetAsideRun]) -> str:
+def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     """Return which runs to drive again, or which are not used for another reason."""
     if not grades:
         return ""
+    set_aside = inputs.set_aside
     poor = [run.run for run in set_aside if run.drive_again]
     poor += [name for name, grade in grades.items() if grade.level == "poor"]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
         others_set_aside = listed(others) if len(others) <= _NAMED else f"{len(others)} runs"
         return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
+    if not poor and inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
+        return "none. Each run is usable, but not all together."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     given = len(grades) + len(set_aside)

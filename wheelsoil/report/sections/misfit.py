@@ -32,6 +32,7 @@ from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import several_terrains
 
 _BINS = 12
 _SHOWN = 12
@@ -96,6 +97,8 @@ def _finding_numbers(found: Finding) -> dict[str, Any]:
 
 
 def _findings(found: Diagnosis) -> Block:
+    if not found.what_is_wrong and several_terrains(found) is not None:
+        return Text("Nothing stands out beside a soil that differs from run to run, as on no one terrain.", "warning")
     if not found.what_is_wrong:
         return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
     of_rows = all(finding.of_rows for finding in found.what_is_wrong)

@@ -57,7 +57,14 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, adequacy_words, refusal_words, rival_words, undetectable
+from wheelsoil.wording.verdict import (
+    NOT_IN_THESE_DATA,
+    adequacy_words,
+    refusal_words,
+    rival_words,
+    several_terrains,
+    undetectable,
+)
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -133,6 +140,8 @@ def fit(inputs: ReportInputs) -> Contents:
         },
     }
     if inputs.fitted:
+        if inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
+            blocks.append(Text("Over all runs, which are hardly on one terrain; each run is under Runs.", "warning"))
         blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
         numbers["traction"] = inputs.traction
     return blocks, numbers
@@ -242,6 +251,8 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
     judged = found.adequacy
+    if (note := several_terrains(found)) is not None:
+        return [Check(False, f"{upper(note_text(note))}.")]
     left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
     sentence = adequacy_words(judged)
     return [Check(judged.ok, f"{sentence[0].upper()}{sentence[1:]}: {left}.")]
@@ -268,10 +279,8 @@ def _parameters(inputs: ReportInputs) -> Table | None:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
     causes = listed([_with_form(cause) for cause in recommended_causes(found)])
-    of_soil = (
-        "soil calibrated with it" if found.verdict == "named" else "soil calibrated without a cause: none is named"
-    )
-    model = f"Wong with {causes}, {of_soil}" if causes else CALIBRATED
+    of_soil = "soil fitted with it" if found.verdict == "named" else "the soil is that of the fit without a cause"
+    model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
 
@@ -349,14 +358,15 @@ def causes(inputs: ReportInputs) -> Contents:
         Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
     ]
     if bars:
-        blocks.append(
-            Bars("Which set of causes acts", "Sets exclude each other; with the rest they add up to 100 %.", bars)
-        )
+        as_if = "As if on one terrain. " if several_terrains(found) is not None else ""
+        caption = f"{as_if}Sets exclude each other; with the rest they add up to 100 %."
+        blocks.append(Bars("Which set of causes acts", caption, bars))
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
+    stated = [cause.name for cause in found.causes]
     rows: list[list[str | KeyFigure]] = [
         [plain_name(candidate.name), figures[f"candidate.{candidate.name}"], *_size(found, candidate.name)]
         for i, candidate in enumerate(found.candidates)
-        if candidate.name != "none" and (i < _MOST_CAUSES or candidate.name in rivals)
+        if candidate.name != "none" and (i < _MOST_CAUSES or candidate.name in (*rivals, *stated))
     ]
     if rows:
         note = (
@@ -364,7 +374,9 @@ def causes(inputs: ReportInputs) -> Contents:
             "Minimum detectable: alone, in half of such campaigns."
         )
         chances = {candidate.name: candidate.probability for candidate in found.candidates}
-        note += "".join(f" {sentence}." for sentence in rival_words(rivals, chances))
+        note += "".join(f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances))
+        if found.verdict == "one_of" and found.grounds.barred is not None:
+            note += f" {upper(plain_name(stated[0]))} is not named: {note_text(found.grounds.barred)}."
         head = ["cause", "probability", "estimate", "minimum detectable"]
         blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:

@@ -13,7 +13,7 @@ from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.names import effect_name, family_of, plain_name
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
-from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, undetectable
+from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, deciding_runs, several_terrains, undetectable
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
@@ -120,5 +120,13 @@ def next_run(inputs: ReportInputs) -> Contents:
     ]
     head = ["what to do", "separates", "right name", "expected odds", "cost, runs"]
     numbers = {"next_run": [next_run_json(run) for run in runs], "odds_to_1": odds}
+    if not deciding_runs(inputs.diagnosis):
+        apart = several_terrains(inputs.diagnosis) is not None
+        text = (
+            "These runs are hardly on one terrain: part them first."
+            if apart
+            else ("No run is needed: what has a similar signature is separable in these data.")
+        )
+        return [Text(text)], numbers
     title = "Best first: of steps that tell enough, the cheapest"
     return [Table(title, head, rows, _NAME_NOTE + _ODDS_NOTE, left=2, words=("right name",))], numbers

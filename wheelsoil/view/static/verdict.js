@@ -70,7 +70,7 @@ function showLine(told, diagnosis) {
   const [was, now] = ["calibrated_soil", "with_causes"].map((which) => `error.${diagnosis.main_channel}.${which}`);
   if (gain?.held_out && diagnosis.figures[now]) {
     const better = part("span", "", `Held-out error, ${CHANNEL_NAMES[diagnosis.main_channel]} `), change = diagnosis.change_percent;
-    better.append(figure(diagnosis, was), " → ", figure(diagnosis, now), ` ${diagnosis.figures[now].unit} `, part("strong", change > 0 ? "better" : "", `${fixed(-change, 0)} %`));
+    better.append(figure(diagnosis, was), " → ", figure(diagnosis, now), ` ${diagnosis.figures[now].unit} `, part("strong", diagnosis.better ? "better" : "", `${fixed(-change, 0)} %`));
     parts.push(better);
   }
   parts.push(part("span", "rest", diagnosis.details));
