@@ -58,7 +58,7 @@ def test_little_used_says_what_a_longer_gap_gives_and_it_does() -> None:
         channels | {"ground_speed": patchy}, vehicle(), options=ProcessOptions(max_gap_s=note.values["max_gap_s"])
     )
     assert longer.used.mean() == pytest.approx(note.values["used_then"]) and longer.used.mean() > run.used.mean() + 0.3
-    assert f"{longer.used.mean():.1%} would be with `process --max-gap" in " ".join(texts_of(run.quality.notes))
+    assert f"{100 * longer.used.mean():.1f} % would be with `process --max-gap" in " ".join(texts_of(run.quality.notes))
 
 
 def test_nothing_is_proposed_where_no_gap_helps() -> None:

@@ -126,7 +126,7 @@ def test_a_channel_that_is_often_away_is_named() -> None:
     torque = loads["driving_torque"]
     keep = np.arange(len(torque)) % 4000 < 3000
     loads["driving_torque"] = Channel("T", "", torque.time_ns[keep], torque.values[keep])
-    assert "driving_torque is missing for 25% of the run" in _notes(speeds(20.0) | loads)
+    assert "driving_torque is missing for 25 % of the run" in _notes(speeds(20.0) | loads)
 
 
 def test_stamps_that_run_backward_are_counted() -> None:

@@ -349,7 +349,7 @@ def test_what_is_noted_of_runs_names_them_and_their_channels(plain_material):
     first, *others = plain_material.runs
     runs = (replace(first, quality=replace(first.quality, notes=[slow])), *others)
     texts = [b.text for b in overview.signals.build(replace(plain_material, runs=runs)).blocks if isinstance(b, Text)]
-    assert f"In {first.run.id}: ground speed is missing for 25% of the run, and those samples are excluded." in texts
+    assert f"In {first.run.id}: ground speed is missing for 25 % of the run, and those samples are excluded." in texts
 
 
 def test_no_option_of_a_command_breaks_in_two():

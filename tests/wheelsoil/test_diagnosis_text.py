@@ -88,7 +88,7 @@ def test_a_residual_in_one_channel_is_followed_to_its_sensor() -> None:
     found = replace(diagnosis("unexplained"), grounds=Grounds(lack_of_fit=LackOfFit((bent,))), next_run=())
     first, *_ = next_steps(found, VehicleConfig())
     assert first.what.startswith("Check the drawbar pull against known pulls in both directions")
-    assert first.why.startswith("Residual: drawbar pull, slip 0.4 to 0.9: -122 N.")
+    assert first.why.startswith("Residual: drawbar pull, slip 0.4 to 0.9: -122 N (8.3 sigma).")
     soil = Finding("sinkage", Shape(Kind.SLIP, "z", (0.4, 0.9)), 0.01, 5.0)
     both = replace(found, grounds=Grounds(lack_of_fit=LackOfFit((bent, soil))))
     assert next_steps(both, VehicleConfig())[0].what.startswith("Look at what is wrong")

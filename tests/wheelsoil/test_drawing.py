@@ -19,7 +19,7 @@ def pieces(values: list[float]) -> list[list[tuple[float, float]]]:
     y = np.array(values)
     drawing = drawn("key", "Title", "", PLANE, [Curve("line", np.arange(len(y), dtype=float), y, "model")])
     paths = re.findall(r'class="line model" d="M([^"]+)"', drawing.wide)
-    wide, high = (720 - 58 - 170) / 10.0, (400 - 34 - 44) / 2.0
+    wide, high = (720 - 58 - 170) / 10.0, (340 - 34 - 44) / 2.0
     points = [[tuple(map(float, point.split())) for point in path.split("L")] for path in paths]
     return [[((x - 58) / wide, 1.0 - (y - 34) / high) for x, y in piece] for piece in points]
 

@@ -58,7 +58,7 @@ def test_a_processed_run_and_its_notes():
 def test_a_run():
     (run,) = open_runs([CLAY / "run-1.mcap"])
     page = run_html(run)
-    for text in ("run-1.mcap", "virtual test vehicle", "clay", "bus can0", "126,398 frames", "vertical_load"):
+    for text in ("run-1.mcap", "virtual test vehicle", "clay", "bus can0", "126\u202f398 frames", "vertical_load"):
         assert text in page, text
     assert "<script" not in run_html(replace(run, id=SCRIPT, recording=None))
 

@@ -147,7 +147,7 @@ def test_a_wrong_mass_and_a_wrong_angle_are_reported(tmp_path: Path) -> None:
     (tmp_path / "wft.dbc").write_bytes(shipped_dbc("wft.dbc").read_bytes())
     printed = ok("zero", recording, "--vehicle", wrong, "--json").json
     remarks = " ".join(printed["zeros"][0]["remarks"])
-    assert re.search(r"that of 7[45]\.\d \+- 0\.\d kg, and outboard_mass_kg is 68", remarks)
+    assert re.search(r"that of 7[45]\.\d ± 0\.\d kg, and outboard_mass_kg is 68", remarks)
     assert float(re.search(r"angle_offset_deg = ([\d.]+) in place of 41.5", remarks)[1]) == pytest.approx(40, abs=1)  # type: ignore[index]
     assert (tmp_path / "zero.toml").exists()
 
