@@ -285,6 +285,7 @@ def test_a_path_may_be_long(folder: Path, windows: Windows) -> None:
     assert done.code == 0, done.err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a program cannot send Ctrl-C to another one there")
 def test_the_page_of_view_does_without(folder: Path) -> None:
     with viewing(folder, program=PROGRAM, **EMULATED) as view:

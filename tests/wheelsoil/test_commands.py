@@ -359,6 +359,7 @@ def test_demo_finds_what_it_hid(tmp_path):
     assert result["outcome"] in ("found", "in the set")
 
 
+@pytest.mark.slow
 def test_demo_compares_its_diagnosis_with_what_it_hid(tmp_path, tmp_path_factory, monkeypatch):
     made = kept_demo(tmp_path_factory)
     monkeypatch.setenv("WHEELSOIL_CACHE", str(made / "kept"))

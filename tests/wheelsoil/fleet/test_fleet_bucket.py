@@ -49,6 +49,7 @@ def bucket(server: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     s3fs.S3FileSystem.clear_instance_cache()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("warm")
 def test_a_bucket_holds_what_a_folder_does(fleet: Path, store: Path, whole: dict[str, pa.Table], bucket: str) -> None:
     call = ("fleet", "run", fleet, "--store", bucket, "--shard", "1/3")
@@ -90,6 +91,7 @@ def _refuse(share: float, status: int = 503, method: str = "") -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("warm", "one_process")
 def test_requests_that_are_refused_change_no_row(fleet: Path, bucket: str, tmp_path: Path) -> None:
     for i in range(4):

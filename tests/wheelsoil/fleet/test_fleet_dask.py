@@ -40,6 +40,7 @@ def cluster(workers: int = 2, tls: Mapping[str, str] | None = None) -> Iterator[
         yield address, found
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("warm")
 def test_a_scheduler_works_on_a_fleet(fleet: Path, whole: dict[str, pa.Table], tmp_path: Path) -> None:
     with cluster(1) as (address, _):
