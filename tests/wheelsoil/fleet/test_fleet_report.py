@@ -90,6 +90,14 @@ def test_a_store_without_transducers_and_causes_says_so(fleet: Path, tmp_path: P
     assert "No campaign says which transducer" in overview.html(tmp_path)
 
 
+def test_the_transducers_begin_on_the_first_screen(page: Path, browser: Browser) -> None:
+    seen = browser.new_page(viewport={"width": 1366, "height": 768})
+    seen.goto(page.as_uri())
+    box = seen.locator("#transducers").bounding_box()
+    seen.close()
+    assert box is not None and box["y"] < 384
+
+
 def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser) -> None:
     seen = browser.new_page(viewport={"width": 390, "height": 844})
     with closing(seen), shown(seen, page.as_uri(), {}):
