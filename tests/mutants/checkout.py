@@ -175,7 +175,8 @@ def _verdict(code: int, said: str) -> tuple[str, str]:
         return "survived", ""
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "timed out", ""
-    if code not in (1, 2, -signal.SIGSEGV) and "while loading conftest" not in said and "INTERNALERROR" not in said:
-        raise SystemExit(f"pytest ended with {code}:\n{said}")
     failed = re.search(r"^(?:FAILED|ERROR) ([^\s\[]+)", said, re.M)
+    broken = failed is not None or "while loading conftest" in said or "INTERNALERROR" in said
+    if code not in (1, 2, -signal.SIGSEGV) and not broken:
+        raise SystemExit(f"pytest ended with {code}:\n{said}")
     return "killed", failed[1] if failed else "while the tests were collected"

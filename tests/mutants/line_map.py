@@ -77,7 +77,6 @@ class LineMap:
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
     """Run the fast tests of these files that are not in the map yet."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder.parent / "order.json").unlink(missing_ok=True)
     for room in _FOLDERS:
         files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in _NOT_RECORDED))
         for number, chosen in enumerate(iter(lambda files=files: list(islice(files, _FILES_AT_ONCE)), [])):

@@ -161,7 +161,7 @@ def _tested(
     """Return what became of a mutant, the test that failed, and the time."""
     os.environ.pop(ORDER, None)
     if any("::" in name for name in chosen):
-        order = MAP.parent / "order.json"
+        order = copy.folder / "order.json"
         order.write_text(json.dumps(chosen), encoding="utf-8")
         os.environ[ORDER] = str(order)
     tests = (*marks, *dict.fromkeys(test.split("[")[0] for test in chosen))
