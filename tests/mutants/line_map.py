@@ -22,7 +22,7 @@ MAP = ROOT / "out" / "random_mutants" / "map"
 FAST = ("-m", "not slow and not study", "--hypothesis-profile", "gate")
 RECORDED, ORDER = "MUTANTS_RECORDED", "MUTANTS_ORDER"
 """Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests."""
-_FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "wheelsoil")
+_FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "golden", "wheelsoil")
 _NOT_RECORDED = ("browser", "view_page", "packaging", "/conftest", "on_windows", "dask", "examples")
 """They run in browsers, in other processes or in environments of their own."""
 _FILES_AT_ONCE = 25
@@ -35,11 +35,13 @@ class LineMap:
         from coverage import CoverageData
 
         self.seconds: dict[str, float] = {}
+        self.not_passed: list[str] = []
         self._takers: dict[str, set[str]] = defaultdict(set)
         self._data = []
         for path in sorted(folder.glob("*.json")):
             said = json.loads(path.read_text(encoding="utf-8"))
             self.seconds |= said["seconds"]
+            self.not_passed += said["not passed"]
             for test, fixtures in said["fixtures"].items():
                 for fixture in fixtures:
                     self._takers[fixture].add(test)
