@@ -97,6 +97,10 @@ def test_busmaster(tmp_path: Path) -> None:
     ]
     assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 11")
     assert any("local time" in line for line in reading.report.remarks())
+    good = "11:49:12:9420 Rx 1 0x023 s 1 40\n"
+    bad = [good.replace("12:", "1A:"), good.replace("Rx 1", "Rx A"), good.replace("9420", "94:0")]
+    batch, reading = read(tmp_path / "b.log", BUSMASTER.partition("11:49:12")[0] + good * 4 + "".join(bad) + good * 4)
+    assert len(batch) == 8 and reading.report.bad == 3
 
 
 @given(

@@ -109,6 +109,7 @@ def test_json_holds_the_numbers_that_are_shown(report):
         for trace, kept in zip(figure["data"], numbers["figures"][key]["traces"], strict=True):
             assert [kept.get(axis) for axis in "xyz"] == [trace.get(axis) for axis in "xyz"], key
     assert [file["sha256"][:16] in text for file in sections["provenance"]["files"]] == [True, True]
+    assert {channel["missing_runs"] for channel in sections["signals"].values()} == {0}
     assert set(sections["criteria"]["models"]) == {"wong", "vasilev", "lyasko", "ding"}
     m0 = sections["criteria"]["models"]["wong"]["criteria"]["dp"]["R0_N"]
     assert m0 > sections["criteria"]["models"]["lyasko"]["criteria"]["dp"]["R0_N"]
