@@ -7,6 +7,7 @@ import struct
 import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 
 import h5py
@@ -228,6 +229,29 @@ def test_the_formats_of_other_programs_come_back(
     np.testing.assert_array_equal(values, VALUES)
     assert unit == "kN" or column.endswith("[kN]")
     assert series.report.share == pytest.approx(1)
+    assert ("MAT" in series.report.format) == name.endswith(".mat")
+
+
+def test_decimals_and_truth_values_of_a_parquet_file_are_numbers(tmp_path: Path) -> None:
+    table = {
+        "time [s]": pa.array([Decimal(i) / 100 for i in range(50)], pa.decimal128(9, 2)),
+        "F [kN]": pa.array([None, *(Decimal(i) / 2 for i in range(49))], pa.decimal128(9, 1)),
+        "on": pa.array([None, *[True, False] * 24, True]),
+    }
+    pq.write_table(pa.table(table), tmp_path / "run.parquet")
+    found = columns(read(tmp_path / "run.parquet"))
+    np.testing.assert_array_equal(found["F [kN]"][0], np.arange(50) * 10_000_000)
+    np.testing.assert_array_equal(found["F [kN]"][1], [np.nan, *np.arange(49) / 2])
+    np.testing.assert_array_equal(found["on"][1], [np.nan, *[1, 0] * 24, 1])
+
+
+def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: Path) -> None:
+    both = np.stack([VALUES, 2 * VALUES])
+    savemat(tmp_path / "run.mat", {"time": TIME_NS / 1e9, "F": both.T, "G": both})
+    found = columns(read(tmp_path / "run.mat"))
+    assert set(found) == {"F[0]", "F[1]", "G[0]", "G[1]"}
+    for name, values in zip("FG", (VALUES, 2 * VALUES), strict=True):
+        np.testing.assert_array_equal(found[f"{name}[{'FG'.index(name)}]"][1], values)
 
 
 def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:
