@@ -254,6 +254,14 @@ def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: 
         np.testing.assert_array_equal(found[f"{name}[{'FG'.index(name)}]"][1], values)
 
 
+def test_what_is_no_series_in_an_hdf5_file_says_why(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time"], file["F"], file["mass"], file["cube"] = TIME_NS / 1e9, VALUES, [1.0], np.zeros((3, 4, 5))
+    series = read(tmp_path / "run.h5")
+    assert set(columns(series)) == {"F"}
+    assert series.report.skipped == {"mass": "less than two values", "cube": "an array of 3 dimensions"}
+
+
 def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:
     """Write an RPC III file after its description: header records of 128 bytes, then groups channel by channel."""
     count = len(values[0])

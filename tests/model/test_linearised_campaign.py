@@ -12,7 +12,7 @@ from short_campaign import driven, looked, noise_of
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.linearise import SENSORS
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, _same, linearise_campaigns
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
 from processing import ProcessedRun
@@ -68,6 +68,11 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
     assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
     assert any("once a turn of the wheel" in note for note in texts_of(null.notes))
     assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
+
+
+def test_an_explanation_that_moves_by_a_quarter_of_its_uncertainty_has_not_converged(null: LinearisedCampaign) -> None:
+    moved = [replace(null.best, soil=null.best.soil + step) for step in (0.24, 0.26)]
+    assert [_same(null.best, other) for other in moved] == [True, False]
 
 
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
