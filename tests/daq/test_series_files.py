@@ -230,6 +230,8 @@ def test_the_formats_of_other_programs_come_back(
     assert unit == "kN" or column.endswith("[kN]")
     assert series.report.share == pytest.approx(1)
     assert ("MAT" in series.report.format) == name.endswith(".mat")
+    columns(series)
+    assert sum(series.report.rows.values()) == len(VALUES), "each reading counts anew"
 
 
 def test_decimals_and_truth_values_of_a_parquet_file_are_numbers(tmp_path: Path) -> None:
@@ -344,6 +346,9 @@ def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layou
 
 def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
+    assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
+    pq.write_table(pa.table({"b": [2.0, 4.0]}), tmp_path / "run.parquet")
+    time_ns, values, _ = columns(read(tmp_path / "run.parquet", rate_hz=200.0))["b"]
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
 
 
