@@ -205,8 +205,9 @@ def test_a_date_that_cannot_be_is_a_remark(when: tuple[int, int]) -> None:
     assert f"no date that can be: year {when[0]}" in report.remarks()[1]
 
 
-def test_times_beyond_64_bits_are_bad_objects() -> None:
-    frame = struct.pack("<HBBL8s", 1, 0, 8, 0x123, b"abcdefgh")
+@pytest.mark.parametrize("channel", [0, 1])
+def test_times_beyond_64_bits_are_bad_objects(channel: int) -> None:
+    frame = struct.pack("<HBBL8s", channel, 0, 8, 0x123, b"abcdefgh")
     objects = b"".join(
         struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(frame), 1, flags, 0, 0, ticks) + frame
         for flags, ticks in ((2, 5), (2, 2**63), (1, 2**62), (1, 7))
