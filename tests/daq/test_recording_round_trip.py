@@ -16,6 +16,7 @@ from daq.config import RunInfo
 from daq.errors import ConfigError, DataError, RecordingError
 from daq.recording import Recording, RecordingWriter
 from daq.recording.chunks import ChunkEntry
+from daq.recording.format import RAW_PREFIX_SIZE, raw_frames, raw_message_head
 from daq.recording.reader import chunks_between
 
 BUSES = ("can0", "can-0", "vehicle bus", "9")
@@ -149,6 +150,13 @@ def spanned_recording(tmp_path_factory):
     recording = Recording.open(path)
     assert recording.time_range_ns == (frames["time_ns"][0], frames["time_ns"][-1])
     return path, frames
+
+
+def test_a_raw_message_without_frames_is_whole():
+    body = raw_message_head(1, 0, 5, 0, CLASSIC_DTYPE.itemsize)[-RAW_PREFIX_SIZE:]
+    assert len(raw_frames(body, 0, len(body), CLASSIC_DTYPE)) == 0
+    with pytest.raises(ValueError, match="too short"):
+        raw_frames(body, 0, len(body) - 1, CLASSIC_DTYPE)
 
 
 def test_chunks_of_other_channels_bound_no_search_by_time():
