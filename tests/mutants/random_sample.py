@@ -86,23 +86,26 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0, help="of the tests of one mutant, as the map knows them")
     parser.add_argument("--slow", action="store_true", help="run the survivors against the slow set")
     parser.add_argument("--again", action="store_true", help="run the survivors against the fast set as it is now")
+    parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="in place of those that fit a survivor")
     return parser.parse_args()
 
 
 def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources: dict[str, str], path: Path) -> None:
-    known, lines = results_of(path), LineMap()
+    known, lines, equivalent = results_of(path), LineMap(), equivalents()
     for number, edit in enumerate(edits, 1):
         said = described(edit, sources[edit.file])
         last = known.get(said["id"], {})
         more = options.slow or options.again
-        if last and not (more and last["state"] == "survived" and not (options.slow and "slow" in last)):
+        if last and (
+            not more or last["state"] != "survived" or said["id"] in equivalent or options.slow and "slow" in last
+        ):
             continue
         running = lines.tests_of(edit.file, edit.lines)
         seconds, marks = options.seconds, SLOW if options.slow else FAST
         if running and not more:
             chosen = cheapest_first(lines, running, fitting(edit), seconds)
         else:
-            chosen = [*fitting(edit)[:_MOST_FILES], _NUMBERS]
+            chosen = options.tests or [*fitting(edit)[:_MOST_FILES], _NUMBERS]
             marks = (*marks, *(f"--deselect={test}" for test in lines.not_passed))
             seconds *= 2
         state, test, took = _tested(copy, edit, sources[edit.file], chosen, int(seconds), marks)
@@ -123,6 +126,11 @@ def described(edit: Edit, source: str) -> dict[str, Any]:
     return {"id": id_, "file": edit.file, "line": line + 1, "kind": edit.kind, "before": before, "after": after}
 
 
+def equivalents() -> dict[str, str]:
+    """Return the mutants that change nothing, each with the reason."""
+    return dict(json.loads(EQUIVALENT.read_text(encoding="utf-8"))) if EQUIVALENT.exists() else {}
+
+
 def results_of(path: Path) -> dict[str, dict[str, Any]]:
     """Return the last outcome of each mutant by its id."""
     texts = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
@@ -140,10 +148,11 @@ def fitting(edit: Edit) -> list[str]:
     path = PurePosixPath(edit.file)
     stem, dotted = path.stem.removesuffix("s"), ".".join(path.with_suffix("").parts)
     named = [name for name in _test_texts() if stem in PurePosixPath(name).stem]
+    of_folder = [name for name in _test_texts() if any(f"_{part}" in name for part in path.parts[1:-1])]
     words = "|".join(re.escape(word) for word in (dotted, *edit.inside[:1]))
     using = [name for name, text in _test_texts().items() if re.search(rf"\b({words})\b", text)]
     first = [name for name in named if name.split("/")[1] == path.parts[0]]
-    return list(dict.fromkeys([*first, *using, *named]))
+    return list(dict.fromkeys([*first, *of_folder, *using, *named]))
 
 
 def cheapest_first(lines: LineMap, tests: Collection[str], first: Collection[str], seconds: float) -> list[str]:
@@ -184,7 +193,7 @@ def summary(known: dict[str, dict[str, Any]], drawn_ids: list[str]) -> str:
     """Return how many of the drawn mutants are killed, with the Clopper-Pearson bounds, and the survivors."""
     from scipy.stats import binomtest  # not before a copy has set the threads of numpy
 
-    equivalent = json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+    equivalent = equivalents()
     run = [known[id_] for id_ in drawn_ids if id_ in known]
     counted = [said for said in run if said["id"] not in equivalent]
     text = f"{len(run)} of {len(drawn_ids)} run, {len(run) - len(counted)} equivalent\n"
