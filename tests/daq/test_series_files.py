@@ -374,6 +374,8 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
 ) -> None:
     """In the order of the file or, where too much would have to wait, each by itself; again after half a reading."""
     monkeypatch.setattr("daq.series.readers.tdms._MOST_WAITING_BYTES", waiting)
+    in_order, data_chunks = [], TdmsFile.data_chunks
+    monkeypatch.setattr(TdmsFile, "data_chunks", lambda file: in_order.append(file) or data_chunks(file))
     path, rng, clock = tmp_path / "run.tdms", np.random.default_rng(1), {"wf_increment": 0.001}
     with TdmsWriter(path) as writer:
         for segment in range(30):
@@ -385,6 +387,7 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
     whole = columns(series)
     next(series.blocks())
     again = columns(series)
+    assert len(in_order) == (3 if waiting else 0)
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             if channel.name != "note":
@@ -454,7 +457,7 @@ def test_a_parquet_file_with_a_broken_name_is_our_error(tmp_path: Path) -> None:
 def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: bytes, seed: int) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(head + np.random.default_rng(seed).bytes(500))
-    with pytest.raises((RecordingError, DataError)):
+    with pytest.raises((RecordingError, DataError), match="file cannot be read"):
         columns(read(path))
 
 

@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources
         last = known.get(said["id"], {})
         more = options.slow or options.again
         if last and (
-            not more or last["state"] != "survived" or said["id"] in equivalent or options.slow and "slow" in last
+            not more or last["state"] != "survived" or said["id"] in equivalent or (options.slow and "slow" in last)
         ):
             continue
         running = lines.tests_of(edit.file, edit.lines)
