@@ -99,7 +99,7 @@ def test_busmaster(tmp_path: Path) -> None:
     assert any("local time" in line for line in reading.report.remarks())
     good = "11:49:12:9420 Rx 1 0x023 s 1 40\n"
     bad = [good.replace("12:", "1A:"), good.replace("Rx 1", "Rx A"), good.replace("9420", "94:0")]
-    batch, reading = read(tmp_path / "b.log", BUSMASTER.partition("11:49:12")[0] + good * 4 + "".join(bad) + good * 4)
+    batch, reading = read(tmp_path / "b.log", BUSMASTER.partition("11:49:12")[0] + "".join(bad) + good * 8)
     assert len(batch) == 8 and reading.report.bad == 3
 
 
