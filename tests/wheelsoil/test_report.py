@@ -151,6 +151,14 @@ def test_names_from_data_stay_data(campaign, tmp_path):
     assert all("<" not in name for name in figure["data"][0]["y"]), "plotly reads HTML, so names are escaped for it"
 
 
+def test_without_a_diagnosis_the_best_law_is_beside_wong(material):
+    shown, pool = material.recommendation, material.pool
+    assert not shown.is_base and shown.title == shown.name != shown.base_name
+    np.testing.assert_array_equal(shown.base["dp"], pool.predicted("wong", "drawbar_pull_n"))
+    rms = {base: np.nanmean(shown.residual("dp", base=base) ** 2) for base in (False, True)}
+    assert rms[False] < rms[True]
+
+
 def test_a_missing_channel_costs_its_section(material):
     report = build_report(without(material, driving_torque_nm=np.nan))
     assert list(report.left_out) == ["torque"]
