@@ -86,6 +86,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0, help="of the tests of one mutant, as the map knows them")
     parser.add_argument("--slow", action="store_true", help="run the survivors against the slow set")
     parser.add_argument("--again", action="store_true", help="run the survivors against the fast set as it is now")
+    parser.add_argument("--only", default="", metavar="TEXT", help="of the survivors those with this in their line")
     parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="in place of those that fit a survivor")
     return parser.parse_args()
 
@@ -96,9 +97,10 @@ def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources
         said = described(edit, sources[edit.file])
         last = known.get(said["id"], {})
         more = options.slow or options.again
-        if last and (
-            not more or last["state"] != "survived" or said["id"] in equivalent or (options.slow and "slow" in last)
-        ):
+        done = (
+            last.get("state", "survived") != "survived" or said["id"] in equivalent or (options.slow and "slow" in last)
+        )
+        if (not last and more) or (last and not more) or done or options.only not in said["id"]:
             continue
         running = lines.tests_of(edit.file, edit.lines)
         seconds, marks = options.seconds, SLOW if options.slow else FAST
