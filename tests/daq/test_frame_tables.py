@@ -78,6 +78,7 @@ def test_css_electronics(tmp_path: Path) -> None:
             ("can0", 0x18EFFF6F, FrameFlag.EXTENDED, "899800000500ffff"),
         ),
         ("time,addr,bus,data\n240.479,53,0,0acc0ade0074bf9e\n", ("can0", 53, 0, "0acc0ade0074bf9e")),
+        ("time,addr,data\n240.479,53,0acc0ade0074bf9e\n", ("can0", 53, 0, "0acc0ade0074bf9e")),
         ("time,addr,bus,data\n15.46,0x440,1,0x4000800000000000\n", ("can1", 0x440, 0, "4000800000000000")),
     ],
 )

@@ -134,3 +134,10 @@ def test_two_static_tests_that_contradict_each_other_are_named_with_their_sizes(
     readings = [{**TORQUE, "driving_torque_nm": size} for size in (10000.0, 11000.0)]
     with pytest.raises(ConfigError, match=r"0 and 1 contradict each other: 10000 and 11000"):
         parse_mapping({"static": readings}, RunsConfig, "runs.toml")
+
+
+def test_a_hundred_static_tests_are_enough() -> None:
+    reading = {**TORQUE, "driving_torque_nm": 10000.0}
+    assert len(parse_mapping({"static": [reading] * 100}, RunsConfig, "runs.toml").static) == 100
+    with pytest.raises(ConfigError, match="100"):
+        parse_mapping({"static": [reading] * 101}, RunsConfig, "runs.toml")

@@ -21,6 +21,7 @@ from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Contents
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
+from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.report.sections.verdict import rank
 from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.report import report_of_processed
@@ -157,6 +158,15 @@ def test_without_a_diagnosis_the_best_law_is_beside_wong(material):
     np.testing.assert_array_equal(shown.base["dp"], pool.predicted("wong", "drawbar_pull_n"))
     rms = {base: np.nanmean(shown.residual("dp", base=base) ** 2) for base in (False, True)}
     assert rms[False] < rms[True]
+
+
+def test_a_tyre_without_a_name_is_not_in_the_head(material):
+    runs = tuple(replace(run, run=run.run.model_copy(update={"inflation_kpa": None})) for run in material.runs)
+    wheel = material.vehicle.wheel
+    for tyre, expected in (("12.5R20", ["12.5R20"]), ("", [])):
+        vehicle = material.vehicle.model_copy(update={"wheel": wheel.model_copy(update={"tyre": tyre})})
+        facts = header_facts(replace(material, runs=runs, vehicle=vehicle))
+        assert [value for label, value in facts if label == "Tyre"] == expected
 
 
 def test_a_missing_channel_costs_its_section(material):
