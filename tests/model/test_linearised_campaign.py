@@ -12,8 +12,14 @@ from short_campaign import driven, looked, noise_of
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.linearise import SENSORS
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, _same, linearise_campaigns
-from model.diagnosis.time_series.samples import places_of
+from model.diagnosis.time_series.linearised_campaign import (
+    LinearisedCampaign,
+    _same,
+    linearise_campaigns,
+    with_likely_load,
+)
+from model.diagnosis.time_series.noise import hyper_priors
+from model.diagnosis.time_series.samples import places_of, samples_of
 from model.diagnosis.time_series.whitening import whitened_rows
 from processing import ProcessedRun
 from wheelsoil.wording.notes import texts_of
@@ -73,6 +79,18 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
 def test_an_explanation_that_moves_by_a_quarter_of_its_uncertainty_has_not_converged(null: LinearisedCampaign) -> None:
     moved = [replace(null.best, soil=null.best.soil + step) for step in (0.24, 0.26)]
     assert [_same(null.best, other) for other in moved] == [True, False]
+
+
+def test_a_run_of_one_sample_does_not_swing() -> None:
+    samples = samples_of(simulated_campaign(runs=2))
+    samples = samples[np.flatnonzero((samples.run == 0) | (np.diff(samples.run, prepend=0) > 0))]
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()}
+    load = np.asarray(samples.conditions.vertical_load_n)
+    heavier = replace(samples.conditions, vertical_load_n=load + 1e5 * (samples.run == 1))
+    found = [with_likely_load(one, values) for one in (samples, replace(samples, conditions=heavier))]
+    first, second = (np.asarray(one.conditions.vertical_load_n)[:-1] for one in found)
+    assert (samples.run == 1).sum() == 1 and not np.array_equal(first, load[:-1])
+    np.testing.assert_allclose(second, first)
 
 
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
