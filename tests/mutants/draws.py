@@ -56,11 +56,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Edit:
-    """Bytes `start` to `end` of a source replaced by `text`, in a line (of its first statement, and its own)."""
+    """Bytes `start` to `end` of a source replaced by `text`.
+
+    Attributes
+    ----------
+    lines : tuple of int
+        That of the statement and its own; none where it runs when the module is imported, for whichever test it is.
+    """
 
     kind: str
     file: str
-    lines: tuple[int, int]
+    lines: tuple[int, ...]
     inside: tuple[str, ...]
     start: int
     end: int
@@ -181,7 +187,7 @@ class Finder:
             yield self._edit(kind, left, begin + found.start(), begin + found.end(), new)
 
     def _edit(self, kind: str, node: ast.expr | ast.stmt, start: int, end: int, text: str) -> Edit:
-        lines = (self._place.statement.lineno, node.lineno)
+        lines = () if self._place.bound is None else (self._place.statement.lineno, node.lineno)
         while text == "" and self._data[end : end + 1] == b" ":
             end += 1
         return Edit(kind, self._place.file, lines, self._place.inside, start, end, text)

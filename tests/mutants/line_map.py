@@ -57,7 +57,7 @@ class LineMap:
         return dict(found)
 
     def tests_of(self, file: str, lines: Iterable[int]) -> set[str]:
-        """Return the tests that run one of these lines; of a line that runs at import, those that run any other."""
+        """Return the tests that run one of these lines, or any of the file where none is known to."""
         tests: set[str] = set()
         for by_line in self._of_file(file):
             for line in lines:

@@ -116,7 +116,7 @@ def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources
             said = last | {"slow": state, "slow test": test}
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(said, ensure_ascii=False) + "\n")
-        at = f"{edit.file}:{edit.lines[1]} {edit.kind}"
+        at = f"{edit.file}:{said['line']} {edit.kind}"
         print(f"{number}/{len(edits)} {at}: {state}, {took:.1f} s  {test}", flush=True)
 
 

@@ -94,4 +94,4 @@ def test_a_drawn_mutant_changes_no_text_and_no_type() -> None:
         11: {"return None", "return x / (y)"},
     }
     assert drawn({"a.py": source}, 1, 3) == drawn({"a.py": source}, 1, 9)[:3]
-    assert len({edit.lines for edit in drawn({"a.py": source}, 1, 9)}) == len(changed)
+    assert [edit.lines for edit in drawn({"a.py": source}, 1, 9)].count(()) == 1 == len(changed) - 4
