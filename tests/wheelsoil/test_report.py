@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from report_support import diagnosed_by_hand, section_of, text_of
+from report_support import cells_of, diagnosed_by_hand, section_of, text_of
 
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
@@ -158,6 +158,11 @@ def test_without_a_diagnosis_the_best_law_is_beside_wong(material):
     np.testing.assert_array_equal(shown.base["dp"], pool.predicted("wong", "drawbar_pull_n"))
     rms = {base: np.nanmean(shown.residual("dp", base=base) ** 2) for base in (False, True)}
     assert rms[False] < rms[True]
+
+
+def test_the_size_of_each_file_is_shown(material):
+    sizes = {f"{source.bytes / 1e6:.2f}" for source in material.sources}
+    assert sizes and sizes <= set(cells_of(section_of(build_report(material), "provenance")))
 
 
 def test_a_tyre_without_a_name_is_not_in_the_head(material):
