@@ -63,6 +63,19 @@ _LARGE_FZ = {"Fz [N]": [float(load) for load in _LARGE]}
 
 CASES = (
     Case(
+        "decimal commas in one column among points",
+        table(
+            "time [s];Fz [N];T [Nm];v [m/s]",
+            list(_TIME_S),
+            list(_FORCE),
+            [f"{torque:.2f}".replace(".", ",") for torque in _TORQUE],
+            [1.5] * 50,
+            sign=";",
+        ),
+        _BOTH | {"v [m/s]": [1.5] * 50},
+        "'T [Nm]' has decimal commas, because of",
+    ),
+    Case(
         "decimal points, and commas between thousands, in one column",
         table(
             "time [s];Fz [N]",
