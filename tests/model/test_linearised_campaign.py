@@ -93,6 +93,16 @@ def test_a_run_of_one_sample_does_not_swing() -> None:
     np.testing.assert_allclose(second, first)
 
 
+@pytest.mark.parametrize(("swing_n", "moves"), [(0.09, False), (0.11, True)])
+def test_a_load_that_swings_by_less_than_a_tenth_of_a_newton_is_steady(swing_n: float, moves: bool) -> None:
+    samples = samples_of(simulated_campaign(runs=1))
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()}
+    swing = np.random.default_rng(0).normal(size=len(samples))
+    swing = (swing - swing.mean()) / swing.std()
+    steady = replace(samples, conditions=replace(samples.conditions, vertical_load_n=5000.0 + swing_n * swing))
+    assert (with_likely_load(steady, values) is not steady) == moves
+
+
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
     again = linearise_campaigns([null.campaigns[0].campaign], noises=null.noises)
     assert "noise" not in again.stages_s
