@@ -158,9 +158,10 @@ def test_a_row_that_is_no_frame_is_counted_with_its_line(tmp_path: Path, row: st
 
 def test_a_byte_below_zero_is_none(tmp_path: Path) -> None:
     columns = parse_columns("time=t:s,id=i:dec,data=a:dec+b:dec")
-    batch, reading = read(tmp_path / "a.csv", "t,i,a,b\n1,1,5,-5\n2,1,5,\n3,1,5,6\n", columns=columns)
-    assert [frame[4][: frame[3]] for frame in content(batch)] == [b"\5", b"\5\6"]
-    assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 2")
+    for empty, before in (("", []), ("2,1,5,\n", [b"\5"])):  # an empty cell has the lines read one by one
+        batch, reading = read(tmp_path / "a.csv", f"t,i,a,b\n1,1,5,-5\n{empty}3,1,5,6\n", columns=columns)
+        assert [frame[4][: frame[3]] for frame in content(batch)] == [*before, b"\5\6"]
+        assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 2")
 
 
 @pytest.mark.parametrize(
