@@ -21,6 +21,7 @@ from model.diagnosis.time_series.linearised_campaign import (
 from model.diagnosis.time_series.noise import hyper_priors
 from model.diagnosis.time_series.samples import places_of, samples_of
 from model.diagnosis.time_series.whitening import whitened_rows
+from model.wheel_soil import conditions_of
 from processing import ProcessedRun
 from wheelsoil.wording.notes import texts_of
 
@@ -79,6 +80,12 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
 def test_an_explanation_that_moves_by_a_quarter_of_its_uncertainty_has_not_converged(null: LinearisedCampaign) -> None:
     moved = [replace(null.best, soil=null.best.soil + step) for step in (0.24, 0.26)]
     assert [_same(null.best, other) for other in moved] == [True, False]
+
+
+def test_a_run_without_an_outboard_mass_has_the_usual_one() -> None:
+    run = simulated_campaign(runs=1).runs[0]
+    found = conditions_of([replace(run, outboard_mass_kg=mass) for mass in (0.0, 60.0)], 15e3)
+    assert [set(np.asarray(one.outboard_mass_kg).tolist()) for one in found] == [{75.0}, {60.0}]
 
 
 def test_a_run_of_one_sample_does_not_swing() -> None:
