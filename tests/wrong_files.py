@@ -63,6 +63,31 @@ _LARGE_FZ = {"Fz [N]": [float(load) for load in _LARGE]}
 
 CASES = (
     Case(
+        "decimal commas in one column among points",
+        table(
+            "time [s];Fz [N];T [Nm];v [m/s]",
+            list(_TIME_S),
+            list(_FORCE),
+            [f"{torque:.2f}".replace(".", ",") for torque in _TORQUE],
+            [1.5] * 50,
+            sign=";",
+        ),
+        _BOTH | {"v [m/s]": [1.5] * 50},
+        "'T [Nm]' has decimal commas, because of",
+    ),
+    Case(
+        "decimal points, and commas between thousands, in one column",
+        table(
+            "time [s];Fz [N]",
+            list(_STEPS),
+            [f"{900 + i}.5" for i in range(25)] + [f"1,{i:03d}" for i in range(25)],
+            sign=";",
+        ),
+        {"Fz [N]": [900.5 + i for i in range(25)] + [1000.0 + i for i in range(25)]},
+        "read as parting thousands",
+        _SECONDS,
+    ),
+    Case(
         "rows of another width first",
         _HEAD + "".join(row.replace("\n", ",7\n") for row in _ROWS[:20]) + "".join(_ROWS[20:]),
         {name: values[20:] for name, values in _BOTH.items()},

@@ -137,6 +137,8 @@ def test_each_normal_stress_is_a_test(tmp_path: Path) -> None:
 def test_a_measured_normal_stress_may_breathe(tmp_path: Path) -> None:
     (test,) = read_shear_tests(_write(tmp_path, SHEAR + "0,0,1000\n0.01,5,1020\n0.02,6,990\n"))
     assert test.normal_stress_pa == pytest.approx(1003.333, rel=1e-5)
+    tests = read_shear_tests(_write(tmp_path, SHEAR + "0,0,1000\n0.01,5,1000\n0,0,930\n0.01,6,930\n"))
+    assert [test.normal_stress_pa for test in tests] == [1000, 930]
 
 
 def test_named_shear_tests(tmp_path: Path) -> None:

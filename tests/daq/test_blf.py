@@ -205,8 +205,9 @@ def test_a_date_that_cannot_be_is_a_remark(when: tuple[int, int]) -> None:
     assert f"no date that can be: year {when[0]}" in report.remarks()[1]
 
 
-def test_times_beyond_64_bits_are_bad_objects() -> None:
-    frame = struct.pack("<HBBL8s", 1, 0, 8, 0x123, b"abcdefgh")
+@pytest.mark.parametrize("channel", [0, 1])
+def test_times_beyond_64_bits_are_bad_objects(channel: int) -> None:
+    frame = struct.pack("<HBBL8s", channel, 0, 8, 0x123, b"abcdefgh")
     objects = b"".join(
         struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(frame), 1, flags, 0, 0, ticks) + frame
         for flags, ticks in ((2, 5), (2, 2**63), (1, 2**62), (1, 7))
@@ -215,6 +216,28 @@ def test_times_beyond_64_bits_are_bad_objects() -> None:
     assert back.frames["time_ns"].tolist() == [5, 70_000]
     assert report.bad == 2
     assert "2262" in report.first_bad
+
+
+def test_an_object_of_canoe_for_can_fd_has_every_flag_and_its_data() -> None:
+    def an_object(flags: int, direction: int, dlc: int, valid: int) -> bytes:
+        fields = (2, dlc, valid, 0, 0x80000123, 0, flags, 0, 0, 0, 0, 0, direction, 0, 0)
+        body = struct.pack("<BBBBLLLLLLLHBBL", *fields) + bytes(range(1, 65))[:valid]
+        return struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), 101, 2, 0, 0, 7) + body
+
+    cases = {
+        (0x1000, 0, 9, 12): FrameFlag.FD,
+        (0x3000, 0, 15, 64): FrameFlag.FD | FrameFlag.BITRATE_SWITCH,
+        (0x5000, 1, 8, 8): FrameFlag.FD | FrameFlag.ERROR_STATE | FrameFlag.TRANSMITTED,
+        (0, 1, 4, 4): FrameFlag.TRANSMITTED,
+        (0x10, 0, 4, 0): FrameFlag.REMOTE,
+    }
+    objects = b"".join(an_object(*case) for case in cases)
+    back, report = parsed(with_container(len(objects), zlib.compress(objects)))
+    assert back.frames["flags"].tolist() == [int(FrameFlag.EXTENDED | flags) for flags in cases.values()]
+    assert back.frames["length"].tolist() == [12, 64, 8, 4, 4] and not report.bad
+    assert [bytes(frame).rstrip(b"\0") for frame in back.frames["data"]] == [
+        bytes(range(1, valid + 1)) for *_, valid in cases
+    ]
 
 
 def test_many_kinds_of_objects_are_counted_together() -> None:

@@ -78,6 +78,7 @@ def test_css_electronics(tmp_path: Path) -> None:
             ("can0", 0x18EFFF6F, FrameFlag.EXTENDED, "899800000500ffff"),
         ),
         ("time,addr,bus,data\n240.479,53,0,0acc0ade0074bf9e\n", ("can0", 53, 0, "0acc0ade0074bf9e")),
+        ("time,addr,data\n240.479,53,0acc0ade0074bf9e\n", ("can0", 53, 0, "0acc0ade0074bf9e")),
         ("time,addr,bus,data\n15.46,0x440,1,0x4000800000000000\n", ("can1", 0x440, 0, "4000800000000000")),
     ],
 )
@@ -97,6 +98,10 @@ def test_busmaster(tmp_path: Path) -> None:
     ]
     assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 11")
     assert any("local time" in line for line in reading.report.remarks())
+    good = "11:49:12:9420 Rx 1 0x023 s 1 40\n"
+    bad = [good.replace("12:", "1A:"), good.replace("Rx 1", "Rx A"), good.replace("9420", "94:0")]
+    batch, reading = read(tmp_path / "b.log", BUSMASTER.partition("11:49:12")[0] + "".join(bad) + good * 8)
+    assert len(batch) == 8 and reading.report.bad == 3
 
 
 @given(
@@ -149,6 +154,14 @@ def test_a_row_that_is_no_frame_is_counted_with_its_line(tmp_path: Path, row: st
     batch, reading = read(tmp_path / "a.csv", "\n".join([head, good, row, good]))
     assert len(batch) == 2 and reading.report.bad == 1
     assert reading.report.first_bad.startswith("line 3")
+
+
+def test_a_byte_below_zero_is_none(tmp_path: Path) -> None:
+    columns = parse_columns("time=t:s,id=i:dec,data=a:dec+b:dec")
+    for empty, before in (("", []), ("2,1,5,\n", [b"\5"])):  # an empty cell has the lines read one by one
+        batch, reading = read(tmp_path / "a.csv", f"t,i,a,b\n1,1,5,-5\n{empty}3,1,5,6\n", columns=columns)
+        assert [frame[4][: frame[3]] for frame in content(batch)] == [*before, b"\5\6"]
+        assert reading.report.bad == 1 and reading.report.first_bad.startswith("line 2")
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,7 @@ def test_behaviour_decides() -> None:
     assert not counts(rng.integers(0, 16, 200), named=True)
     assert not counts(np.zeros(200, np.int64), named=True)
     assert not counts(np.arange(200), named=False)  # may be anything that grows
+    assert [counts(np.arange(count) % 80, named=False) for count in (100, 200)] == [False, True]  # one turn, two
     lossy = np.delete(turning, rng.choice(200, 6, replace=False))
     assert counts(lossy, named=True)
     assert not counts(lossy, named=False)

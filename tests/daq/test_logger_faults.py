@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import resource
 import shutil
 import socket
@@ -32,6 +33,7 @@ from daq.recording import PartWriter, Recording
 from daq.sources.can_source import InterfaceDownError
 from daq.sources.interfaces import open_sink
 from daq.sources.python_can import PythonCanSource
+from daq.sources.socketcan import fault_of
 
 SCRIPTED = VehicleConfig(bus=(BusSection(channel="x"),))
 
@@ -493,3 +495,10 @@ def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None
     assert source.closed
     assert "source x" not in [thread.name for thread in set(threading.enumerate()) - before]
     assert source.counters.received == received
+
+
+def test_an_errno_of_a_socket_has_its_next_step() -> None:
+    missing, closed, other = (fault_of("can7", code) for code in (errno.ENODEV, errno.EPERM, errno.EIO))
+    assert missing.what == "there is no interface can7" and "type vcan" in missing.next_step
+    assert closed.what == "the interface must not be opened"
+    assert other.what not in (missing.what, closed.what) and other.found == "EIO"

@@ -1,15 +1,28 @@
-"""A module in place of asammdf crashes, hangs or takes all memory. What the real one reads is in test_logs.py."""
+"""A module in place of asammdf crashes, hangs or gives frames and channels. What the real one reads is in test_logs.py.
+
+The gate does not install asammdf: its stand-in has the attributes that we use.
+"""
 
 from __future__ import annotations
 
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from frames_support import content
 
 import daq.child_process
+from daq.can.frames import FrameBatch, FrameFlag, joined
+from daq.config import SeriesSection
 from daq.errors import RecordingError
 from daq.logs import read_log
+from daq.logs.mf4 import frames_apart
+from daq.series.blocks import SeriesReport
+from daq.series.readers.mdf import read_mdf
 
 CRASHES = {
     "os.kill(os.getpid(), signal.SIGSEGV)": "its process ended with signal SIGSEGV",
@@ -45,3 +58,88 @@ def test_whatever_asammdf_does_is_an_error_with_the_file(
         list(read_log(path))
     assert CRASHES[crash] in caught.value.faults[0].found
     assert caught.value.faults[0].where == str(path)
+
+
+START_NS = 1_714_564_800_250_000_000
+
+
+def mdf_of(groups: list[tuple[str, bool, dict[str, Any]]]) -> Any:
+    """Stand-in for the module: groups by name, whether they hold frames, with the signals of their channels."""
+
+    def channel(name: str) -> Any:
+        return SimpleNamespace(name=name, unit="kN", channel_type=0, conversion=None)
+
+    def group(name: str, frames: bool, signals: dict[str, Any]) -> Any:
+        cycles = max(len(signal.timestamps) for signal in signals.values())
+        source = SimpleNamespace(bus_type=2)
+        head = SimpleNamespace(flags=2 * frames, acq_source=source, cycles_nr=cycles, acq_name=name)
+        return SimpleNamespace(channel_group=head, channels=[channel(name) for name in signals])
+
+    class MDF:
+        def __init__(self, path: object) -> None:
+            self.header = SimpleNamespace(start_time=datetime(2024, 5, 1, 12, 0, 0, 250_000, UTC))
+            self.groups = [group(*one) for one in groups]
+
+        def __enter__(self) -> MDF:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def get(self, name: str, index: int, *, record_offset: int, record_count: int, raw: bool) -> Any:
+            signal = groups[index][2][name]
+            rows = slice(record_offset, record_offset + record_count)
+            found = SimpleNamespace(timestamps=signal.timestamps[rows], samples=signal.samples[rows])
+            return SimpleNamespace(physical=lambda **_: found) if raw else found
+
+    return SimpleNamespace(MDF=MDF)
+
+
+def bus_signal(kind: str, seconds: list[float], **fields: Any) -> Any:
+    columns = {f"{kind}.{name}": np.array(values) for name, values in fields.items()}
+    samples = np.zeros(len(seconds), [(name, column.dtype, column.shape[1:]) for name, column in columns.items()])
+    for name, column in columns.items():
+        samples[name] = column
+    return SimpleNamespace(timestamps=np.array(seconds), samples=samples)
+
+
+def test_frames_of_two_groups_come_in_order_with_what_they_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = np.arange(16).reshape(2, 8).astype(np.uint8)
+    sent = {"ID": [0x123, 0x18FEF100], "IDE": [0, 1], "Dir": [b"Rx", b"Tx"], "DataLength": [2, 8], "DataBytes": data}
+    groups = [
+        ("data", True, {"CAN_DataFrame": bus_signal("CAN_DataFrame", [0.5, 1.5], BusChannel=[1, 2], **sent)}),
+        (
+            "wide",
+            True,
+            {"CAN_DataFrame": bus_signal("CAN_DataFrame", [1.0], ID=[7], EDL=[1], BRS=[1], DataLength=[12])},
+        ),
+        ("remote", True, {"CAN_RemoteFrame": bus_signal("CAN_RemoteFrame", [2.0], ID=[9], DLC=[4], BusChannel=[1])}),
+        ("wheel", False, {"FZ": bus_signal("FZ", [0.0, 1.0, 2.0], FZ=[1, 2, 3])}),
+    ]
+    monkeypatch.setitem(sys.modules, "asammdf", mdf_of(groups))
+    (stated, others, _, first), *pieces = frames_apart("drive.mf4")
+    assert (stated, others, len(first)) == (4, {"wheel": 3}, 0)
+    frames = joined([piece for *_, piece in pieces])
+    assert ((frames["time_ns"] - START_NS) / 1e9).tolist() == [0.5, 1.0, 1.5, 2.0]
+    fd = FrameFlag.FD | FrameFlag.BITRATE_SWITCH
+    assert [
+        (bus, can_id, flags, length)
+        for bus, can_id, flags, length, _ in content(FrameBatch(frames, tuple(pieces[-1][2])))
+    ] == [
+        ("can1", 0x123, 0, 2),
+        ("can0", 7, fd, 12),
+        ("can2", 0x18FEF100, FrameFlag.EXTENDED, 8),
+        ("can1", 9, FrameFlag.REMOTE, 4),
+    ]
+    assert frames["flags"][2] & FrameFlag.TRANSMITTED and not frames["flags"][0] & FrameFlag.TRANSMITTED
+    assert frames["data"][0][:3].tolist() == [0, 1, 0] and frames["data"][2][:8].tolist() == [*range(8, 16)]
+
+
+def test_channels_have_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    time_s = np.arange(4) / 50
+    signal = SimpleNamespace(timestamps=time_s, samples=np.array([1.0, 2.0, 4.0, 8.0]))
+    monkeypatch.setitem(sys.modules, "asammdf", mdf_of([("wheel", False, {"FZ": signal})]))
+    series = read_mdf(Path("run.mf4"), SeriesSection(), SeriesReport("run.mf4", "MF4"))
+    assert series.topics == {"wheel": {"FZ": "kN"}}
+    ((block,),) = series.blocks()
+    assert np.abs(block.time_ns - START_NS - np.arange(4) * 20_000_000).max() < 256  # one step of a float64
+    assert block.columns["FZ"].tolist() == [1.0, 2.0, 4.0, 8.0]

@@ -76,3 +76,13 @@ def test_a_cut_file_says_so_or_ends_between_two_lines(name: str, packed: bool, t
         if name in TEXTS and not packed:
             continue  # text has no end of its own
         assert cut.out == full.out or now != said
+
+
+def test_a_balance_in_words() -> None:
+    balance = Balance()
+    balance.come("lines", 1204)
+    balance.out += 1200
+    balance.put_aside("headers", 1)
+    balance.lose("unreadable", 2, "line 7")
+    balance.close()
+    assert balance.sentence("frames") == (f"1,204 lines = 1,200 frames + 1 headers + 2 unreadable + 1 {UNACCOUNTED}")

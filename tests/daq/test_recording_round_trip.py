@@ -15,6 +15,9 @@ from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, concatenate, spl
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError, RecordingError
 from daq.recording import Recording, RecordingWriter
+from daq.recording.chunks import ChunkEntry
+from daq.recording.format import RAW_PREFIX_SIZE, raw_frames, raw_message_head
+from daq.recording.reader import chunks_between
 
 BUSES = ("can0", "can-0", "vehicle bus", "9")
 
@@ -147,6 +150,23 @@ def spanned_recording(tmp_path_factory):
     recording = Recording.open(path)
     assert recording.time_range_ns == (frames["time_ns"][0], frames["time_ns"][-1])
     return path, frames
+
+
+def test_a_raw_message_without_frames_is_whole():
+    body = raw_message_head(1, 0, 5, 0, CLASSIC_DTYPE.itemsize)[-RAW_PREFIX_SIZE:]
+    assert len(raw_frames(body, 0, len(body), CLASSIC_DTYPE)) == 0
+    with pytest.raises(ValueError, match="too short"):
+        raw_frames(body, 0, len(body) - 1, CLASSIC_DTYPE)
+
+
+def test_chunks_of_other_channels_bound_no_search_by_time():
+    """Decoded topics may be written before raw frames of the same time."""
+    second = 10**9
+    contents = ((10, {1}), (90, {2}), (30, {1, 2}), (60, {1}))
+    entries = [ChunkEntry(i, 1, 0, end * second, frozenset(of)) for i, (end, of) in enumerate(contents)]
+    for span, expected in (((12, 15), [1, 2]), ((40, 50), [1, 3]), ((0, 1), [0, 1, 2])):
+        found = chunks_between(entries, {1}, *(end * second for end in span))
+        assert [entry.offset for entry in found] == expected
 
 
 def test_faults_of_the_caller_are_reported(tmp_path):

@@ -113,6 +113,12 @@ def test_a_part_that_was_cut_off_is_followed_by_the_next(tmp_path):
     assert per_bus(RunRecording.open(first).frame_batches()) == of(1, 3, 4)
 
 
+def test_a_part_under_another_name_says_what_it_continues(tmp_path):
+    second = part_path(rotated(tmp_path / "r.mcap"), 2)
+    renamed = second.rename(tmp_path / "alone.mcap")
+    assert "r.mcap is missing, which alone.mcap continues" in [str(loss) for loss in RunRecording.open(renamed).loss]
+
+
 @pytest.mark.parametrize("content", [b"", b"what is this"])
 def test_a_part_that_is_no_recording_costs_only_itself(tmp_path, content):
     first = rotated(tmp_path / "r.mcap")

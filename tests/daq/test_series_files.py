@@ -7,6 +7,7 @@ import struct
 import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 
 import h5py
@@ -228,6 +229,42 @@ def test_the_formats_of_other_programs_come_back(
     np.testing.assert_array_equal(values, VALUES)
     assert unit == "kN" or column.endswith("[kN]")
     assert series.report.share == pytest.approx(1)
+    assert ("MAT" in series.report.format) == name.endswith(".mat")
+    columns(series)
+    assert sum(series.report.rows.values()) == len(VALUES), "each reading counts anew"
+
+
+def test_decimals_and_truth_values_of_a_parquet_file_are_numbers(tmp_path: Path) -> None:
+    table = {
+        "time [s]": pa.array([Decimal(i) / 100 for i in range(50)], pa.decimal128(9, 2)),
+        "F [kN]": pa.array([None, *(Decimal(i) / 2 for i in range(49))], pa.decimal128(9, 1)),
+        "on": pa.array([None, *[True, False] * 24, True]),
+    }
+    pq.write_table(pa.table(table), tmp_path / "run.parquet")
+    found = columns(read(tmp_path / "run.parquet"))
+    np.testing.assert_array_equal(found["F [kN]"][0], np.arange(50) * 10_000_000)
+    np.testing.assert_array_equal(found["F [kN]"][1], [np.nan, *np.arange(49) / 2])
+    np.testing.assert_array_equal(found["on"][1], [np.nan, *[1, 0] * 24, 1])
+
+
+def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: Path) -> None:
+    both = np.stack([VALUES, 2 * VALUES])
+    savemat(tmp_path / "run.mat", {"time": TIME_NS / 1e9, "F": both.T, "G": both})
+    found = columns(read(tmp_path / "run.mat"))
+    assert set(found) == {"F[0]", "F[1]", "G[0]", "G[1]"}
+    for name, values in zip("FG", (VALUES, 2 * VALUES), strict=True):
+        np.testing.assert_array_equal(found[f"{name}[{'FG'.index(name)}]"][1], values)
+
+
+def test_what_is_no_series_in_an_hdf5_file_says_why(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time"], file["F"], file["mass"], file["cube"] = TIME_NS / 1e9, VALUES, [1.0], np.zeros((3, 4, 5))
+        file["G"] = np.stack([VALUES, 2 * VALUES])
+    series = read(tmp_path / "run.h5")
+    found = columns(series)
+    assert set(found) == {"F", "G[0]", "G[1]"}
+    np.testing.assert_array_equal(found["G[1]"][1], 2 * VALUES)
+    assert series.report.skipped == {"mass": "less than two values", "cube": "an array of 3 dimensions"}
 
 
 def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:
@@ -313,6 +350,9 @@ def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layou
 def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
+    pq.write_table(pa.table({"b": [2.0, 4.0]}), tmp_path / "run.parquet")
+    time_ns, values, _ = columns(read(tmp_path / "run.parquet", rate_hz=200.0))["b"]
+    assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
 
 
 @pytest.mark.parametrize("write", [parquet, tdms, *(pytest.param(one, marks=pytest.mark.slow) for one in (mat, hdf5))])
@@ -337,6 +377,8 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
 ) -> None:
     """In the order of the file or, where too much would have to wait, each by itself; again after half a reading."""
     monkeypatch.setattr("daq.series.readers.tdms._MOST_WAITING_BYTES", waiting)
+    in_order, data_chunks = [], TdmsFile.data_chunks
+    monkeypatch.setattr(TdmsFile, "data_chunks", lambda file: in_order.append(file) or data_chunks(file))
     path, rng, clock = tmp_path / "run.tdms", np.random.default_rng(1), {"wf_increment": 0.001}
     with TdmsWriter(path) as writer:
         for segment in range(30):
@@ -348,6 +390,7 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
     whole = columns(series)
     next(series.blocks())
     again = columns(series)
+    assert len(in_order) == (3 if waiting else 0)
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             if channel.name != "note":
@@ -417,7 +460,7 @@ def test_a_parquet_file_with_a_broken_name_is_our_error(tmp_path: Path) -> None:
 def test_noise_in_a_file_for_a_c_library_is_our_error(tmp_path: Path, head: bytes, seed: int) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(head + np.random.default_rng(seed).bytes(500))
-    with pytest.raises((RecordingError, DataError)):
+    with pytest.raises((RecordingError, DataError), match="file cannot be read"):
         columns(read(path))
 
 

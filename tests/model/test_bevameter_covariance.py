@@ -7,6 +7,7 @@ import pytest
 from bench_soil import plate_tests, shear_tests
 
 from model.bevameter import fit_plate, fit_pressure_sinkage, fit_shear_strength
+from model.bevameter.joint import _sigmas
 from model.bevameter.pressure_sinkage import ASSUMED_SCATTER as OF_PLATES
 from model.bevameter.shear_strength import ASSUMED_SCATTER as OF_SHEARS
 
@@ -45,3 +46,9 @@ def test_k_is_as_sure_as_the_tests_are_many() -> None:
     for stress in (10e3, 60e3):
         gradient = np.array([1.0, stress, 0.0]) / (cohesion + stress * tan_phi)
         assert np.sqrt(gradient @ found.joint.covariance @ gradient) == pytest.approx(OF_SHEARS[0], rel=0.02)
+
+
+def test_tests_that_agree_closely_keep_their_weights() -> None:
+    omega, points = np.diag([1e-10, 4e-10]), np.zeros((2, 2, 2))
+    np.testing.assert_allclose(_sigmas(omega, points), [[1e-5, 2e-5]] * 2)
+    assert (_sigmas(0 * omega, points) > 0).all()

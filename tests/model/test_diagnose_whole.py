@@ -88,7 +88,8 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
     for channel in ("dp", "t"):  # medians: near zero slip the measured slip's own error is larger than any cause
         better = np.nanmedian(np.abs(seen.measured[channel] - seen.extended[channel]))
         assert better < 0.8 * np.nanmedian(np.abs(seen.measured[channel] - seen.base[channel]))
-    assert set(seen.signatures) >= {cause.key}
+    for channel, change in seen.signatures[cause.key].items():  # the one cause of the extended model
+        np.testing.assert_allclose(change, seen.extended[channel] - seen.base[channel], rtol=1e-9, atol=1e-9)
     assert all(np.isfinite(x).any() for x in seen.base_sigma.values())
 
 

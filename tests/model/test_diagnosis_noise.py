@@ -83,6 +83,14 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
         assert found.gradient[i] == pytest.approx(slope, rel=1e-4, abs=1e-4), name
 
 
+def test_noise_without_a_sigma_is_a_share_of_the_load(seen: tuple[Samples, Linear, Columns]) -> None:
+    samples = replace(seen[0], sigma=dict.fromkeys(seen[0].sigma, np.nan))
+    priors = hyper_priors(samples)
+    load = float(np.median(samples.conditions.vertical_load_n))
+    assert priors["drawbar_pull_noise_n"].centre == pytest.approx(0.7 * 0.004 * load)
+    assert priors["driving_torque_noise_nm"].centre == pytest.approx(0.7 * 0.004 * load * samples.wheel_radius_m)
+
+
 def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns]) -> None:
     """Noise drawn three times from the model itself, with hyper-parameters that are not what the prior states."""
     samples, linear, columns = seen

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from short_campaign import driven, looked, noise_of
 
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.findings.set_fit import TRUST, fit_set, interval, parameters_of, shifted, soils_of, spread_of
+from model.diagnosis.findings.set_fit import (
+    TRUST,
+    _others,
+    fit_set,
+    interval,
+    parameters_of,
+    shifted,
+    soils_of,
+    spread_of,
+)
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
@@ -124,3 +134,10 @@ def test_two_campaigns_share_causes_and_not_soils() -> None:
     soils = soils_of(fit, seen)
     assert [soil.campaign for soil in soils] == ["clay", "sandy"]
     assert soils[0].values["tan_phi"] < 0.3 < 0.4 < soils[1].values["tan_phi"]
+
+
+def test_a_fit_also_starts_from_one_sigma_of_a_cause_within_its_bounds() -> None:
+    cause = SimpleNamespace(key="vasilev", one_sided=True)
+    problem = SimpleNamespace(soil=("a",), causes=(cause,), bounds=(np.array([-np.inf, 0.0]), np.array([np.inf, 0.8])))
+    assert [start.tolist() for start in _others(problem, np.zeros(2))] == [[0.0, 0.8]]  # type: ignore[arg-type]
+    assert not list(_others(problem, np.array([0.0, 1.0])))  # type: ignore[arg-type]

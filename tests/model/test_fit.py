@@ -63,6 +63,18 @@ def measured(seed: int, law: str, *, noise: float = 1.0, reading: str = "balance
     return Observations(**{k: np.concatenate([p[k] for p in parts]) for k in parts[0]}, names=("a", "b"))
 
 
+def test_fitted_parameters_are_drawn_with_their_correlation() -> None:
+    data, channels = measured(0, "stress_peak_shift"), ("dp", "t")
+    options = FitOptions(channels=channels, models=("wong",), chosen=("stress_peak_shift",))
+    fit = next(one for one in fit_observations(data, WHEEL, SOILS["clay"], options).models if one.correlation)
+    names, found = list(fit.normal.units), fit.normal.covariance
+    sizes = {pair: size for pair, size in fit.correlation.items() if pair[0] != pair[1] and set(pair) <= set(names)}
+    assert any(abs(size) > 0.1 for size in sizes.values())
+    for pair, size in sizes.items():
+        first, second = (names.index(name) for name in pair)
+        assert found[first, second] == pytest.approx(size * np.sqrt(found[first, first] * found[second, second]))
+
+
 @pytest.mark.parametrize("reading", ["balanced", "literal"])
 @pytest.mark.parametrize("law", ["vasilev", "lyasko", "ding"])
 def test_truth_is_found_without_noise(law: str, reading: str) -> None:

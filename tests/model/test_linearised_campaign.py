@@ -12,9 +12,16 @@ from short_campaign import driven, looked, noise_of
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
 from model.diagnosis.time_series.linearise import SENSORS
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.samples import places_of
+from model.diagnosis.time_series.linearised_campaign import (
+    LinearisedCampaign,
+    _same,
+    linearise_campaigns,
+    with_likely_load,
+)
+from model.diagnosis.time_series.noise import hyper_priors
+from model.diagnosis.time_series.samples import places_of, samples_of
 from model.diagnosis.time_series.whitening import whitened_rows
+from model.wheel_soil import conditions_of
 from processing import ProcessedRun
 from wheelsoil.wording.notes import texts_of
 
@@ -68,6 +75,39 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
     assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
     assert any("once a turn of the wheel" in note for note in texts_of(null.notes))
     assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
+
+
+def test_an_explanation_that_moves_by_a_quarter_of_its_uncertainty_has_not_converged(null: LinearisedCampaign) -> None:
+    moved = [replace(null.best, soil=null.best.soil + step) for step in (0.24, 0.26)]
+    assert [_same(null.best, other) for other in moved] == [True, False]
+
+
+def test_a_run_without_an_outboard_mass_has_the_usual_one() -> None:
+    run = simulated_campaign(runs=1).runs[0]
+    found = conditions_of([replace(run, outboard_mass_kg=mass) for mass in (0.0, 60.0)], 15e3)
+    assert [set(np.asarray(one.outboard_mass_kg).tolist()) for one in found] == [{75.0}, {60.0}]
+
+
+def test_a_run_of_one_sample_does_not_swing() -> None:
+    samples = samples_of(simulated_campaign(runs=2))
+    samples = samples[np.flatnonzero((samples.run == 0) | (np.diff(samples.run, prepend=0) > 0))]
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()}
+    load = np.asarray(samples.conditions.vertical_load_n)
+    heavier = replace(samples.conditions, vertical_load_n=load + 1e5 * (samples.run == 1))
+    found = [with_likely_load(one, values) for one in (samples, replace(samples, conditions=heavier))]
+    first, second = (np.asarray(one.conditions.vertical_load_n)[:-1] for one in found)
+    assert (samples.run == 1).sum() == 1 and not np.array_equal(first, load[:-1])
+    np.testing.assert_allclose(second, first)
+
+
+@pytest.mark.parametrize(("swing_n", "moves"), [(0.09, False), (0.11, True)])
+def test_a_load_that_swings_by_less_than_a_tenth_of_a_newton_is_steady(swing_n: float, moves: bool) -> None:
+    samples = samples_of(simulated_campaign(runs=1))
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()}
+    swing = np.random.default_rng(0).normal(size=len(samples))
+    swing = (swing - swing.mean()) / swing.std()
+    steady = replace(samples, conditions=replace(samples.conditions, vertical_load_n=5000.0 + swing_n * swing))
+    assert (with_likely_load(steady, values) is not steady) == moves
 
 
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:

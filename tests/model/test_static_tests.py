@@ -14,6 +14,7 @@ from daq import ConfigError, RunsConfig, StaticTest, parse_mapping
 from model.diagnosis import DiagnosisOptions, diagnose, samples_of
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.planning.static_tests import hard_ground
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
 from processing.processed_run import AppliedZero
@@ -64,6 +65,18 @@ def test_what_was_taken_off_is_told_with_its_interval_and_source() -> None:
         "before.mcap",
         "after.mcap",
     )
+
+
+def test_white_noise_of_the_speed_averages_out_while_a_wheel_coasts() -> None:
+    [data] = looked(driven(), "speed_bias", "wheel_radius").campaigns
+    values = data.noise.values | {"speed_noise_time_s": 4.0 * data.samples.block_s}
+    noises = [{"speed_noise_mps": 0.02, "speed_white_mps": 1e-9}, {"speed_noise_mps": 1e-9, "speed_white_mps": 0.04}]
+    told = [
+        hard_ground(replace(data, noise=replace(data.noise, values=values | noise)), data.simulation, data.samples)
+        for noise in noises
+    ]
+    np.testing.assert_allclose(told[1], told[0], rtol=1e-6, atol=1e-9)
+    assert told[0].any()
 
 
 PULL = {"test": "known_pull", "applied_n": 30000.0, "applied_share": 0.001, "drawbar_pull_sigma_n": 2.0}
@@ -121,3 +134,10 @@ def test_two_static_tests_that_contradict_each_other_are_named_with_their_sizes(
     readings = [{**TORQUE, "driving_torque_nm": size} for size in (10000.0, 11000.0)]
     with pytest.raises(ConfigError, match=r"0 and 1 contradict each other: 10000 and 11000"):
         parse_mapping({"static": readings}, RunsConfig, "runs.toml")
+
+
+def test_a_hundred_static_tests_are_enough() -> None:
+    reading = {**TORQUE, "driving_torque_nm": 10000.0}
+    assert len(parse_mapping({"static": [reading] * 100}, RunsConfig, "runs.toml").static) == 100
+    with pytest.raises(ConfigError, match="100"):
+        parse_mapping({"static": [reading] * 101}, RunsConfig, "runs.toml")

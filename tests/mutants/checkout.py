@@ -75,11 +75,11 @@ class Checkout:
         """Whether the tests wait for something that will not come."""
         return self._mutated is not None and time.monotonic() > self._mutated[2]
 
-    def start(self, mutant: Mutant, limit_s: int) -> None:
-        """Put the error in and start its tests."""
+    def start(self, mutant: Mutant, limit_s: int, longest_s: float | None = None) -> None:
+        """Put the error in and start its tests, with a limit of their CPU time and of the time that they take."""
         path = self.folder / mutant.file
         text = path.read_text(encoding="utf-8")
-        self._mutated = (mutant, text, time.monotonic() + _WAITING * limit_s)
+        self._mutated = (mutant, text, time.monotonic() + (longest_s or _WAITING * limit_s))
         path.write_text(mutant.applied(text), encoding="utf-8")
         self._started = time.monotonic()
         self.start_tests(mutant.tests, limit_s)
@@ -173,9 +173,10 @@ def _files_of_the_checkout() -> list[str]:
 def _verdict(code: int, said: str) -> tuple[str, str]:
     if code == 0:
         return "survived", ""
-    if code == -signal.SIGXCPU:
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "timed out", ""
-    if code not in (1, 2):
-        raise SystemExit(f"pytest ended with {code}:\n{said}")
     failed = re.search(r"^(?:FAILED|ERROR) ([^\s\[]+)", said, re.M)
+    broken = failed is not None or "while loading conftest" in said or "INTERNALERROR" in said
+    if code not in (1, 2, -signal.SIGSEGV) and not broken:
+        raise SystemExit(f"pytest ended with {code}:\n{said}")
     return "killed", failed[1] if failed else "while the tests were collected"

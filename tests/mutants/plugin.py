@@ -1,15 +1,102 @@
-"""Pytest plugin of the runner: the first example that fails ends a test, and so does a mutant that never ends."""
+"""Pytest plugin of the runner: the first example that fails ends a test, and so does a mutant that never ends.
+
+For mutants drawn at random it also records which test runs which line, and orders the tests of a mutant.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import resource
+from collections import defaultdict
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
 
+import pytest
 from hypothesis import Phase, settings
+from mutants.line_map import ORDER, RECORDED
 from mutants.mutant import CPU_SECONDS
 
-settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate), database=None)
-settings.load_profile("mutants")
 if CPU_SECONDS in os.environ:
     limit = int(os.environ[CPU_SECONDS])
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure() -> None:
+    """Do not shrink an example: whatever the profile, which conftest or the command line has loaded by now."""
+    settings.register_profile("mutants", settings(), phases=(Phase.explicit, Phase.generate), database=None)
+    settings.load_profile("mutants")
+
+
+class _Recorder:
+    """Writes which test runs which line, how long each takes, and which fixtures it takes."""
+
+    def __init__(self, path: Path) -> None:
+        from coverage import Coverage
+
+        self._path = path
+        self._seconds: dict[str, float] = defaultdict(float)
+        self._not_passed: set[str] = set()
+        self._fixtures: dict[str, list[str]] = {}
+        self._context = ""
+        here = [str(Path.cwd() / room / "*") for room in ("daq", "processing", "model", "wheelsoil")]
+        self._coverage = Coverage(str(path.with_suffix(".part")), include=here, config_file=False, messages=False)
+        self._coverage.start()
+
+    def _switch(self, context: str) -> str:
+        before, self._context = self._context, context
+        self._coverage.switch_context(context)
+        return before
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: Any) -> Generator[None, Any, Any]:
+        known = item._fixtureinfo.name2fixturedefs
+        self._fixtures[item.nodeid] = [_name_of(known[name][-1]) for name in item.fixturenames if name in known]
+        self._switch(item.nodeid)
+        try:
+            return (yield)
+        finally:
+            self._switch("")
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, Any, Any]:
+        before = self._switch(self._context if fixturedef.scope == "function" else _name_of(fixturedef))
+        try:
+            return (yield)
+        finally:
+            self._switch(before)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._seconds[report.nodeid] += report.duration
+        if not report.passed:
+            self._not_passed.add(report.nodeid)
+
+    def pytest_unconfigure(self) -> None:
+        self._coverage.stop()
+        self._coverage.save()
+        seconds = {test: s for test, s in self._seconds.items() if test not in self._not_passed}
+        said = {"seconds": seconds, "fixtures": self._fixtures, "not passed": sorted(self._not_passed)}
+        self._path.with_suffix(".part").rename(self._path.with_suffix(".sqlite"))
+        self._path.write_text(json.dumps(said), encoding="utf-8")
+
+
+def _name_of(fixturedef: Any) -> str:
+    return f"fixture {fixturedef.baseid}::{fixturedef.argname}"
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Take the tests of a mutant, in their order; of a test with parameters only those that run its line."""
+    if ORDER in os.environ:
+        order = {test: rank for rank, test in enumerate(json.loads(Path(os.environ[ORDER]).read_text("utf-8")))}
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in order])
+        items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Begin to record, where that is asked for, before a conftest imports what is recorded."""
+    if RECORDED in os.environ:
+        early_config.pluginmanager.register(_Recorder(Path(os.environ[RECORDED])))

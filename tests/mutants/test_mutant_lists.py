@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import random
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from mutants.draws import Finder, drawn, places_of
 from mutants.mutant import Mutant, all_mutants, problems
 from mutants.table import write_results
 
@@ -53,3 +56,42 @@ def test_a_partial_run_keeps_the_results_of_the_others(tmp_path: Path) -> None:
     assert "| room | 1 | 2 | 1 |\n" in counts.read_text()
     assert "`two`, a.py: why: **survived**" in counts.read_text()
     assert "| `three` | why<br>a.py: ``x = 1`` &rarr; ``x = 2`` | not run yet |" in table.read_text()
+
+
+def test_a_drawn_mutant_changes_no_text_and_no_type() -> None:
+    lines = [
+        '"""Text of 1 + 1."""',
+        "from typing import TYPE_CHECKING",
+        "if TYPE_CHECKING:",
+        "    LEAST = 1",
+        "__all__ = ['a' * 2]",
+        "def f(x: Literal[2], y: int = 3) -> Literal[4]:",
+        '    """Return 5."""',
+        "    z = x",
+        "    if not x < y and x is None:",
+        "        x -= -1",
+        "    print(f'{x + 7}', 'a' + 'b')",
+        "    return x * (y)",
+    ]
+    source = "\n".join(lines)
+    edits = [e for p in places_of("a.py", ast.parse(source)) for e in Finder(p, source, random.Random(0)).edits()]
+    changed: dict[int, set[str]] = {}
+    for edit in edits:
+        mutated = edit.applied(source).split("\n")
+        (line,) = [i for i, (old, new) in enumerate(zip(lines, mutated, strict=True)) if old != new]
+        changed.setdefault(line, set()).add(mutated[line].strip())
+    either = "<=" if "    if not x <= y and x is None:" in str(changed) else ">="
+    assert changed == {
+        5: {"def f(x: Literal[2], y: int = 4) -> Literal[4]:"},
+        8: {
+            "if x < y and x is None:",
+            f"if not x {either} y and x is None:",
+            "if not x < y or x is None:",
+            "if not x < y and x is not None:",
+        },
+        9: {"pass", "x += -1", "x -= 1", "x -= -2"},
+        10: {"pass"},
+        11: {"return None", "return x / (y)"},
+    }
+    assert drawn({"a.py": source}, 1, 3) == drawn({"a.py": source}, 1, 9)[:3]
+    assert [edit.lines for edit in drawn({"a.py": source}, 1, 9)].count(()) == 1 == len(changed) - 4

@@ -128,3 +128,62 @@ def test_a_pound_and_a_turn_per_minute_are_what_they_are() -> None:
     assert BY_KEY["unit:wheel_speed=rpm"].factors["wheel_speed"] == pytest.approx(2 * np.pi / 60)
     assert BY_KEY["unit:driving_torque=lbf ft"].factors["driving_torque"] == pytest.approx(1.3558179)
     assert BY_KEY["declared:ground_speed=kt"].factors["ground_speed"] == pytest.approx(1 / 0.514444, rel=1e-5)
+
+
+def drive(traction: float, scale: float, resistance: float, lacking: tuple[str, ...]) -> Evidence:
+    """A wheel that brakes and drives, without noise."""
+    time = np.arange(400) / 20
+    rim, slip = 3 + 1.5 * np.sin(time / 3), 0.1 + 0.2 * np.sin(time)
+    load = 4000 + 300 * np.sin(2.1 * time)
+    torque = traction * np.tanh(slip / scale) + 0.03 * np.sin(5 * time)
+    pull = torque - resistance - 0.05 * slip + 0.02 * np.cos(4 * time)
+    channels = {
+        "ground_speed": rim * (1 - np.maximum(slip, 0)) / (1 + np.minimum(slip, 0)),
+        "wheel_speed": rim / 0.47,
+        "vertical_load": load,
+        "drawbar_pull": pull * load,
+        "driving_torque": torque * load * 0.47,
+    }
+    measured = {role: values for role, values in channels.items() if role not in lacking}
+    return Evidence(measured, 0.47, None if lacking else 1700.0, {} if lacking else {"ground_speed": 1.01})
+
+
+@pytest.mark.parametrize(
+    ("ground", "lacking", "log_probabilities"),
+    [
+        (
+            (0.3, 0.03, 0.03),
+            (),
+            {"unit:vertical_load=lbf": -11.3415, "exchanged:wheel_speed,drawbar_pull": -16.5147}
+            | {"unit:vertical_load=kN,drawbar_pull=kN,driving_torque=kNm": -17.9577}
+            | {"unit:vertical_load=kgf": -18.4024, "unit:driving_torque=lbf ft": -18.9839},
+        ),
+        (
+            (0.5, 0.1, 0.15),
+            (),
+            {"unit:vertical_load=lbf": -13.0867, "unit:driving_torque=lbf ft": -27.6446},
+        ),
+        ((0.9, 0.3, 0.35), (), {"unit:vertical_load=kgf": -9.5692, "unit:vertical_load=kN": -27.5072}),
+        (
+            (0.5, 0.1, 0.15),
+            ("driving_torque",),
+            {"unit:vertical_load=lbf": -6.6367, "unit:vertical_load=kN": -9.7185},
+        ),
+        ((0.5, 0.1, 0.15), ("vertical_load",), {"unit:driving_torque=lbf ft": -21.2385}),
+        (
+            (0.5, 0.1, 0.15),
+            ("drawbar_pull", "driving_torque"),
+            {"unit:vertical_load=lbf": -7.2137, "unit:ground_speed=kt": -10.3071}
+            | {"declared:wheel_speed=rpm": -18.6047, "exchanged:ground_speed,wheel_speed": -41.0903},
+        ),
+    ],
+    ids=str,
+)
+def test_every_density_counts(
+    ground: tuple[float, float, float], lacking: tuple[str, ...], log_probabilities: dict[str, float]
+) -> None:
+    """Probabilities as they were on 2026-11-27: a constant or a sign that changes moves them."""
+    ruling = judge(drive(*ground, lacking))
+    found = {mend.key: np.log(probability) for mend, probability in ruling.mends}
+    assert {key: found.get(key) for key in log_probabilities} == pytest.approx(log_probabilities, abs=5e-3)
+    assert ruling.sound + sum(probability for _, probability in ruling.mends) == pytest.approx(1.0)

@@ -17,6 +17,7 @@ from daq.zero_file import ChannelZero, Determination
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun
 from processing.transducer_zero import RunZeros, drift_between
+from processing.transducer_zero.checks import check_weight
 from wheelsoil.wording.notes import texts_of
 
 MASS, GRAVITY, LOAD = 75.0, 9.80665, 7000.0
@@ -266,3 +267,14 @@ def test_a_rest_at_another_angle_is_no_drift() -> None:
     rows, remarks = drift_between(one, other)
     assert not any(row.significant for row in rows)
     assert any("30 deg further on" in remark for remark in texts_of(remarks))
+
+
+@pytest.mark.parametrize(
+    ("frame", "zero", "checked"), [("vehicle", "none", True), ("vehicle", "lifted", False), ("wheel", "lifted", True)]
+)
+def test_the_weight_is_checked_where_the_transducer_feels_it(frame: str, zero: str, checked: bool) -> None:
+    known = WAYS[f"spin, {frame} axes"][3].channels
+    forces = {"drawbar_pull": (known["W.Fx"], 1.0), "vertical_load": (known["W.Fz"], 1.0)}
+    found = check_weight(forces, _config(frame, zero))
+    assert (found is not None) == checked
+    assert found is None or found.mass_kg == pytest.approx(MASS, abs=0.5)

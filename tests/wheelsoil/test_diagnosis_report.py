@@ -64,6 +64,15 @@ def text(report: Report, key: str) -> str:
     return " ".join([*(block.text for block in found.blocks if isinstance(block, Text)), *cells_of(found)])
 
 
+def test_the_band_of_the_first_figure_lies_about_its_model(plain_material):
+    curves = built(plain_material, diagnosis("one_of")).numbers()["drawings"]["hero"]["curves"]
+    [model] = [curve for curve in curves if curve["look"] == "model"]
+    y, lower, upper = (np.array(model[key], np.float64) for key in ("y", "lower", "upper"))
+    known = np.isfinite(lower)
+    assert known.any() and (lower < upper)[known].all()
+    np.testing.assert_allclose((lower + upper)[known] / 2, y[known])
+
+
 @pytest.mark.parametrize("verdict", SENTENCES)
 def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
     import plotly.graph_objects as go

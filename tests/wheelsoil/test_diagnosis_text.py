@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, stages_lines, wrapped
 from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
+from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 
 VERDICTS = tuple(SENTENCES)
 
@@ -288,3 +290,20 @@ def test_the_laboratory_is_named_where_it_does_not_hold_and_where_it_may_stand_f
         "the next sentence refutes the fit"
     )
     assert "laboratory" not in diagnosis_json(diagnosis("named"))
+
+
+@pytest.mark.parametrize(("families", "listed"), [({"slip_sinkage": 0.7}, "slip sinkage 70.0 %"), ({}, "none")])
+def test_two_wheels_are_compared_with_the_causes_of_the_second(families: dict[str, float], listed: str) -> None:
+    both = SimpleNamespace(any_adequate=True, probabilities=np.zeros(0), sets=())
+    size, sigma = {"dp": np.array([-120.0, np.nan])}, {"dp": np.array([30.0, 30.0])}
+    found = SimpleNamespace(
+        p_value=0.001, own_cause=0.5, families=lambda: families, form_errors=(), both=both, slip=np.array([0.1, 0.2])
+    )
+    found.difference, found.difference_sigma = size, sigma
+    lines = wheel_pair_lines(found, "old", "new", 96)  # type: ignore[arg-type]
+    assert lines[0].startswith("What old taught does not hold for new (p = 0.001)") and "-1.2e+02 N" in lines[0]
+    assert lines[lines.index("Causes of new alone (probability of being among them)") + 1].strip() == listed
+    assert [line.split() for line in lines if line.startswith("  0.")] == [
+        ["0.10", "-120", "+-", "30"],
+        ["0.20", "-"],
+    ]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from report_support import diagnosed_by_hand, section_of, text_of
+from report_support import cells_of, diagnosed_by_hand, section_of, text_of
 
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
@@ -21,6 +21,7 @@ from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Contents
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
+from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.report.sections.verdict import rank
 from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.report import report_of_processed
@@ -109,6 +110,7 @@ def test_json_holds_the_numbers_that_are_shown(report):
         for trace, kept in zip(figure["data"], numbers["figures"][key]["traces"], strict=True):
             assert [kept.get(axis) for axis in "xyz"] == [trace.get(axis) for axis in "xyz"], key
     assert [file["sha256"][:16] in text for file in sections["provenance"]["files"]] == [True, True]
+    assert {channel["missing_runs"] for channel in sections["signals"].values()} == {0}
     assert set(sections["criteria"]["models"]) == {"wong", "vasilev", "lyasko", "ding"}
     m0 = sections["criteria"]["models"]["wong"]["criteria"]["dp"]["R0_N"]
     assert m0 > sections["criteria"]["models"]["lyasko"]["criteria"]["dp"]["R0_N"]
@@ -148,6 +150,28 @@ def test_names_from_data_stay_data(campaign, tmp_path):
     assert EVIL in numbers["title"]
     figure = page.figures["shares"]
     assert all("<" not in name for name in figure["data"][0]["y"]), "plotly reads HTML, so names are escaped for it"
+
+
+def test_without_a_diagnosis_the_best_law_is_beside_wong(material):
+    shown, pool = material.recommendation, material.pool
+    assert not shown.is_base and shown.title == shown.name != shown.base_name
+    np.testing.assert_array_equal(shown.base["dp"], pool.predicted("wong", "drawbar_pull_n"))
+    rms = {base: np.nanmean(shown.residual("dp", base=base) ** 2) for base in (False, True)}
+    assert rms[False] < rms[True]
+
+
+def test_the_size_of_each_file_is_shown(material):
+    sizes = {f"{source.bytes / 1e6:.2f}" for source in material.sources}
+    assert sizes and sizes <= set(cells_of(section_of(build_report(material), "provenance")))
+
+
+def test_a_tyre_without_a_name_is_not_in_the_head(material):
+    runs = tuple(replace(run, run=run.run.model_copy(update={"inflation_kpa": None})) for run in material.runs)
+    wheel = material.vehicle.wheel
+    for tyre, expected in (("12.5R20", ["12.5R20"]), ("", [])):
+        vehicle = material.vehicle.model_copy(update={"wheel": wheel.model_copy(update={"tyre": tyre})})
+        facts = header_facts(replace(material, runs=runs, vehicle=vehicle))
+        assert [value for label, value in facts if label == "Tyre"] == expected
 
 
 def test_a_missing_channel_costs_its_section(material):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -79,6 +80,8 @@ def test_the_list_names_every_run_with_its_quality(view: View, processed: list[P
 
 
 def test_the_points_of_a_run_keep_its_extremes_and_one_index(view: View, processed: list[ProcessedRun]) -> None:
+    signals = {one["name"]: one["unit"] for one in view.get("/api/signals?campaign=c1&run=r2")["signals"]}
+    assert "N" in signals.values() and view.get(f"/api/signal?campaign=c1&run=r2&name={quote(min(signals))}")
     points, run = view.get("/api/run?campaign=c1&run=r2"), processed[1]
     count = len(points["time_s"])
     assert all(len(points[name]) == count for name in ARRAYS)

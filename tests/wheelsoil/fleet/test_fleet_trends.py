@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ import pytest
 from cli_support import ok
 from fleet_support import rows_of
 
-from model.diagnosis.pooling import Point
+from model.diagnosis.pooling import Point, Trend
 from wheelsoil.fleet import Change, Store, holdings_of, open_store, overview_of, pool
 from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.pooled import _observations
 from wheelsoil.fleet.tables import schema_of
 from wheelsoil.fleet.trend_figures import averaged
+from wheelsoil.wording.passport_text import trend_lines
 
 BEGIN = datetime(2026, 5, 4, 8, tzinfo=UTC)
 
@@ -143,3 +145,12 @@ def test_a_store_in_which_no_transducer_has_a_serial_is_read(empty: Store, store
         table = pa.Table.from_pylist([own], schema_of("evidence"))
         empty.put(Manifest(name, name, "done", verdict="named", rows={"evidence": 1}), {"evidence": table})
     assert not any(serial for serial, _ in _observations(holdings_of(empty), [None]))
+
+
+@pytest.mark.parametrize(("years", "slope"), [((54.0, 54.5), "; 1.00 % (0.80 % to 1.20 %) a month"), ((54.25,), "")])
+def test_a_trend_has_a_slope_where_there_are_two_dates(years: tuple[float, ...], slope: str) -> None:
+    points = tuple(SimpleNamespace(years=each) for each in years)
+    trend = Trend("torque_gain", "relative", "1", (0.02, 0.001), (0.12, 0.012), 54.25, points)  # type: ignore[arg-type]
+    [line] = trend_lines(SimpleNamespace(trends={"torque_gain": trend}))  # type: ignore[arg-type]
+    said, _, behind = line.partition(" on ")
+    assert said == "torque gain: 2.00 % (1.80 % to 2.20 %)" and behind.startswith("2024-") and behind[10:] == slope

@@ -1,0 +1,94 @@
+"""Which tests run a line: a map from one run of the fast tests under `coverage`, kept in out/random_mutants/map.
+
+The plugin (tests/mutants/plugin.py) writes it, and runs the tests of a mutant in their order. Lines that a fixture of a
+wider scope runs belong to every test that takes it. What only child processes run is not in it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+
+from mutants.checkout import Checkout
+from mutants.mutant import ROOT
+
+MAP = ROOT / "out" / "random_mutants" / "map"
+FAST = ("-m", "not slow and not study", "--hypothesis-profile", "gate")
+RECORDED, ORDER = "MUTANTS_RECORDED", "MUTANTS_ORDER"
+"""Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests."""
+_FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "golden", "wheelsoil")
+_NOT_RECORDED = ("browser", "view_page", "packaging", "/conftest", "on_windows", "dask", "examples")
+"""They run in browsers, in other processes or in environments of their own."""
+_FILES_AT_ONCE = 25
+
+
+class LineMap:
+    """The map, read from the files in a folder."""
+
+    def __init__(self, folder: Path = MAP) -> None:
+        from coverage import CoverageData
+
+        self.seconds: dict[str, float] = {}
+        self.not_passed: list[str] = []
+        self._takers: dict[str, set[str]] = defaultdict(set)
+        self._data = []
+        for path in sorted(folder.glob("*.json")):
+            said = json.loads(path.read_text(encoding="utf-8"))
+            self.seconds |= said["seconds"]
+            self.not_passed += said["not passed"]
+            for test, fixtures in said["fixtures"].items():
+                for fixture in fixtures:
+                    self._takers[fixture].add(test)
+            self._data.append(CoverageData(str(path.with_suffix(".sqlite"))))
+            self._data[-1].read()
+
+    @cached_property
+    def files(self) -> dict[str, float]:
+        """Seconds of every test file."""
+        found: dict[str, float] = defaultdict(float)
+        for test, seconds in self.seconds.items():
+            found[test.split("::")[0]] += seconds
+        return dict(found)
+
+    def tests_of(self, file: str, lines: Iterable[int]) -> set[str]:
+        """Return the tests that run one of these lines, or any of the file where none is known to."""
+        tests: set[str] = set()
+        for by_line in self._of_file(file):
+            for line in lines:
+                tests |= self._tests(by_line.get(line, ()))
+        if not tests:
+            for by_line in self._of_file(file):
+                tests |= self._tests(name for names in by_line.values() for name in names)
+        return tests
+
+    def _of_file(self, file: str) -> Iterator[Mapping[int, list[str]]]:
+        for data in self._data:
+            yield from (data.contexts_by_lineno(name) for name in data.measured_files() if name.endswith("/" + file))
+
+    def _tests(self, names: Iterable[str]) -> set[str]:
+        known = set(names)
+        return {test for name in known for test in self._takers.get(name, {name}) if test in self.seconds}
+
+
+def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
+    """Run the fast tests of these files that are not in the map yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for room in _FOLDERS:
+        files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in _NOT_RECORDED))
+        for number, chosen in enumerate(iter(lambda files=files: list(islice(files, _FILES_AT_ONCE)), [])):
+            path = folder / f"{room}-{number}.json"
+            if not path.exists():
+                start = time.monotonic()
+                os.environ[RECORDED] = str(path)
+                copy.start_tests(["--maxfail=0", *FAST, *chosen])
+                said = copy.end_tests()[1]
+                del os.environ[RECORDED]
+                if not path.exists():
+                    raise SystemExit(f"{path.stem} cannot be recorded:\n{said}")
+                print(f"{path.stem}: {said.splitlines()[-1]} ({time.monotonic() - start:.0f} s)", flush=True)
