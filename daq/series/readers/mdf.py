@@ -40,7 +40,8 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         mdf = asammdf.MDF(path)
         if any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups):
             raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
-        start_ns = round(mdf.header.start_time.timestamp() * 1e9)
+        start = mdf.header.start_time
+        start_ns = int(start.timestamp()) * 10**9 + start.microsecond * 1000  # a float has no more than 256 ns
         for index, group in enumerate(mdf.groups):
             name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
             units = {
