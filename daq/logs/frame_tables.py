@@ -204,7 +204,7 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
         decided = _base_of(_cells_of(block, delimiter, header, (names["id"],))) if names["id"] else None
         names["id"] += f":{decided[0]}" if decided else ""
         guess = ",".join(f"{key}={name or '?'}" for key, name in names.items())
-        step = f"say which columns hold what: --columns {guess} (id=...:dec or id=...:hex)"
+        step = f"import it, and say which columns hold what: `import --columns {guess}` (id=...:dec or id=...:hex)"
         raise ConfigError.of(what, report.path, ", ".join(header[:16]), expected, step)
     places = {name.lower(): i for i, name in enumerate(header)}
     absent = [name for name in chosen.names if name.lower() not in places]
@@ -231,7 +231,7 @@ def _with_bases(
         decided = _base_of(_cells_of(block, delimiter, header, names))
         if decided is None:
             what = f"the cells of {', '.join(names[:3])} may be hexadecimal or decimal"
-            step = f"say which: --columns ...,{option}={names[0]}:hex or {option}={names[0]}:dec"
+            step = f"say which: `import --columns ...,{option}={names[0]}:hex or {option}={names[0]}:dec`"
             raise ConfigError.of(what, report.path, expected="a digit A to F, or many decimal digits", next_step=step)
         form, why = decided
         if form == "dec":
