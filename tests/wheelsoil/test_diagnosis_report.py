@@ -140,7 +140,7 @@ def test_a_refused_set_is_not_drawn_as_the_explanation(plain_material):
     for key in ("causes", "candidates"):
         blocks = section(built(plain_material, found), key).blocks
         assert not any(isinstance(block, Bars | Panels) for block in blocks), key
-        assert blocks[0].text.startswith("Best of the library, refused: slip sinkage. Reason: something that the lib")
+        assert blocks[0].text.startswith("Best of the library, refused: slip sinkage. Reason: an unknown cause acts")
     [drawing] = [one for one in section(built(plain_material, found), "causes").blocks if isinstance(one, Drawing)]
     assert drawing.title.startswith("Drawbar pull: median residual −"), drawing.title
 

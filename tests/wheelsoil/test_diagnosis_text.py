@@ -157,7 +157,7 @@ def test_everything_is_said():
         "driving torque: 14 rows",
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
-        "The best explanation is adequate: something that the library does not have acts with a probability of 2.0 %.",
+        "The best explanation is adequate: an unknown cause acts with a probability of 2.0 %.",
         "Samples used: 1210 of 1214. The linearisation converged after 5 iterations.",
         "Not detectable (1) slope: all runs go one way",
         "Detectable, not identifiable (1) speed bias: all runs go one way",

@@ -53,7 +53,7 @@ def test_what_was_left_out_by_hand_speaks_against_nothing(run):
 
 def test_a_run_without_a_usable_sample_is_poor_and_says_why(run):
     grade = grade_of(without(run, 1.0, Reason.GAP))
-    assert grade.level == "poor" and "no sample can be used: most are gap" in grade.reasons[0]
+    assert grade.level == "poor" and "no sample can be used; most: gap" in grade.reasons[0]
 
 
 def test_low_slip_tells(run):

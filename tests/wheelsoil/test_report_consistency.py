@@ -25,6 +25,7 @@ from wheelsoil.report.sections.overview import fit
 from wheelsoil.report.sections.planning import detectable
 from wheelsoil.report.sections.verdict import Ranking, verdict
 from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.last_report import LastReport, Stated
 from wheelsoil.workflows.runs import process_runs
 
 
@@ -168,6 +169,8 @@ def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material)
     amber = [check.text for check in checks if not check.good]
     assert any(said.startswith("The model is not confirmed for braking: drawbar pull") for said in amber)
     assert any(check.good and check.text.startswith("Drawbar pull, driving:") for check in checks)
+    assert text(glance.build(replace(material, diagnosed=swung))).endswith(" Confirmed for driving only.")
+    assert "driving only" not in text(glance.build(replace(material, diagnosed=replace(swung, verdict="one_of"))))
     [pull] = [block for block in blocks if isinstance(block, Drawing) and block.key == "residual-dp"]
     medians = next(curve["y"] for curve in pull.curves if curve["look"] == "model")
     ticks = [
@@ -175,6 +178,14 @@ def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material)
         for t in re.findall(r'class="tick"[^>]*"end">([^<]+)', pull.wide)
     ]
     assert np.nanmax(medians) < max(ticks) + (ticks[1] - ticks[0])
+
+
+def test_what_differs_from_the_last_report_is_on_the_first_screen(material):
+    torque = Stated("cause", "torque_zero.offset_nm", 80.0, 4.0, "N m")
+    last = LastReport("last.json", "2026-05-04T10:00:00", "Clay", (torque,))
+    for stated, said in ((last, True), (replace(last, stated=()), False)):
+        sections = build_report(replace(material, diagnosed=diagnosis("nothing_detectable"), last=stated)).sections
+        assert ("Since last time: torque zero, offset was 80.0 N m last time" in text(sections[0])) == said
 
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):

@@ -123,9 +123,10 @@ def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
     report = build_report(replace(material, diagnosed=replace(by_hand, plot_data=(seen_runs,))))
     assert report.head.badge is not None and report.head.badge[0] == "fair" and "one terrain" in report.head.badge[1]
     checks = report.numbers()["sections"]["fit"]["checks"]
-    assert any("differs by 22 % from run to run" in check for check in checks)
+    assert any("differs by 22 % between runs of clay:" in check for check in checks)
     assert not any("no more than noise is left" in check for check in checks)
     assert "differ" in report.numbers()["drawings"]["hero"]["title"]
+    assert text_of(report, "glance").count("bulldozing") == 0
     assert "part them first" in text_of(report, "next_run")
     assert "no more than noise" not in text_of(report, "candidates")
 

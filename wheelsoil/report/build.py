@@ -11,7 +11,7 @@ import shutil
 import subprocess
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.resources import files
@@ -277,13 +277,32 @@ def build_report(inputs: ReportInputs) -> Report:
         sections.append(section)
     return Report(
         head=_head(inputs),
-        sections=tuple(sections),
+        sections=tuple(_with_change(sections)),
         left_out=omitted,
         made_at=datetime.now(UTC),
         not_fitted=inputs.not_fitted,
         failed=tuple(failed),
         set_aside=inputs.set_aside,
     )
+
+
+def _with_change(sections: Sequence[Section]) -> list[Section]:
+    """Return the sections, the summary's lead with what differs from the last report beyond the intervals."""
+    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
+    return [
+        _told(section, f"Since last time: {said}.") if said and i == 0 else section
+        for i, section in enumerate(sections)
+    ]
+
+
+def _told(section: Section, sentence: str) -> Section:
+    blocks = [
+        replace(block, text=f"{block.text} {sentence}".strip())
+        if isinstance(block, Text) and block.kind == "lead"
+        else block
+        for block in section.blocks
+    ]
+    return replace(section, blocks=blocks)
 
 
 def _asked_for(inputs: ReportInputs) -> list[SectionBuilder]:

@@ -218,7 +218,9 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
     _, *others = statements_of(diagnosis)
     return {
         "finding": typeset(finding_of(diagnosis)),
-        "details": typeset(" ".join(statement.text for statement in others if statement.about != "next")),
+        "details": typeset(
+            " ".join(statement.text for statement in others if statement.about not in ("next", "as_if"))
+        ),
         "next": typeset(next((statement.text for statement in others if statement.about == "next"), "")),
         "refused": typeset(refusal_words(diagnosis)),
         "main_channel": diagnosis.main_channel,

@@ -27,11 +27,9 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
     """
     beyond = [change for change in changes if change.beyond]
     judged = sum(isfinite(change.last_half95) or isfinite(change.now_half95) or change.beyond for change in changes)
-    said = list(_sentences(beyond))
     rest = judged - len(beyond)
-    if said:
-        more = [f"{len(said) - _MOST_SAID} more (see the table)"] if len(said) > _MOST_SAID else []
-        summary = f"{upper(listed(said[:_MOST_SAID] + more))}."
+    if said := differing(changes):
+        summary = f"{upper(said)}."
         summary += f" The other {rest} quantities with an interval do not differ beyond it." if rest > 1 else ""
     else:
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
@@ -41,6 +39,13 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in sorted(others)])
         summary = f"Not the same thing: the last {last.kind} is of {each}. {summary}"
     return summary
+
+
+def differing(changes: Sequence[Change]) -> str:
+    """Return what differs beyond the intervals, as it reads within a sentence; empty where nothing does."""
+    said = list(_sentences([change for change in changes if change.beyond]))
+    more = [f"{len(said) - _MOST_SAID} more (see the table)"] if len(said) > _MOST_SAID else []
+    return listed(said[:_MOST_SAID] + more)
 
 
 def _when(last: LastReport) -> str:

@@ -45,9 +45,10 @@ def cost_meaning(found: CausesCost) -> str:
 
 def cost_note(found: CausesCost) -> str:
     """Return for which driving it holds, and what the interval is of."""
+    cause = "the cause" if len(found.causes) == 1 else "the causes"
     return (
         f"Steady driving at {found.load_n / 1e3:.1f} kN and {found.ground_speed_mps:.1f} m/s, "
-        f"by the recommended model. Efficiency without is highest at slip {found.costs[-1].slip:.2f}. "
+        f"by the recommended model. Without {cause}, efficiency is highest at slip {found.costs[-1].slip:.2f}. "
         "Interval: of the causes' sizes, soil held."
     )
 

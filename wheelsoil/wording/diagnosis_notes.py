@@ -162,8 +162,9 @@ def _terrains(v: Values) -> str:
     sides = zip(v.get("groups", ()), v.get("drawbar_coefficients", ()), strict=True)
     between = [(" to ".join(dict.fromkeys(f"{end:.2f}" for end in ends)), names) for names, ends in sides]
     pulls = [f"{ends} on {stretches(names, v['runs'])}" for ends, names in between]
+    runs = "runs" if v["campaign"] == "runs" else f"runs of {v['campaign']}"
     return (
-        f"tan phi of the soil of {v['campaign']} differs by {100 * v['share']:.0f} % from run to run"
+        f"tan phi differs by {100 * v['share']:.0f} % between {runs}"
         + (f": pull over load at slip 0.2 is {' and '.join(pulls)}" if pulls else "")
         + ". Nothing is said of a cause that one part of these runs has and the other has not"
     )
@@ -199,8 +200,8 @@ def _cancel(v: Values) -> str:
 
 def _peak(v: Values) -> str:
     return (
-        f"its probability is only {chance(v['probability'])} if a stress peak ahead of the wheel's bottom is taken for "
-        "the rule, as it is on most soils"
+        f"its probability is only {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
+        "bottom, as on most soils"
     )
 
 

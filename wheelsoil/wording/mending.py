@@ -51,14 +51,14 @@ def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
 
 
 def parting_step(found: Diagnosis) -> Step:
-    """Return how to part runs that are hardly on one terrain into two folders."""
+    """Return how to part runs that are probably not of one soil into two folders."""
     note = several_terrains(found)
     files = note.values.get("files", ()) if note is not None else ()
     moved = f"mkdir ../second\ncp *.toml *.dbc ../second\nmv {' '.join(files)} ../second"
     lines = [moved, "# then write its soil into ../second/terrain.toml"]
     paste = "\n".join(lines) if 0 < len(files) <= _MOST_FILES else ""
-    before = "" if note is not None else "if these are two terrains, "
-    return Step(f"{upper(before + terrains_step(found))}.", "No cause is to be relied on before.", paste)
+    before = "" if note is not None else "if these are two soils, "
+    return Step(f"{upper(before + terrains_step(found))}.", "Until then rely on no cause.", paste)
 
 
 def residual_step(found: Diagnosis) -> Step:
@@ -69,7 +69,7 @@ def residual_step(found: Diagnosis) -> Step:
         return step_of(found)
     [role] = roles
     where = findings_text([w for w in found.what_is_wrong if w.channel == role][:2] or worst)
-    return Step(_CHECKS[role], f"Residual: {where}. Do not rely on the model before.")
+    return Step(_CHECKS[role], f"Residual: {where}. Until then do not rely on the model.")
 
 
 def _role_of(found: Finding) -> str:
@@ -140,13 +140,15 @@ def _drift(_: float, __: VehicleConfig) -> Step:
 
 def _latency(value: float, vehicle: VehicleConfig) -> Step:
     line = f"[sensors.ground_speed]\nlatency_s = {vehicle.latency_s('ground_speed') + value:.3f}"
-    return Step("Check the delay of the ground speed; these runs ask for this one in vehicle.toml.", paste=line)
+    return Step("Check the delay of the ground speed; these runs suggest the value below for vehicle.toml.", paste=line)
 
 
 def _radius(value: float, vehicle: VehicleConfig) -> Step:
     wheel = vehicle.wheel
     line = f"[wheel]\nradius_m = {wheel.radius_m * (1 + value):.4f}" if wheel else ""
-    return Step("Measure the rolling radius on firm ground; these runs ask for this one in vehicle.toml.", paste=line)
+    return Step(
+        "Measure the rolling radius on firm ground; these runs suggest the value below for vehicle.toml.", paste=line
+    )
 
 
 def _inertia(value: float, vehicle: VehicleConfig) -> Step:
@@ -154,12 +156,14 @@ def _inertia(value: float, vehicle: VehicleConfig) -> Step:
     mass = (wheel.outboard_mass_kg if wheel else 0.0) + _MASS_KG * value
     inertia = (wheel.outboard_inertia_kgm2 if wheel else 0.0) + _INERTIA_KGM2 * value
     lines = f"[wheel]\noutboard_mass_kg = {number(mass, 3)}\noutboard_inertia_kgm2 = {number(inertia, 3)}"
-    return Step("Weigh what is outside the transducer; these runs ask for these values in vehicle.toml.", paste=lines)
+    return Step(
+        "Weigh what is outside the transducer; these runs suggest the values below for vehicle.toml.", paste=lines
+    )
 
 
 def _gain(what: str) -> Callable[[float, VehicleConfig], Step]:
     def rule(value: float, _: VehicleConfig) -> Step:
-        return Step(f"Calibrate the {what}: these runs ask for {1 / (1 + value):.3f} times today's scale in the DBC.")
+        return Step(f"Calibrate the {what}: these runs suggest {1 / (1 + value):.3f} times today's scale in the DBC.")
 
     return rule
 

@@ -78,7 +78,7 @@ def _sensor_fault(v: Values) -> str:
     unit = ROLES[v["role"]].unit_text
     kind = {
         "dropped": "falls to 0 and back faster than a vehicle can",
-        "frozen": "stays the same, without its noise",
+        "frozen": "keeps one value, without its noise",
         "clipped": f"is clipped at {v['value']:.4g} {unit}",
         "mark": f"has the value {v['value']:.6g} {unit}, far from all others, which stands for none",
     }[v["kind"]]

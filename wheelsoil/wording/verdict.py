@@ -74,7 +74,7 @@ class Statement(NamedTuple):
     """A sentence of a verdict, and which one it is where other places show that by itself."""
 
     text: str
-    about: Literal["", "headline", "cause", "gain", "want", "next"] = ""
+    about: Literal["", "headline", "cause", "gain", "want", "next", "as_if"] = ""
 
 
 def sentence_of(found: Diagnosis) -> str:
@@ -93,7 +93,7 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
     if (note := several_terrains(found)) is not None:
-        return _as_if_on_one_terrain(found, note)
+        return _as_if_of_one_soil(found, note)
     statements = [*_verdict_of_table(found), *_error_of_form(grounds)] if grounds.table_channels else _of_runs(found)
     before_next = next((i for i, statement in enumerate(statements) if statement.about == "next"), len(statements))
     first = statements[:1]
@@ -112,12 +112,13 @@ def headline_of(found: Diagnosis) -> str:
     if found.grounds.undecided is not None:
         return "Nothing can be decided from these data."
     if (note := several_terrains(found)) is not None:
-        return _hardly_one_terrain(found, note)
+        return _not_one_soil(found, note)
     if found.verdict == "named":
         return _named_headline(found, names)
     if found.verdict == "one_of" and (why := found.grounds.barred) is not None and chances[0] > _SURE:
-        reason = "a stress peak ahead of the wheel's bottom would fit almost as well"
-        whole = f"Most probably {names[0]}, but not named: {reason if peak_bars(found) else note_text(why)}."
+        if peak_bars(found):
+            return f"{upper(listed(_with_the_peak(found.causes), 'or'))}: these runs do not decide."
+        whole = f"Most probably {names[0]}, but not named: {note_text(why)}."
         short = f"Most probably {names[0]}, but not named: the reason is below."
         return whole if len(whole.split()) <= MOST_WORDS else short
     if found.verdict == "one_of" and len(names) > 1:
@@ -137,6 +138,12 @@ def headline_of(found: Diagnosis) -> str:
         return f"{sentence}."
     whole = f"{sentence}. With the first, {_fall_of(found, channel)}."
     return whole if len(whole.split()) <= MOST_WORDS else f"{sentence}."
+
+
+def _with_the_peak(causes: Sequence[Cause]) -> list[str]:
+    """Return the names of the first causes with the stress peak last, in plain words."""
+    others = [plain_name(cause.name) for cause in causes if cause.name != "stress_peak_shift"]
+    return [*others[: _MOST_NAMES - 1], "a stress peak ahead of the wheel's bottom"]
 
 
 def _named_headline(found: Diagnosis, names: Sequence[str]) -> str:
@@ -177,7 +184,7 @@ def _finding_or_size(cause: Cause, channel: str) -> str:
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
-    elsewhere = ("headline", "gain", "next")
+    elsewhere = ("headline", "gain", "next", "as_if")
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
     if _size_in_headline(found):
         statements = [statement for statement in statements if statement.about != "cause"]
@@ -189,7 +196,7 @@ def details_of(found: Diagnosis) -> list[str]:
         texts[wants[0] : wants[-1] + 1] = [f"Not identifiable from these runs: {names}."]
     if found.verdict == "one_of" and found.causes[0].parameters and several_terrains(found) is None:
         texts.insert(1, f"If {plain_name(found.causes[0].name)} acts: {size_text(found.causes[0])}.")
-    if found.verdict == "named" and found.grounds.table_channels:
+    if found.verdict == "named" and found.grounds.table_channels and several_terrains(found) is None:
         texts.insert(1, f"{sizes}.")
     return texts
 
@@ -202,17 +209,18 @@ def _size_in_headline(found: Diagnosis) -> bool:
 
 
 def several_terrains(found: Diagnosis) -> Note | None:
-    """Return the note that runs are hardly on one terrain; None where they may be."""
+    """Return the note that runs are probably not of one soil; None where they may be."""
     cautions = found.grounds.cautions
     return next((note for note in cautions if note.code == DiagnosisCode.SEVERAL_TERRAINS), None)
 
 
 class Groups(NamedTuple):
-    """Runs of the one soil and of the other as text, and whether the first is a single run."""
+    """Runs of the one soil and of the other as text, and whether the first is a single run, and the second."""
 
     first: str
     second: str
     single: bool
+    single_second: bool
 
 
 def groups_of_runs(found: Diagnosis) -> Groups | None:
@@ -227,14 +235,14 @@ def groups_of_runs(found: Diagnosis) -> Groups | None:
     if len(groups) != 2:
         return None
     first, second = (stretches(group, order) for group in groups)
-    return Groups(first, second, len(groups[0]) == 1)
+    return Groups(first, second, len(groups[0]) == 1, len(groups[1]) == 1)
 
 
-def _hardly_one_terrain(found: Diagnosis, note: Note) -> str:
+def _not_one_soil(found: Diagnosis, note: Note) -> str:
     of_campaign = f"The runs of {note.values['campaign']}" if len(found.soils) > 1 else "These runs"
     groups = groups_of_runs(found)
     apart = f": {groups.first} differ{'s' if groups.single else ''} from {groups.second}" if groups else ""
-    return f"{of_campaign} are hardly on one terrain{apart}."
+    return f"{of_campaign} are probably not of one soil{apart}."
 
 
 def _asking_for_two_soils(found: Diagnosis) -> str:
@@ -242,26 +250,30 @@ def _asking_for_two_soils(found: Diagnosis) -> str:
     return f"{groups.first} ask{'s' if groups.single else ''} for another soil than {groups.second}" if groups else ""
 
 
-def _as_if_on_one_terrain(found: Diagnosis, note: Note) -> list[Statement]:
-    """Return the sentences where runs are hardly on one terrain: that first, and the causes as if they were."""
+def _as_if_of_one_soil(found: Diagnosis, note: Note) -> list[Statement]:
+    """Return the sentences where runs are probably not of one soil: that first, and the causes as if they were."""
     others = tuple(caution for caution in found.grounds.cautions if caution.code != note.code)
     grounds = replace(found.grounds, cautions=others, prior_shifts=())
     first, *rest = [s for s in statements_of(replace(found, next_run=(), grounds=grounds)) if s.about != "next"]
-    as_if = Statement(f"As if on one terrain: {first.text[0].lower()}{first.text[1:]}")
+    cautions = _sentences([note_text(caution) for caution in others])
+    as_if = Statement(f"As if of one soil: {first.text[0].lower()}{first.text[1:]}", "as_if")
     return [
-        Statement(_hardly_one_terrain(found, note), "headline"),
+        Statement(_not_one_soil(found, note), "headline"),
         *_sentences([note_text(note)]),
         as_if,
-        *rest,
+        *(statement if statement in cautions else statement._replace(about="as_if") for statement in rest),
         *_sentences([Statement(f"Next: {terrains_step(found)}", "next")]),
     ]
 
 
 def terrains_step(found: Diagnosis) -> str:
-    """Return what to do with runs that are hardly on one terrain."""
+    """Return what to do with runs that are probably not of one soil."""
     groups = groups_of_runs(found)
-    what = f"{groups.first} and {groups.second}" if groups else "the runs of each terrain"
-    return f"put {what} in folders of their own, each with its soil in terrain.toml, and report each folder"
+    if not groups:
+        return "move the runs of each soil into a folder of their own, with that soil in its terrain.toml; report each"
+    their = "its" if groups.single_second else "their"
+    moved = f"move {groups.second} into a folder of {their} own, with {their} soil in its terrain.toml"
+    return f"{moved}; report both folders"
 
 
 def peak_bars(found: Diagnosis) -> bool:
@@ -548,7 +560,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         ]
         statements.append(f"Several may act together: {'; '.join(pairs)}")
     if barred is not None and peak_bars(found):
-        rare = f"and {chance(chances[families[0]])} if it is taken for rare"
+        rare = f"and {chance(chances[families[0]])} if it seldom does"
         statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}, {rare}")
     elif barred is not None:
         statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
@@ -586,7 +598,7 @@ def _unlisted_words(judged: Adequacy | None) -> str:
     """Return that something unlisted may act, where that is what keeps a name back."""
     if judged is None or 1.0 - judged.listed < _UNLISTED_AT:
         return ""
-    return f": something that the library does not have may act ({chance(1.0 - judged.listed)})"
+    return f": an unknown cause may act ({chance(1.0 - judged.listed)})"
 
 
 def refusal_words(found: Diagnosis) -> str:
@@ -661,15 +673,19 @@ def nothing_words(
             Statement("Next: drive another run", "next"),
         ]
     shown = [
-        f"{plain_name(name)} from {letter(d.parameter)} = {_number(d.value)}{_unit(d.unit)} on"
+        f"{_with_article(plain_name(name))} of {letter(d.parameter)} = {_number(d.value)}{_unit(d.unit)}"
         for name, d in sizes.items()
     ]
     if shown:
-        examples = listed(shown[:_MOST_EXAMPLES])
-        statements.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
+        examples = listed(shown[:_MOST_EXAMPLES], "or")
+        statements.append(f"A cause may still act: {examples} or more would be detected in half of such campaigns")
     if wrong:
         statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
     return _sentences(statements)
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[0] in 'aeio' else 'a'} {name}"
 
 
 def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
@@ -771,7 +787,7 @@ def adequacy_words(judged: Adequacy) -> str:
     if not isfinite(judged.statistic):
         return "whether anything explains them is not known"
     if judged.measure == "probability":
-        return f"something that the library does not have acts with a probability of {chance(judged.statistic)}"
+        return f"an unknown cause acts with a probability of {chance(judged.statistic)}"
     return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
 
 

@@ -91,11 +91,11 @@ def plausibility_of(run: ProcessedRun) -> list[Note]:
 def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:
     """Return what is poor and what is only fair about the samples that are left."""
     if not run.used.any():
-        return [f"no sample can be used: most are {_mostly(run)}"], []
+        return [f"no sample can be used; most: {_mostly(run)}"], []
     poor: list[str] = []
     fair: list[str] = []
     if share < _GOOD_SHARE:
-        text = f"{100 * share:.0f} % of the samples in motion can be used, most others are {_mostly(run)}"
+        text = f"{100 * share:.0f} % of the samples in motion can be used; most others: {_mostly(run)}"
         (poor if share < _FAIR_SHARE else fair).append(text)
     if highest < _GOOD_SLIP:
         hardly = "hardly driven: " if highest < _DRIVEN_SLIP else ""

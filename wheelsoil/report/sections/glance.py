@@ -25,6 +25,7 @@ from wheelsoil.report.recommendation import (
     recommended_causes,
     rows_not_used,
     slips_of_rows,
+    unconfirmed,
 )
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
@@ -36,7 +37,6 @@ from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
-    adequacy_words,
     alternatives,
     details_of,
     headline_of,
@@ -83,10 +83,24 @@ def glance(inputs: ReportInputs) -> Contents:
     return [*blocks, steps], numbers
 
 
+def _only_driving(inputs: ReportInputs) -> list[str]:
+    """Return that a recommended model is confirmed for driving only, where braked samples are off and no driven one."""
+    found = inputs.diagnosed
+    if inputs.tables or found is None or found.verdict != "named" or several_terrains(found) is not None:
+        return []
+    try:
+        recommendation = inputs.recommendation
+    except DataError:
+        return []
+    off = biases(recommendation)
+    braked = bool(off) or any(unconfirmed(recommendation, channel) for channel in recommendation.measured)
+    return ["Confirmed for driving only."] if braked and not any(bias.driving for bias in off) else []
+
+
 def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
-        return headline_of(inputs.diagnosed), details_of(inputs.diagnosed)
+        return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *_only_driving(inputs)]
     if len(sentences[0].split()) <= MOST_WORDS:
         return sentences[0], sentences[1:]
     if inputs.campaign is not None:
@@ -195,8 +209,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
         return Tile(title, *share, "that no cause acts", keys=keys)
-    fit = found.adequacy
-    why = adequacy_words(fit) if fit else "nothing was decided"
+    why = "no known cause explains these data" if found.adequacy else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why
     return Tile(title, "none", "", why)
 
@@ -336,7 +349,7 @@ def _axis(channel: str) -> str:
 
 
 def _of_two_terrains(recommendation: Recommendation, note: Note, channel: str) -> Drawing:
-    """Return a channel against slip of two groups of runs that are hardly on one terrain."""
+    """Return a channel against slip of two groups of runs that are probably not of one soil."""
     factor, unit = page_unit(channel)
     names = np.array([name.rsplit(": ", 1)[-1] for name in recommendation.runs])[recommendation.run]
     driven, curves, titles = recommendation.slip > 0, [], []

@@ -98,7 +98,7 @@ def _finding_numbers(found: Finding) -> dict[str, Any]:
 
 def _findings(found: Diagnosis) -> Block:
     if not found.what_is_wrong and several_terrains(found) is not None:
-        return Text("Nothing stands out beside a soil that differs from run to run, as on no one terrain.", "warning")
+        return Text("Nothing stands out beside a soil that differs from run to run.", "warning")
     if not found.what_is_wrong:
         return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
     of_rows = all(finding.of_rows for finding in found.what_is_wrong)

@@ -81,7 +81,10 @@ _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive agai
 _SIGNED = ("cohesion_pa", "cohesive_modulus")
 """Parameters of a soil that may be 0 or less; see `model.bevameter.joint.POSITIVE`."""
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
-_NO_BIAS = "no median of 10 or more samples is beyond the noise of one, and the medians do not keep to one side of zero"
+_NO_BIAS = (
+    "each median of 10 or more samples is within the noise of a single one, and the medians do not keep to one side of "
+    "zero"
+)
 _SENSORS_NOTE = (
     "Complete: no gap too long to be bridged. Delay: as declared. Sigma: before the means over 0.2 s "
     "to which the errors on this page refer."
@@ -141,7 +144,7 @@ def fit(inputs: ReportInputs) -> Contents:
     }
     if inputs.fitted:
         if inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
-            blocks.append(Text("Over all runs, which are hardly on one terrain; each run is under Runs.", "warning"))
+            blocks.append(Text("Over all runs, which are probably not of one soil; each run is under Runs.", "warning"))
         blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
         numbers["traction"] = inputs.traction
     return blocks, numbers
@@ -358,7 +361,7 @@ def causes(inputs: ReportInputs) -> Contents:
         Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
     ]
     if bars:
-        as_if = "As if on one terrain. " if several_terrains(found) is not None else ""
+        as_if = "As if of one soil. " if several_terrains(found) is not None else ""
         caption = f"{as_if}Sets exclude each other; with the rest they add up to 100 %."
         blocks.append(Bars("Which set of causes acts", caption, bars))
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)

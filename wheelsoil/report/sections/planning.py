@@ -123,7 +123,7 @@ def next_run(inputs: ReportInputs) -> Contents:
     if not deciding_runs(inputs.diagnosis):
         apart = several_terrains(inputs.diagnosis) is not None
         text = (
-            "These runs are hardly on one terrain: part them first."
+            "These runs are probably not of one soil: part them first."
             if apart
             else ("No run is needed: what has a similar signature is separable in these data.")
         )
