@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_samples import BRAKING, diagnosis
+from diagnosis_samples import BRAKING, cause, diagnosis
 from report_support import cells_of, section_of, text_of
 
 from daq.notes import Note, Severity
@@ -175,7 +175,9 @@ def test_a_sensor_that_froze_or_comes_late_is_not_complete(material):
     assert f"▲ 26.1 s frozen in {second.run.id}" in cells(section_of(report, "signals"))
     assert not report.numbers()["sections"]["signals"]["ground_speed"]["complete"]
     named = diagnosis("named")
-    late = replace(named, causes=(replace(named.causes[0], name="speed_latency"),))
+    size = ParameterEstimate("extra_delay_s", "s", 0.15, (0.14, 0.16), 0.005)
+    delay = replace(cause("speed_latency", "speed_latency", "", 0.99, size), kind="measurement")
+    late = replace(named, causes=(delay,))
     report = build_report(replace(material, diagnosed=late))
     assert "▲ delayed: the named cause" in cells(section_of(report, "signals"))
 

@@ -15,6 +15,7 @@ from daq import OUTPUTS, ROLES, DataError, FloatArray
 from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
+from model.effects import EFFECTS
 from processing import RunCode
 from wheelsoil.report.content import (
     Bar,
@@ -595,8 +596,13 @@ def _faults_of(role: str, inputs: ReportInputs) -> list[str]:
         for kind, times in seen.items()
     ]
     found = inputs.diagnosed
-    late = found is not None and found.verdict == "named" and any(c.name == "speed_latency" for c in found.causes)
-    return [*faults, "delayed: the named cause"] if late and role == "ground_speed" else faults
+    named = found.causes if found is not None and found.verdict == "named" else ()
+    late = any(_is_delay(cause) and role in EFFECTS[cause.key].shows for cause in named)
+    return [*faults, "delayed: the named cause"] if late else faults
+
+
+def _is_delay(cause: Cause) -> bool:
+    return cause.kind == "measurement" and cause.key in EFFECTS and cause.parameters[0].unit == "s"
 
 
 def _of_runs(text: str, names: Sequence[str], of: int) -> str:
