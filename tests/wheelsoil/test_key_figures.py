@@ -51,7 +51,9 @@ class Keyed(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self._open is not None:
             key, value = self._open
-            self.found.setdefault(key, set()).add((value, data.removesuffix(" %")))  # a tile writes its unit small
+            self.found.setdefault(key, set()).add(
+                (value, data.replace("\u00a0", " ").removesuffix(" %"))
+            )  # a tile writes its unit small
             self._open = None
 
 

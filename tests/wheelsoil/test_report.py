@@ -98,7 +98,7 @@ def test_every_section_is_there_and_every_figure_is_plotly(report):
 
 def test_json_holds_the_numbers_that_are_shown(report):
     numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
-    text = report.read_text(encoding="utf-8")
+    text = report.read_text(encoding="utf-8").replace("\u00a0", " ")
     assert numbers["schema"] == "wheelsoil/report/2"
     assert numbers["left_out"] == {}
     sections = numbers["sections"]

@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_samples import BRAKING, diagnosis
+from diagnosis_samples import BRAKING, cause, diagnosis
 from report_support import cells_of, section_of, text_of
 
 from daq.notes import Note, Severity
-from model.diagnosis.core.result import Candidate, Grounds, NextRun, ParameterEstimate
+from model.diagnosis.core.result import Candidate, Grounds, NextRun, ParameterEstimate, Reduction
 from model.notes import DiagnosisCode, StepCode
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
+from processing.notes import RunCode
+from processing.processed_run import Reason
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Steps, Table, Text, Tiles, blocks_of
@@ -23,7 +25,8 @@ from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.planning import detectable, next_run
 from wheelsoil.report.sections.provenance import provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.numbers import typeset, unbroken
+from wheelsoil.wording.verdict import headline_of, sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
 
 CODE = re.compile(r"\b\w+_\w+\b")
@@ -129,6 +132,7 @@ def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
     assert text_of(report, "glance").count("bulldozing") == 0
     assert "part them first" in text_of(report, "next_run")
     assert "no more than noise" not in text_of(report, "candidates")
+    assert report.numbers()["sections"]["glance"]["tiles"]["Confidence"]["value"] == "–"
 
 
 def test_three_numbers_stand_below_the_verdict(material):
@@ -137,6 +141,52 @@ def test_three_numbers_stand_below_the_verdict(material):
     assert (error.before, error.value, error.unit, error.change) == ("120", "66.0", "N", "−45 %")
     assert (confidence.value, confidence.unit) == ("97.0", "%") and "slip sinkage" in confidence.note
     assert data.unit == "% of motion" and "of all samples" in data.note
+
+
+def test_the_error_beside_the_headline_is_the_one_it_speaks_of(material):
+    """The numbers stay those of the main channel."""
+    found = diagnosis("named")
+    assert found.gain is not None
+    falls = {"dp": Reduction(-10.0, (-20.0, 1.0)), "t": Reduction(40.0, (30.0, 50.0))}
+    found = replace(found, gain=replace(found.gain, reduction_percent=-10.0, interval95=(-20.0, 1.0), reductions=falls))
+    assert "driving torque error" in headline_of(found)
+    blocks, numbers = glance.contents(replace(material, diagnosed=found))
+    (tiles,) = [block for block in blocks if isinstance(block, Tiles)]
+    assert tiles.tiles[0].title == "Driving torque error, held-out" and "drawbar pull" in tiles.tiles[0].note
+    assert "Drawbar pull error, held-out" in numbers["tiles"]
+
+
+def test_a_run_that_is_short_or_lost_much_is_to_be_checked(material):
+    first, second = material.runs
+    reason = second.reason.copy()
+    used = np.flatnonzero(second.used)
+    reason[used[: int(0.3 * len(used))]] = Reason.INVALID_FIX
+    report = build_report(replace(material, runs=(first, replace(second, reason=reason))))
+    assert report.head.badge == ("fair", "▲ 2 of 2 runs usable, 1 to check")
+    again = next(text for text in report.numbers()["texts"]["glance"] if text.startswith("none. "))
+    assert re.fullmatch(rf"none\. Check {second.run.id} \(3\d % excluded\)\.", again)
+
+
+def test_a_sensor_that_froze_or_comes_late_is_not_complete(material):
+    values = {"role": "ground_speed", "kind": "frozen", "value": 0.0, "time_s": 26.1, "share": 0.65}
+    note = Note(RunCode.SENSOR_FAULT, Severity.DOUBT, values)
+    first, second = material.runs
+    frozen = replace(second, quality=replace(second.quality, notes=(note,)))
+    report = build_report(replace(material, runs=(first, frozen)))
+    assert f"▲ 26.1 s frozen in {second.run.id}" in cells(section_of(report, "signals"))
+    assert not report.numbers()["sections"]["signals"]["ground_speed"]["complete"]
+    named = diagnosis("named")
+    size = ParameterEstimate("extra_delay_s", "s", 0.15, (0.14, 0.16), 0.005)
+    delay = replace(cause("speed_latency", "speed_latency", "", 0.99, size), kind="measurement")
+    late = replace(named, causes=(delay,))
+    report = build_report(replace(material, diagnosed=late))
+    assert "▲ delayed: the named cause" in cells(section_of(report, "signals"))
+
+
+def test_a_number_stays_with_its_unit():
+    assert unbroken("79.9 N m at 99.9 %, 3 mm") == "79.9\u00a0N\u00a0m at 99.9\u00a0%, 3\u00a0mm"
+    assert unbroken("12 s long, 3 runs in 4") == "12\u00a0s long, 3 runs in 4"
+    assert typeset("p = m1 + m2; 2 % of load x radius") == "p = m₁ + m₂; 2 % of load × radius"
 
 
 def test_a_notebook_shows_gain_next_run_and_no_certainty():

@@ -30,7 +30,7 @@ from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.wording.numbers import typeset
+from wheelsoil.wording.numbers import typeset, unbroken
 from wheelsoil.wording.verdict import several_terrains
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
@@ -100,7 +100,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         drawing_json=lambda drawing: _json({"title": drawing.title, "curves": plain(drawing.curves)}),
         style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
     )
-    return isolated(in_texts(page, typeset))
+    return isolated(in_texts(page, lambda text: unbroken(typeset(text))))
 
 
 def _text_columns(table: Table) -> set[int]:
@@ -335,10 +335,11 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
     usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
     level = "good" if usable == given else "fair" if usable else "poor"
     apart = inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None
-    level = "fair" if apart and level == "good" else level
+    level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
     how = "used" if usable == len(levels) < given else "usable"
-    return level, f"{sign} {usable} of {given} runs {how}{', hardly on one terrain' if apart else ''}"
+    doubt = ", hardly on one terrain" if apart else f", {len(inputs.to_check)} to check" if inputs.to_check else ""
+    return level, f"{sign} {usable} of {given} runs {how}{doubt}"
 
 
 def _subtitle(inputs: ReportInputs) -> str:

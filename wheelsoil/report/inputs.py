@@ -29,7 +29,7 @@ from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
-from wheelsoil.workflows.grading import Grade, grade_of, short_runs
+from wheelsoil.workflows.grading import Grade, grade_of, runs_to_check, short_runs
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.tables import BenchFiles
@@ -263,6 +263,11 @@ class ReportInputs:
             grade_of(run, [*short, *(source.lost if source else [])])
             for run, short, source in zip(self.runs, short_runs(self.runs), sources, strict=True)
         )
+
+    @property
+    def to_check(self) -> dict[str, str]:
+        """Runs that can be used but are short, or of which much is excluded, and why."""
+        return runs_to_check(self.runs, self.grades)
 
     @property
     def facts(self) -> list[list[str]]:

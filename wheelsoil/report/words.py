@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 
+from daq import ROLES
 from wheelsoil.report.figures import STYLES
 from wheelsoil.wording.names import letter as letter
 from wheelsoil.wording.names import listed as listed
@@ -20,6 +21,12 @@ _FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"sec
 def form_name(text: str) -> str:
     """Return the form of an effect as people write it, also in brackets after its family: "slip sinkage (Vasil'ev)"."""
     return re.sub(r"\w+", lambda found: _FORMS.get(found[0], found[0]), text)
+
+
+def with_names(text: str) -> str:
+    """Return a note with the channel at its beginning as people call it."""
+    first, _, rest = text.partition(" ")
+    return f"{ROLES[first].name} {rest}" if first in ROLES else text
 
 
 def count(value: int) -> str:

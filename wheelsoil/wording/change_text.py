@@ -33,7 +33,8 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         summary += f" The other {rest} quantities with an interval do not differ beyond it." if rest > 1 else ""
     else:
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
-    summary += f" Last time: {last.kind} {last.name}, {_when(last)}."
+    name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
+    summary += f" Last time: {name}, {_when(last)}."
     others = [name for name in last.subject if subject.get(name, "") not in ("", last.subject[name])]
     if others:
         each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in sorted(others)])

@@ -12,6 +12,9 @@ _THOUSANDS = re.compile(r"(?<![\w.,])\d{1,3}(?:,\d{3})+(?![\w,])")
 _UNGROUPED = re.compile(r"(?<![\w.,/-])\d{4,9}(?= (?:: 1|k?N|kg|k?Pa|m|mm|s|ms|Hz|samples|frames)\b)")
 _MINUS = re.compile(r"(?:^|(?<=[\s(\[]))(?<!= )-(?=\.?\d)")
 _PLUS_MINUS = re.compile(r"\+-(?=\s*[\d.])")
+_TIMES = re.compile(r"(?<=\w) x (?=radius\b)")
+_SUM = re.compile(r"\bm1 (\+|and) m2\b")
+_BEFORE_UNIT = re.compile(r"(?:(?<=\d)|^) (?=(?:%|°|σ|N m|k?N|kg|k?Pa|mm?|m/s|m?s|Hz|rad|deg)(?![\w’']))")
 _PERCENT = re.compile(r"(?<=\d)%(?!\w)")
 
 
@@ -43,13 +46,19 @@ def number(value: float, digits: int = 3) -> str:
 def typeset(text: str) -> str:
     """Return a sentence of the terminal with its numbers as pages write them.
 
-    Thin spaces between thousands, a true minus, ± and a space before %, no exponents. What follows "= " is left, as
+    Thin spaces between thousands, a true minus, ×, ± and a space before %, no exponents. What follows "= " is left, as
     it is there to be copied into a file.
     """
     text = _E_NOTATION.sub(_without_exponent, text)
     text = _THOUSANDS.sub(lambda found: found[0].replace(",", _THIN), text)
+    text = _SUM.sub(r"m₁ \1 m₂", _TIMES.sub(" × ", text))
     text = _UNGROUPED.sub(lambda found: f"{int(found[0]):,}".replace(",", _THIN), text)
     return percent_apart(_PLUS_MINUS.sub("±", _MINUS.sub("−", text)))
+
+
+def unbroken(text: str) -> str:
+    """Return a text in which no line ends between a number and its unit."""
+    return _BEFORE_UNIT.sub("\u00a0", text).replace("N m", "N\u00a0m")
 
 
 def percent_apart(text: str) -> str:

@@ -77,6 +77,17 @@ def short_runs(runs: Sequence[ProcessedRun]) -> list[list[str]]:
     return [[text.format(length_s)] if length_s < _SHORT * usual_s else [] for length_s in lengths_s]
 
 
+def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict[str, str]:
+    """Return the runs that can be used but are short, or of which much is excluded, and why."""
+    found: dict[str, str] = {}
+    for run, grade, short in zip(runs, grades, short_runs(runs), strict=True):
+        lost = grade.usable_share < _GOOD_SHARE
+        if grade.level == "fair" and (short or lost):
+            excluded = f"{100 * (1 - grade.usable_share):.0f} % excluded"
+            found[run.run.id] = short[0].partition(",")[0] if short else excluded
+    return found
+
+
 def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
     """Return what makes runs implausible as they are declared, with the names of the runs."""
     about = runs_by_text(runs, lambda run: map(without_numbers, plausibility_of(run)))

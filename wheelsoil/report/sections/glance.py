@@ -39,6 +39,7 @@ from wheelsoil.wording.verdict import (
     NO_CHANGE,
     alternatives,
     details_of,
+    falling_channel,
     headline_of,
     peak_bars,
     reduction_in,
@@ -61,8 +62,8 @@ def glance(inputs: ReportInputs) -> Contents:
     sentences = _sentences(inputs)
     steps = Steps(_steps(inputs, grades), _again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
-    tiles = _tiles(inputs, grades)
-    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), Tiles(tiles)]
+    tiles = Tiles([_error_tile(inputs, _channel_of_headline(inputs.diagnosed)), *_other_tiles(inputs, grades)])
+    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles]
     try:
         blocks.append(hero(inputs))
     except DataError as error:
@@ -75,7 +76,7 @@ def glance(inputs: ReportInputs) -> Contents:
         "grades": grades,
         "tiles": {
             tile.title: {"before": tile.before, "value": tile.value, "unit": tile.unit}
-            for tile in _tiles(inputs, grades)
+            for tile in (_error_tile(inputs), *_other_tiles(inputs, grades))
         },
         "cautions": list(steps.cautions),
         "key_figures": _key_figures(inputs),
@@ -126,16 +127,22 @@ def _key_figures(inputs: ReportInputs) -> dict[str, KeyFigure]:
     return of_ground | (figures_of_diagnosis(inputs.diagnosed) if inputs.diagnosed is not None else {})
 
 
-def _tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
-    return [_error_tile(inputs), _confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
+def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
+    return [_confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
 
 
-def _error_tile(inputs: ReportInputs) -> Tile:
+def _channel_of_headline(found: Diagnosis | None) -> str | None:
+    """Return the channel whose fall the headline tells; None where it tells of none."""
+    return falling_channel(found) if found is not None and found.verdict in ("named", "one_of") else None
+
+
+def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
+    """Return the tile of the held-out error of a channel, of the main one unless another is given."""
     found = inputs.diagnosed
     gain = found.gain if found is not None else None
     if found is None or gain is None or found.main_channel not in gain.base:
         return _in_sample_tile(inputs)
-    main = found.main_channel
+    main = main or found.main_channel
     channel = OUTPUTS[main]
     factor, unit = page_unit(main)
     figures = figures_of_diagnosis(found)
@@ -194,6 +201,8 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     title = "Confidence"
     if found is None:
         return Tile(title, "–", "", "no diagnosis was made")
+    if several_terrains(found) is not None:
+        return Tile(title, "–", "", "no cause is judged: these runs are hardly on one terrain")
     sure = figures_of_diagnosis(found).get("confidence")
     if sure is not None:
         share, keys = _share(sure.value), (None, sure)
@@ -204,8 +213,6 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         names = alternatives([(f"{plain_name(c.name)} {chance(c.probability)}", c.probability) for c in found.causes])
         if found.grounds.barred is not None and peak_bars(found):
             names = listed([plain_name(cause.name) for cause in found.causes], "or")
-        if several_terrains(found) is not None:
-            names = f"{names}; only if these runs are on one terrain"
         return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
         return Tile(title, *share, "that no cause acts", keys=keys)
@@ -423,11 +430,20 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
         return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
     if not poor and inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
         return "none. Each run is usable, but not all together."
+    if not poor and inputs.to_check:
+        return f"{'none' if len(grades) > 1 else 'no'}. Check {_to_check(inputs.to_check)}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     given = len(grades) + len(set_aside)
     poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
     return f"{poor_runs}; the reasons stand under Runs."
+
+
+def _to_check(runs: dict[str, str]) -> str:
+    """Return the runs with why, or how many there are."""
+    if len(runs) > _NAMED:
+        return f"{len(runs)} runs; the reasons stand under Runs"
+    return listed([f"{name} ({why})" for name, why in runs.items()])
 
 
 def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:

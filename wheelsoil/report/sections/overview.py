@@ -15,6 +15,8 @@ from daq import OUTPUTS, ROLES, DataError, FloatArray
 from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
+from model.effects import EFFECTS
+from processing import RunCode
 from wheelsoil.report.content import (
     Bar,
     Bars,
@@ -43,7 +45,18 @@ from wheelsoil.report.recommendation import (
     slips_of_rows,
     unconfirmed,
 )
-from wheelsoil.report.words import count, form_name, interval, letter, listed, measured, number, signed, unit
+from wheelsoil.report.words import (
+    count,
+    form_name,
+    interval,
+    letter,
+    listed,
+    measured,
+    number,
+    signed,
+    unit,
+    with_names,
+)
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import (
@@ -90,6 +103,7 @@ _SENSORS_NOTE = (
     "to which the errors on this page refer."
 )
 _NAMED_RUNS = 5
+_FAULTS = {"dropped": "dropped", "frozen": "frozen", "clipped": "clipped", "mark": "without a value"}
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
     "A right model stays at zero everywhere; where a line leaves zero and stays away, that model is wrong."
@@ -273,7 +287,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
             sigma, text = soil.sigmas.get(name, float("nan")), SOIL_UNITS.get(name, "")
             scale, text = (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)  # as in terrain.toml
             ends = _soil_interval(name, value, sigma)
-            interval_text = interval(scale * ends[0], scale * ends[1])
+            interval_text = interval(scale * ends[0], scale * ends[1]) if ends[0] < ends[1] else "–"
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
             before = number(scale * soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
             label = _with_unit(f"{letter(name)}, {soil.campaign}" if several else letter(name), text)
@@ -451,7 +465,8 @@ def _size(found: Diagnosis, family: str) -> tuple[str, str]:
     if key in undetectable(found.minimum_detectable, found.notes):
         return ", ".join(sizes) or "–", NOT_IN_THESE_DATA
     name = letter(parameter_name(key, least.parameter))
-    return ", ".join(sizes) or "–", f"{name} ≥ {number(least.value)} {unit(least.unit)}".rstrip()
+    name = f"|{name}|" if least.value < 0 else name
+    return ", ".join(sizes) or "–", f"{name} ≥ {number(abs(least.value))} {unit(least.unit)}".rstrip()
 
 
 @section("runs", "Runs")
@@ -474,7 +489,7 @@ def runs(inputs: ReportInputs) -> Contents:
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
                 number(traction.pull.pull_n) if traction.pull else "–",
                 signed(traction.drawbar_coefficient, ".3f") if isfinite(traction.drawbar_coefficient) else "–",
-                "; ".join(grade.reasons[:2]) or "complete, slip covered",
+                "; ".join(map(with_names, grade.reasons[:2])) or "complete, slip covered",
             ]
         )
         numbers[run.run.id] = {
@@ -531,9 +546,10 @@ def signals(inputs: ReportInputs) -> Contents:
         facts = [run.quality.sensors[role] for run in inputs.runs if role in run.quality.sensors]
         gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
         missing = len(inputs.runs) - len(facts)
-        well = not gaps and not late and not missing
+        faults = _faults_of(role, inputs)
+        well = not gaps and not late and not missing and not faults
         losses = [_counted(gaps, "gap")] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
-        losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing)
+        losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing) + faults
         rate = float(np.median([sensor.rate_hz for sensor in facts]))
         longest = 1e3 * max(sensor.longest_gap_s for sensor in facts)
         sigma = float(np.median([sensor.sigma for sensor in facts]))
@@ -570,10 +586,31 @@ def signals(inputs: ReportInputs) -> Contents:
     return blocks, numbers
 
 
+def _faults_of(role: str, inputs: ReportInputs) -> list[str]:
+    """Return what a channel lost to faults of its sensor, by their kind, and the delay that is the named cause."""
+    seen: dict[str, dict[str, float]] = {}
+    for run in inputs.runs:
+        for note in run.quality.notes:
+            if note.code == RunCode.SENSOR_FAULT and note.values["role"] == role:
+                times = seen.setdefault(_FAULTS[note.values["kind"]], {})
+                times[run.run.id] = times.get(run.run.id, 0.0) + note.values["time_s"]
+    faults = [
+        f"{sum(times.values()):.1f} s {kind} in {listed(list(times)) if len(times) < 3 else f'{len(times)} runs'}"
+        for kind, times in seen.items()
+    ]
+    found = inputs.diagnosed
+    named = found.causes if found is not None and found.verdict == "named" else ()
+    late = any(_is_delay(cause) and role in EFFECTS[cause.key].shows for cause in named)
+    return [*faults, "delayed: the named cause"] if late else faults
+
+
+def _is_delay(cause: Cause) -> bool:
+    return cause.kind == "measurement" and cause.key in EFFECTS and cause.parameters[0].unit == "s"
+
+
 def _of_runs(text: str, names: Sequence[str], of: int) -> str:
     """Return what is noted of runs as a sentence that names them, and channels as people call them."""
-    first, _, rest = text.partition(" ")
-    sentence = f"{ROLES[first].name} {rest}" if first in ROLES else text
+    sentence = with_names(text)
     who = "all runs" if len(names) == of and of > 1 else listed(names)
     who = who if len(names) <= _NAMED_RUNS or len(names) == of else f"{len(names)} of {of} runs"
     return re.sub(r"(?<![\w.])-(?=\d)", "−", f"In {who}: {sentence}.")
