@@ -338,7 +338,7 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
     level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
     how = "used" if usable == len(levels) < given else "usable"
-    doubt = ", hardly on one terrain" if apart else f", {len(inputs.to_check)} to check" if inputs.to_check else ""
+    doubt = ", probably not of one soil" if apart else f", {len(inputs.to_check)} to check" if inputs.to_check else ""
     return level, f"{sign} {usable} of {given} runs {how}{doubt}"
 
 

@@ -202,7 +202,7 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
     if found is None:
         return Tile(title, "–", "", "no diagnosis was made")
     if several_terrains(found) is not None:
-        return Tile(title, "–", "", "no cause is judged: these runs are hardly on one terrain")
+        return Tile(title, "–", "", "no cause is judged: these runs are probably not of one soil")
     sure = figures_of_diagnosis(found).get("confidence")
     if sure is not None:
         share, keys = _share(sure.value), (None, sure)
