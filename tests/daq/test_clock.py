@@ -186,6 +186,14 @@ def test_rolling_over_online_changes_nothing(period: float) -> None:
     assert fit.offset_sigma_s < 1e-4
 
 
+def test_the_sigma_of_the_offset_is_its_spread_where_frames_are_only_late() -> None:
+    host, gnss = _frames(0.0, 0.0, np.random.default_rng(0), jitter_s=0.0)
+    late_s = np.random.default_rng(12).exponential(0.001, (60, len(host)))
+    fits = [fit_clock(host + np.round(late * 1e9).astype(np.int64), gnss) for late in late_s]
+    ratio = np.mean([fit.offset_sigma_s for fit in fits]) / np.std([fit.offset_s for fit in fits])
+    assert 0.7 < ratio < 1.5
+
+
 def test_a_fit_is_metadata_with_every_digit() -> None:
     fit = fit_clock(*_frames(0.3, 12.0, np.random.default_rng(11), jitter_s=0.001))
     record = fit.as_metadata()

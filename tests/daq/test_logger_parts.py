@@ -273,3 +273,9 @@ def test_only_a_logger_that_a_restart_helps_is_given_up(
     watch = HostMonitor(clock, listeners, queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
 
     assert watch.hopeless() is hopeless
+
+
+def test_the_host_is_measured_once_a_second(tmp_path: Path) -> None:
+    queue: ByteQueue[Arrival] = ByteQueue(1000)
+    watch = HostMonitor(HostClock(), [], queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
+    assert [watch.refresh(now_s, 0) for now_s in (100.0, 100.9, 101.0, 101.9)] == [True, False, True, False]

@@ -99,3 +99,8 @@ def test_no_rate_below_two_samples(count: int) -> None:
 def test_a_short_stream_is_not_faster_for_its_first_burst() -> None:
     ends = np.repeat(np.arange(20, 320, 20), 20) * 0.01
     assert sampling_of(_stamps(ends + np.tile(np.arange(20) * 1e-5, 15))).rate_hz == pytest.approx(100.0, rel=0.001)
+
+
+def test_a_nanosecond_is_an_interval() -> None:
+    steps = np.random.default_rng(0).geometric(0.4, 3000)  # of one sample a nanosecond three of five are lost
+    assert sampling_of(_START_NS + np.cumsum(steps)).period_s == pytest.approx(1e-9)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,12 +16,13 @@ from scipy.stats import multivariate_normal
 
 from daq.notes import Note
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
-from model.diagnosis.single_wheel.evidence import posterior_of
+from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
+from model.diagnosis.single_wheel.predictions import _rivals
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import answered, log_likelihood, search
 from model.diagnosis.single_wheel.sets import driven_rows, family_of, library, listed_uses, sets_of, skid_law
-from model.diagnosis.single_wheel.weighing import misfits, threshold
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
@@ -310,3 +313,15 @@ def test_skid_law() -> None:
     assert law.rows == 12
     assert (driven_rows(given_bench).rows.slip >= 0).all()
     assert skid_law(driven_rows(given_bench)) is None
+
+
+# --- further tests ---------------------------------------------------------------------------------------------------
+
+
+def test_rivals_are_probable_sets_with_a_posterior() -> None:
+    posterior = cast(SetPosterior, object())
+    none, *causes = ((), *((use,) for use in library(BenchProblem.of([bench(np.random.default_rng(0))], BOTH)).uses))
+    improbable, unknown, probable = (Weighed(none, 0.0, 0.0, (), 0.0, known) for known in (posterior, None, posterior))
+    sets = (probable, replace(unknown, hypothesis=causes[0]), replace(improbable, hypothesis=causes[1]))
+    weighing = cast(Weighing, SimpleNamespace(sets=sets, probabilities=np.array([0.6, 0.4, 0.0])))
+    assert _rivals(weighing) == [(0.6, probable)]

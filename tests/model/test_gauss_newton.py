@@ -219,6 +219,17 @@ def test_a_residual_that_vanishes_to_rounding_has_converged() -> None:
     assert result.stop_reason in (StopReason.CONVERGED_COST, StopReason.SINGULAR)
 
 
+@pytest.mark.parametrize(("share", "reason"), [(0.9e-12, StopReason.CONVERGED_COST), (1.1e-12, StopReason.NO_PROGRESS)])
+def test_a_gain_that_does_not_come_is_rounding_below_a_millionth_of_a_millionth(
+    share: float, reason: StopReason
+) -> None:
+    def function(_: Array) -> tuple[Array, Array]:  # the slope promises this share of the cost
+        return np.array([1.0, 0.0]), np.array([[np.sqrt(share)], [1.0]])
+
+    options = GaussNewtonOptions(cost_tolerance=1e-15, epsilon=1e-12)
+    assert gauss_newton(function, [1.0], options=options).stop_reason is reason
+
+
 def test_only_the_sum_is_determined() -> None:
     rng = np.random.default_rng(1)
     s = np.linspace(0, 1, 50)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_grams import columns_of_runs, grams_of
@@ -88,3 +90,16 @@ def test_runs_are_drawn_among_their_own_kind(kinds: list[int], seed: int) -> Non
     drawn = drawn_anew(own, 8, np.random.default_rng(seed))
     for kind in set(kinds):
         assert (drawn[:, own == kind].sum(axis=1) == kinds.count(kind)).all()
+
+
+def test_nothing_is_judged_by_all_runs_and_names_by_those_drawn_anew_in_any_order() -> None:
+    rng = np.random.default_rng(1)
+    columns, more = columns_of_runs(rng, runs=RUNS), columns_of_runs(rng, runs=1)
+    grams = grams_of(columns, rng.normal(size=columns.shape[:2]) + 0.3 * columns[:, :, 5])
+    ahead = outlook(grams, bagged(grams, rng), rng)
+    order = np.r_[0, ahead.totals.shape[1] - 1 : 0 : -1]
+    turned = replace(ahead, totals=ahead.totals[:, order], times=ahead.times[:, order])
+    added = grams_of(more, more[:, :, 0] * 0.0).matrices[0]
+    said = ahead.chance(StepCode.LIKE_OTHERS, added)
+    assert said == turned.chance(StepCode.LIKE_OTHERS, added)
+    assert 0.0 < said < 1.0

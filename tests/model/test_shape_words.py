@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from diagnosis_support import linearised
 
@@ -24,6 +26,15 @@ def test_every_shape_reads_on_its_own(shapes: tuple[Shape, ...]) -> None:
     assert not any(re.search(r" - \d", text) for text in said.values()), "a minus sign is none of a dash"
     assert "braking, slip -0.05 to -0.15" in said.values()
     assert "growing with load, driving" in said.values()
+
+
+def test_a_sample_that_a_channel_lacks_costs_none_of_its_shapes(shapes: tuple[Shape, ...]) -> None:
+    _, samples, linear = linearised(2)
+    value = linear.value.copy()
+    value[:, 0] = np.nan
+    found = basis(samples, replace(linear, value=value))
+    assert {shape.kind for shape in found.catch_all.by_rank} == {shape.kind for shape in shapes}
+    assert np.isfinite(found.columns).all()
 
 
 @pytest.mark.parametrize("kind", Kind)

@@ -58,3 +58,16 @@ def test_the_delay_is_taken_off_before_the_speeds_are_compared() -> None:
     found = compare_speeds(1.01 * speed(time - delay), speed(time), nothing, nothing, nothing, RADIUS_M, rate)
     assert found.latency_s == pytest.approx(delay, abs=1e-3)
     assert found.scale == pytest.approx(1.01, abs=1e-4)
+
+
+def test_samples_without_load_are_left_out_of_the_delay() -> None:
+    rate = 100.0
+    time = np.arange(0.0, 60.0, 1 / rate)
+    torque = 300.0 + 200.0 * np.sin(0.7 * time)
+    rim, lifted = 2.0 + 0.3 * np.sin(time), time > 45.0
+    ground = (2.0 + 0.3 * np.sin(time - 0.3)) * (1.0 - 0.5 * torque / RADIUS_M / LOAD_N)
+    zero, unknown = (
+        compare_speeds(ground, rim, torque, np.where(lifted, load, LOAD_N), np.zeros(len(time)), RADIUS_M, rate)
+        for load in (0.0, np.nan)
+    )
+    assert zero.latency_s == unknown.latency_s == pytest.approx(0.3, abs=0.05)

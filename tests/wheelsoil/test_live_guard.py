@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import shlex
 import socket
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 from urllib.parse import urlsplit
 
 import pytest
 from live_client import PATIENCE_S, ask, command, events, page, until
+from starlette.applications import Starlette
+from uvicorn import Config
+from uvicorn.server import ServerState
 
 from daq.logger.panel import Command
 from wheelsoil.live.panel import PagePanel
-from wheelsoil.web.serving import LARGEST_BODY_BYTES, Rules
+from wheelsoil.web.serving import LARGEST_BODY_BYTES, Connection, Rules
 
 TOKEN = "a-token-of-the-test"
 OWN = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js")
@@ -231,3 +236,21 @@ def test_nothing_is_loaded_from_elsewhere(local: PagePanel) -> None:
 def test_the_address_carries_the_token_where_no_server_sees_it(closed: PagePanel) -> None:
     url = urlsplit(closed.address)
     assert url.fragment == TOKEN and TOKEN not in url.path + url.query
+
+
+def test_of_33_connections_without_the_token_the_oldest_is_closed() -> None:
+    async def aborted() -> list[int]:
+        config, state = Config(app=Starlette(), log_config=None), ServerState()
+        config.load()
+        transports = [Mock(asyncio.Transport, get_extra_info=Mock(return_value=None)) for _ in range(33)]
+        connections = [Connection(config, state, {}, asyncio.get_running_loop()) for _ in transports]
+        counts = []
+        for connection, transport in zip(connections, transports, strict=True):
+            connection.connection_made(transport)
+            counts.append(sum(each.abort.called for each in transports))
+        assert transports[0].abort.called
+        for connection in connections:
+            connection.connection_lost(None)
+        return counts
+
+    assert asyncio.run(aborted()) == [0] * 32 + [1]

@@ -39,3 +39,9 @@ def test_a_folder_that_may_not_be_read_is_reported_and_the_others_open() -> None
                 [campaign], remarks = open_campaigns(given, Files())
             path = given[-1] if len(given) > 1 else shut
             assert campaign.folder.name == "clay" and remarks == [f"{path} is skipped: the path cannot be read"]
+
+
+def test_one_run_without_its_folder_is_a_campaign_of_that_name(tmp_path: Path) -> None:
+    taken_from(CLAY, tmp_path / "field", 1)
+    [campaign], _ = open_campaigns([tmp_path / "field" / "run-1.mcap"], Files())
+    assert campaign.folder == (tmp_path / "field").resolve() and campaign.name == "field"

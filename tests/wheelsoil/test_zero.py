@@ -102,6 +102,7 @@ def test_a_standstill_in_wheel_axes_leaves_the_weight_out(tmp_path: Path) -> Non
     bench = rested(RIGHT)
     printed = ok("zero", write_lifted(tmp_path / "rest.mcap", bench, 4), "-o", tmp_path / "z.toml", "--json").json
     channels = printed["zeros"][0]["channels"]
+    assert any("the declared outboard mass of 75 kg is taken out" in said for said in printed["zeros"][0]["remarks"])
     for name, expected in (("WFT_Forces.Fx", -60.0), ("WFT_Forces.Fz", -110.0)):
         assert abs(channels[name]["offset"] - expected) < 5 * channels[name]["offset_sigma"]
 

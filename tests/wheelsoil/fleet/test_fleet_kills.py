@@ -17,6 +17,7 @@ import pytest
 from fleet_support import WHEELSOIL, Program, rows_of, running
 
 from wheelsoil.fleet import holdings_of, open_store
+from wheelsoil.fleet.engines import Lost, in_processes
 from wheelsoil.fleet.manifests import sources_path
 
 TARGETS = ("driver", "worker", "group")
@@ -132,3 +133,18 @@ def test_two_drivers_at_once_make_the_same_store(fleet: Path, store: Path, tmp_p
         assert [each.process.wait(240) for each in (one, other)] == [1, 1]  # one campaign is broken
     _rows_are(tmp_path / "s", store, all_of_it=True)
     _nothing_else(tmp_path / "s")
+
+
+def _ends_five_times(path: Path) -> str:
+    with path.open("a", encoding="utf-8") as file:
+        file.write("tried\n")
+    if path.read_text(encoding="utf-8").count("tried") <= 5:
+        os._exit(1)
+    return "done"
+
+
+def test_an_item_that_ends_its_process_is_tried_three_times(tmp_path: Path) -> None:
+    tried = tmp_path / "tried"
+    [(_, result)] = in_processes(_ends_five_times, [tried], 1, 0)
+    assert isinstance(result, Lost)
+    assert tried.read_text(encoding="utf-8").count("tried") == 3
