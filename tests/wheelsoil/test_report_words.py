@@ -124,7 +124,7 @@ def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
     by_hand = replace(diagnosis("one_of"), grounds=Grounds(cautions=(note,)))
     seen_runs = replace(by_hand.plot_data[0], runs=names[:2])
     report = build_report(replace(material, diagnosed=replace(by_hand, plot_data=(seen_runs,))))
-    assert report.head.badge is not None and report.head.badge[0] == "fair" and "one terrain" in report.head.badge[1]
+    assert report.head.badge is not None and report.head.badge[0] == "fair" and "one soil" in report.head.badge[1]
     checks = report.numbers()["sections"]["fit"]["checks"]
     assert any("differs by 22 % between runs of clay:" in check for check in checks)
     assert not any("no more than noise is left" in check for check in checks)
