@@ -395,12 +395,15 @@ def _overlooked(
     """
     vehicle = known.vehicle or found[0].vehicle
     gone = {*by_name, *(file.resolve() for file in (*tried, *(file for run in found for file in run.files)))}
-    gone_stems = {_stem(path) for path in (*tried, *(run.path for run in found))}
+    stems = {_stem_of_run(path) for path in (*tried, *(run.path for run in found))}
     sources = {name for run in found if run.recording for name in _sources(run.recording)}
     files = [
         path
         for path in sorted(folder.iterdir())
-        if path.is_file() and path.resolve() not in gone and _stem(path) not in gone_stems and path.name not in sources
+        if path.is_file()
+        and path.resolve() not in gone
+        and path.name not in sources
+        and _stem_of_run(path) not in stems
     ]
     if known.runs is not None:
         unnamed = [path for path in files if _is_unnamed(path, vehicle, found)] if listed else []
@@ -444,6 +447,12 @@ def _stem(path: Path) -> str:
     return path.name.partition(".")[0]
 
 
+def _stem_of_run(path: Path) -> str:
+    """Return the name of a file without suffixes and the number of a part: that of an imported log is the same."""
+    name = part_number(path)[0].name
+    return name[: len(name.lower().removesuffix(".gz"))].rpartition(".")[0]
+
+
 def _sources(recording: RunRecording) -> set[str]:
     """Return the names of the files that a recording was made of."""
     named = (recording.metadata.get(key, {}).get("source", "") for key in recording.metadata)
@@ -463,7 +472,7 @@ def _is_made_of(path: Path, names: Collection[str]) -> bool:
     """Return whether a file is a recording that was made of one with such a name."""
     try:
         return is_recording(path) and not _sources(RunRecording.open(path)).isdisjoint(names)
-    except WheelsoilError:
+    except (WheelsoilError, OSError):
         return False
 
 
@@ -472,9 +481,12 @@ def _is_table_of_the_vehicle(path: Path, vehicle: VehicleConfig) -> bool:
     try:
         if series_format(path) is None:
             return _log_suffix(path.name) == ".csv" and is_frame_log(path)
+        roles = _columns_of_roles(vehicle)
+        if not roles:
+            return False
         columns = {name for topic in read_series(path, vehicle.series).topics.values() for name in topic}
-        return not {*columns, *map(plain_name, columns)}.isdisjoint(_columns_of_roles(vehicle))
-    except WheelsoilError:
+        return not {*columns, *map(plain_name, columns)}.isdisjoint(roles)
+    except (WheelsoilError, OSError):
         return False
 
 

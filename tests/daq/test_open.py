@@ -214,6 +214,11 @@ def test_tables_beside_a_recording_are_not_dropped_without_a_word(tmp_path):
         "import it too, or give it by name",
     )
     assert [run.run for run in aside(folder, folder / "run2.csv")] == ["run3"], "what is given by name is read"
+    record(folder / "2026.11.27 a.mcap", frames())
+    assert [run.run for run in aside(folder)] == ["run2", "run3"]
+    table(folder / "2026.11.27 b.csv")
+    assert len(aside(folder)) == 3, "a point in a name ends no name"
+    (folder / "2026.11.27 b.csv").unlink()
     for number in range(4, 8):
         table(folder / f"run{number}.csv")
     assert aside(folder)[0].message.startswith("run2.csv, run3.csv, run4.csv, run5.csv, 2 more: not read")
