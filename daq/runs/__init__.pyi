@@ -5,6 +5,9 @@ from .open import campaign_folders as campaign_folders
 from .open import holds_runs as holds_runs
 from .open import is_run_file as is_run_file
 from .open import known_beside as known_beside
+from .open import logs_in as logs_in
+from .open import may_be_series as may_be_series
+from .open import misspelt_files as misspelt_files
 from .open import one_wheel as one_wheel
 from .open import open_runs as open_runs
 from .open import readable as readable

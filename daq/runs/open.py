@@ -5,16 +5,20 @@ What a file says of itself is beaten by the campaign folder it lies in, and that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import difflib
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Literal
 
+from daq.can.roles import plain_name
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError, DataError, Fault, RecordingError, WheelsoilError
 from daq.formatting import numbered
+from daq.gunzip import unpacked
 from daq.logs.formats import LOG_SUFFIXES, is_frame_log, no_such_file
 from daq.recording import RunRecording
 from daq.recording.part_writer import part_number, parts_on_disk
@@ -39,7 +43,13 @@ RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix not in ("
 """Files that a folder without runs.toml offers as runs (CSV and text may be anything); see `logs_in`."""
 _MCAP_MAGIC = b"\x89MCAP"
 _NAMED = 4
-"""Folders that a fault names, more are counted."""
+"""Folders or files that a message names, more are counted."""
+_TOML_FILES = (VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE, "zero.toml", "choice.toml", "manifest.toml", "model.toml")
+_HEAD_BYTES = 16 << 10
+_FOR_THE_ZERO = ("lifted", "spin", "zero")
+"""In the names of recordings that `wheelsoil zero` takes, which are no runs of a campaign."""
+_MISSPELT = 0.75
+"""Likeness of a file's name to a known one from which on it is one that is spelled wrong."""
 
 
 @dataclass(frozen=True)
@@ -50,16 +60,17 @@ class SetAsideRun:
     ----------
     run : str
         Its id.
-    cause : "unreadable", "impossible", "misdeclared", "repeated" or "switched_off"
-        `misdeclared`: impossible, and a line of vehicle.toml mends it.
+    cause : "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing" or "not_read"
+        `misdeclared`: impossible, and a line of vehicle.toml mends it. `missing`: runs.toml names it, and there is no
+        such file. `not_read`: a file of the folder that looks like a run.
     reason, next_step : str
         Why, and what to do.
     message : str
-        Both for a terminal; empty where whoever is there knows it.
+        Both for a terminal; empty where whoever is there knows it, or the message of another run names it.
     """
 
     run: str
-    cause: Literal["unreadable", "impossible", "misdeclared", "repeated", "switched_off"]
+    cause: Literal["unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read"]
     reason: str
     next_step: str
     message: str = ""
@@ -139,6 +150,13 @@ def is_run_file(name: str) -> bool:
     return name == RUNS_FILE or _log_suffix(name) in RUN_SUFFIXES
 
 
+@lru_cache(4096)
+def may_be_series(name: str) -> bool:
+    """Return whether a file of this name may hold decoded series; a text is none by its name."""
+    suffix = _log_suffix(name)
+    return suffix in SERIES_SUFFIXES and suffix != ".txt"
+
+
 def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     """Return its folders that hold runs, and what of it may not be read, each by name; raises as `logs_in`."""
     holding: list[Path] = []
@@ -185,7 +203,8 @@ def open_runs(
         See `daq.can.databases.load_database`.
     left_out : callable, optional
         Called for each file of a folder that cannot be read or is empty: it is skipped while the folder has others.
-        None: such a file is an error, as it always is where the file itself is named.
+        None: such a file is an error, as it always is where the file itself is named. Also called for each file that
+        looks like a run and is none of the folder's.
 
     Returns
     -------
@@ -234,8 +253,13 @@ def open_runs(
             if whole and known.runs is None:
                 found = _without_copies(found)
             if found and left_out:
-                for file, failure in unreadable:
-                    left_out(_skipped(file, known, failure))
+                with readable(path):
+                    aside = [_skipped(file, known, failure) for file, failure in unreadable]
+                    if whole:
+                        by_name = {Path(one).resolve() for one in paths}
+                        aside += _overlooked(path, known, found, files, by_name, listed=given.runs is None)
+                for run in aside:
+                    left_out(run)
             else:
                 collected.errors += [failure for _, failure in unreadable]
             opened += found
@@ -341,11 +365,159 @@ def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
 
 def _skipped(file: Path, known: Configuration, failure: RecordingError) -> SetAsideRun:
     names = [run.id for run in known.runs or () if Path(run.file).name == file.name and run.id]
+    name = names[0] if names else _stem(file)
+    if known.runs is not None and not file.exists():
+        reason, step = (
+            f"{RUNS_FILE} names {file.name}, and there is no such file",
+            f"copy it there, or correct {RUNS_FILE}",
+        )
+        return SetAsideRun(name, "missing", reason, step, f"{file}: skipped: no such file; next: {step}")
     reason = "; ".join(fault.what for fault in failure.faults)
     step = "; ".join(dict.fromkeys(fault.next_step for fault in failure.faults if fault.next_step))
     message = "; ".join(f"{fault.where}: skipped: {fault.what}" for fault in failure.faults)
-    name = names[0] if names else file.name.partition(".")[0]
     return SetAsideRun(name, "unreadable", reason, step or "drive it again", message)
+
+
+def _overlooked(
+    folder: Path,
+    known: Configuration,
+    found: Sequence[Run],
+    tried: Sequence[Path],
+    by_name: Collection[Path],
+    *,
+    listed: bool,
+) -> list[SetAsideRun]:
+    """Return the files of a folder that look like runs and are none of those `found`, `tried` or given `by_name`.
+
+    They are recordings and logs that runs.toml does not name (where `listed`), tables with a column of ``[signals]``
+    beside recordings, and tables beside others that cannot be read as series. The source of a run is none of them: an
+    imported table or log, a damaged recording. Raises OSError if the folder cannot be read.
+    """
+    vehicle = known.vehicle or found[0].vehicle
+    gone = {*by_name, *(file.resolve() for file in (*tried, *(file for run in found for file in run.files)))}
+    stems = {_stem_of_run(path) for path in (*tried, *(run.path for run in found))}
+    sources = {name for run in found if run.recording for name in _sources(run.recording)}
+    files = [
+        path
+        for path in sorted(folder.iterdir())
+        if path.is_file()
+        and path.resolve() not in gone
+        and path.name not in sources
+        and _stem_of_run(path) not in stems
+    ]
+    if known.runs is not None:
+        unnamed = [path for path in files if _is_unnamed(path, vehicle, found)] if listed else []
+        reason = f"{RUNS_FILE} does not name {{}}"
+        return _not_read(unnamed, "not used", reason, f"name {{}} in {RUNS_FILE}, or take {{}} out of the folder")
+    if any(_log_suffix(run.path.name) in RUN_SUFFIXES for run in found):
+        beside = [path for path in _tables(files) if _is_table_of_the_vehicle(path, vehicle)]
+        return _not_read(beside, "not read", "the folder has recordings", "import {} too, or give {} by name")
+    refused = [path for path in _tables(files) if _looks_like_a_run(path, vehicle, found)]
+    return [aside for path in refused for aside in _refused(path, vehicle)]
+
+
+def _not_read(files: Sequence[Path], state: str, reason: str, step: str) -> list[SetAsideRun]:
+    """Return the runs of files that share a reason; the message of the first names them all."""
+
+    def worded(text: str, *, several: bool) -> str:
+        return text.replace("{}", "them" if several else "it")
+
+    more = [f"{len(files) - _NAMED} more"] if len(files) > _NAMED else []
+    names = ", ".join([*(path.name for path in files[:_NAMED]), *more])
+    several = len(files) > 1
+    message = f"{names}: {state}, because {worded(reason, several=several)}; next: {worded(step, several=several)}"
+    why, what = f"{state}, because {worded(reason, several=False)}", worded(step, several=False)
+    return [SetAsideRun(_stem(path), "not_read", why, what, "" if i else message) for i, path in enumerate(files)]
+
+
+def _refused(path: Path, vehicle: VehicleConfig) -> Iterator[SetAsideRun]:
+    """Yield the run of a table that cannot be read as series; none if it can."""
+    try:
+        read_series(path, vehicle.series)
+    except DataError as error:
+        fault = error.faults[0]
+        step = fault.next_step or "correct the file, or take it out of the folder"
+        message = f"{path}: not read: {fault.what}; next: {step}"
+        yield SetAsideRun(_stem(path), "not_read", f"not read: {fault.what}", step, message)
+    except WheelsoilError:  # such a table is a run, and was opened
+        pass
+
+
+def _stem(path: Path) -> str:
+    return path.name.partition(".")[0]
+
+
+def _stem_of_run(path: Path) -> str:
+    """Return the name of a file without suffixes and the number of a part: that of an imported log is the same."""
+    name = part_number(path)[0].name
+    return name[: len(name.lower().removesuffix(".gz"))].rpartition(".")[0]
+
+
+def _sources(recording: RunRecording) -> set[str]:
+    """Return the names of the files that a recording was made of."""
+    named = (recording.metadata.get(key, {}).get("source", "") for key in recording.metadata)
+    return {name for names in named for name in names.split(", ") if name}
+
+
+def _is_unnamed(path: Path, vehicle: VehicleConfig, found: Sequence[Run]) -> bool:
+    """Return whether a file is a recording, log or table that may be a run beside those that runs.toml names."""
+    if any(word in path.stem.lower() for word in _FOR_THE_ZERO):
+        return False
+    if _log_suffix(path.name) not in RUN_SUFFIXES:
+        return bool(_tables([path])) and _is_table_of_the_vehicle(path, vehicle)
+    return not _is_made_of(path, {file.name for run in found for file in run.files})
+
+
+def _is_made_of(path: Path, names: Collection[str]) -> bool:
+    """Return whether a file is a recording that was made of one with such a name."""
+    try:
+        return is_recording(path) and not _sources(RunRecording.open(path)).isdisjoint(names)
+    except (WheelsoilError, OSError):
+        return False
+
+
+def _is_table_of_the_vehicle(path: Path, vehicle: VehicleConfig) -> bool:
+    """Return whether a table holds frames, or series with a column of ``[signals]``: no table that we wrote."""
+    try:
+        if series_format(path) is None:
+            return _log_suffix(path.name) == ".csv" and is_frame_log(path)
+        roles = _columns_of_roles(vehicle)
+        if not roles:
+            return False
+        columns = {name for topic in read_series(path, vehicle.series).topics.values() for name in topic}
+        return not {*columns, *map(plain_name, columns)}.isdisjoint(roles)
+    except (WheelsoilError, OSError):
+        return False
+
+
+def _looks_like_a_run(path: Path, vehicle: VehicleConfig, found: Sequence[Run]) -> bool:
+    """Return whether a table's name differs from that of a run in its numbers only, or it begins with such a column."""
+
+    def form(name: str) -> str:
+        return re.sub(r"\d+", "0", name.lower())
+
+    if form(path.name) in {form(run.path.name) for run in found}:
+        return True
+    with unpacked(path, _HEAD_BYTES) as file:
+        head = file.read(_HEAD_BYTES)
+    return any(plain_name(name).encode() in head for name in _columns_of_roles(vehicle))
+
+
+def _columns_of_roles(vehicle: VehicleConfig) -> set[str]:
+    """Return the names of columns that have a role; none where the signals are those of frames."""
+    return set() if vehicle.bus else {name.signal for each in vehicle.each_wheel for name in each.signals.values()}
+
+
+def misspelt_files(names: Collection[str], given: Collection[str] = ()) -> list[str]:
+    """Return a line for each TOML file of a folder whose name is nearly that of one which the folder lacks.
+
+    `names` are those of its files; `given` are known ones that are given in another way.
+    """
+    others = sorted(name for name in names if name.lower().endswith(".toml") and name not in _TOML_FILES)
+    lacking = {name.removesuffix(".toml"): name for name in _TOML_FILES[:3] if name not in {*names, *given}}
+    stems = [(name, name.lower().removesuffix(".toml")) for name in others]
+    near = [(name, difflib.get_close_matches(stem, lacking, 1, _MISSPELT)) for name, stem in stems if lacking]
+    return [f"{name} is not read: is it {lacking[known[0]]}?" for name, known in near if known]
 
 
 def _other_parts(run: Run) -> set[Path]:

@@ -15,7 +15,7 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DatabaseError, RecordingError
 from daq.logs import write_candump
 from daq.recording import RecordingWriter, recover
-from daq.runs.open import open_runs
+from daq.runs.open import SetAsideRun, misspelt_files, open_runs
 
 START_NS = 1_700_000_000_000_000_000
 VEHICLE = """
@@ -179,6 +179,97 @@ def test_a_recovered_copy_beside_its_source_is_no_second_run(tmp_path, copy):
     (run,) = open_runs([tmp_path])
     assert run.path.name == copy
     assert sum(len(batch) for batch in run.frame_batches()) == 200
+
+
+COLUMNS = '[signals]\nvertical_load = "FZ [kN]"\nground_speed = "v [m/s]"\n'
+
+
+def table(path: Path, head: str = "time [s],FZ [kN],v [m/s]\n") -> Path:
+    path.write_text(head + "".join(f"0.{i},8.0,1.{i}\n" for i in range(9)))
+    return path
+
+
+def aside(*paths: Path) -> list[SetAsideRun]:
+    """Return what is not used of some paths, of which some is."""
+    found: list[SetAsideRun] = []
+    assert open_runs(paths, left_out=found.append)
+    return found
+
+
+def test_tables_beside_a_recording_are_not_dropped_without_a_word(tmp_path):
+    folder = folder_with(tmp_path / "campaign", vehicle=COLUMNS)
+    for number in (1, 2, 3):
+        table(folder / f"run{number}.csv")
+    assert aside(folder) == []
+    record(folder / "run1.mcap", frames())
+    table(folder / "processed.csv", "time_s,vertical_load_n,ground_speed_mps\n")
+    (folder / "README.txt").write_text("FZ [kN]")
+    second, third = aside(folder)
+    assert second.message == (
+        "run2.csv, run3.csv: not read, because the folder has recordings; next: import them too, or give them by name"
+    )
+    assert (third.run, third.cause, third.message) == ("run3", "not_read", "")
+    assert (third.reason, third.next_step) == (
+        "not read, because the folder has recordings",
+        "import it too, or give it by name",
+    )
+    assert [run.run for run in aside(folder, folder / "run2.csv")] == ["run3"], "what is given by name is read"
+    record(folder / "2026.11.27 a.mcap", frames())
+    assert [run.run for run in aside(folder)] == ["run2", "run3"]
+    table(folder / "2026.11.27 b.csv")
+    assert len(aside(folder)) == 3, "a point in a name ends no name"
+    (folder / "2026.11.27 b.csv").unlink()
+    for number in range(4, 8):
+        table(folder / f"run{number}.csv")
+    assert aside(folder)[0].message.startswith("run2.csv, run3.csv, run4.csv, run5.csv, 2 more: not read")
+
+
+def test_a_table_that_cannot_be_read_beside_others_is_set_aside_with_the_reason(tmp_path):
+    folder = folder_with(tmp_path / "campaign", vehicle=COLUMNS)
+    table(folder / "run1.csv")
+    table(folder / "run2.csv", "")
+    table(folder / "braked.csv", "count,FZ [kN],v [m/s]\n").write_text("count,FZ [kN],v [m/s]\n1,8,1\n2,8,1\n")
+    (folder / "soil.csv").write_text("a,b\n1,2\n")
+    (folder / "README.txt").write_text("of the first day")
+    braked, second = aside(folder)
+    assert (braked.run, second.run, second.cause) == ("braked", "run2", "not_read")
+    assert second.reason == "not read: no column looks like a time" and "[series] time" in second.next_step
+    assert second.message == f"{folder / 'run2.csv'}: {second.reason}; next: {second.next_step}"
+
+
+def test_runs_toml_leaves_no_recording_without_a_word(tmp_path):
+    listed = "".join(f'[[run]]\nfile = "run-{i}.mcap"\nid = "day-{i}"\n' for i in (1, 22))
+    folder = folder_with(tmp_path / "campaign", vehicle=VEHICLE, runs=listed)
+    path = record(folder / "run-1.mcap", frames())
+    recover(path, folder / "again.mcap")
+    for name in ("run-7", "lifted-before"):
+        record(folder / f"{name}.mcap", frames())
+    write_candump([frames()], folder / "run-1.log")
+    missing, unnamed = aside(folder)
+    step = "copy it there, or correct runs.toml"
+    assert (missing.run, missing.cause, missing.next_step) == ("day-22", "missing", step)
+    assert missing.reason == "runs.toml names run-22.mcap, and there is no such file" and not missing.drive_again
+    assert missing.message == f"{folder / 'run-22.mcap'}: skipped: no such file; next: {step}"
+    assert (unnamed.run, unnamed.message) == (
+        "run-7",
+        "run-7.mcap: not used, because runs.toml does not name it; next: name it in runs.toml, or take it out of the "
+        "folder",
+    )
+    chosen: list[SetAsideRun] = []
+    open_runs([folder], runs=folder / "runs.toml", left_out=chosen.append)
+    assert [run.run for run in chosen] == ["day-22"], "who gives runs.toml by hand has chosen"
+
+
+def test_a_file_of_nearly_a_known_name_is_found():
+    said = misspelt_files(
+        ["vehcile.toml", "Terrain.toml", "runs.toml", "run.toml", "tyre.toml", "choice.toml", "a.csv"]
+    )
+    assert said == [
+        "Terrain.toml is not read: is it terrain.toml?",
+        "vehcile.toml is not read: is it vehicle.toml?",
+    ]
+    assert misspelt_files(["vehicle.toml", "vehicle2.toml"]) == [], "another one beside the one that is read"
+    assert misspelt_files(["vehicle2.toml"], given=["vehicle.toml"]) == []
 
 
 def test_all_faults_are_reported_at_once(tmp_path):

@@ -93,6 +93,16 @@ def test_a_file_stands_once_in_runs_toml(folder: Path) -> None:
     assert "run-1.mcap is there twice: leave one [[run]] of each file" in found.err
 
 
+def test_what_is_not_used_of_a_folder_is_said_and_listed(folder: Path) -> None:
+    shutil.copy(folder / "run-1.mcap", folder / "run-7.mcap")
+    (folder / "runs.toml").write_text("".join(f'[[run]]\nfile = "run-{i}.mcap"\nid = "run-{i}"\n' for i in (1, 2, 22)))
+    (folder / "terrain.toml").rename(folder / "terain.toml")
+    found = invoke("process", folder)
+    assert f"{folder}: terain.toml is not read: is it terrain.toml?" in found.err.splitlines()
+    assert "run-7.mcap: not used, because runs.toml does not name it; next: " in found.err
+    assert "set aside  run-22: runs.toml names run-22.mcap, and there is no such file" in found.out
+
+
 def test_a_table_given_twice_is_an_error(tmp_path: Path) -> None:
     table, wheel = tmp_path / "a.csv", tmp_path / "wheel.toml"
     table.write_text("slip,vertical_load_n,drawbar_pull_n\n0.1,25,3\n0.2,25,5\n0.3,25,6\n")

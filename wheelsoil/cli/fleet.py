@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 StoreUrl = Annotated[str, typer.Argument(metavar="STORE", help="A folder, or a bucket: s3://bucket/folder.")]
 
 _SHOWN = 40
+_LINES = 20
+"""Of what is not read, that are printed."""
 _MINUTE_S, _HOUR_S = 60, 3600
 
 fleet_app = typer.Typer(
@@ -80,6 +82,9 @@ def fleet_run(
         say(PLAIN_SCHEDULER.format(scheduler))
     if plan.store.is_open_to_all:
         say(OPEN_STORE.format(store))
+    more = len(plan.not_read) - _LINES
+    for line in (*plan.not_read[:_LINES], *([f"{more} more files and folders are not read"] if more > 0 else [])):
+        say(line)
     there = len(plan.found) - len(plan.todo)
     say(f"{len(plan.found)} campaign{'s' * (len(plan.found) != 1)}, {there} in the store already")
     anew = {damage.campaign for damage in plan.damaged} & {source.name for source in plan.todo}

@@ -9,13 +9,16 @@ from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 
-from daq import ConfigError, Fault, WheelsoilError
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, holds_runs, is_run_file
+from daq import ConfigError, Fault, VehicleConfig, WheelsoilError
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, holds_runs, is_run_file, logs_in, may_be_series, misspelt_files
 from daq.series import column_names
 
 _REPORTS = (".html", ".pdf", ".json", ".md", ".png", ".svg")
 """Files of a campaign's folder that are made of its runs."""
 _TABLE_COLUMNS = {"slip", "vertical_load_n", "drawbar_pull_n"}
+
+_NAMED = 4
+"""Files and folders that a fault names."""
 
 Facts = dict[str, list[int]]
 """Size and time of change (ns) of files, by their path."""
@@ -87,12 +90,18 @@ def facts_of(files: Iterable[Path]) -> Facts:
     return {path: [stat.st_size, stat.st_mtime_ns] for path, stat in seen}
 
 
-def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
+def find_sources(roots: Sequence[Path], not_read: list[str] | None = None) -> dict[Source, Beside | None]:
     """Return every campaign folder and single-wheel table in some folders, however deep, by name.
 
     A folder that holds recordings or logs is a campaign, and is not searched further. One with series beside
     vehicle.toml is a campaign where no folder below it has recordings or logs. A table is a CSV file with the columns
     slip, vertical_load_n and drawbar_pull_n in a folder with terrain.toml. Folders that begin with a dot are left out.
+
+    Parameters
+    ----------
+    not_read : list of str, optional
+        Takes a line for each file that is nearly called like one that a campaign is described by, and for each folder
+        with series that lacks vehicle.toml.
 
     Returns
     -------
@@ -107,11 +116,14 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     faults: list[Fault] = []
     found: dict[Source, Beside | None] = {}
     for root in map(Path, roots):
-        own = dict(_sources_in(str(root.absolute())))
+        unread: list[str] = []
+        own = dict(_sources_in(str(root.absolute()), unread))
         if not own:
             step = "name a folder that has campaigns in it, however deep: recordings or logs with vehicle.toml"
             what = "there is no campaign" if root.is_dir() else "there is no such folder"
-            faults.append(Fault(what, str(root), next_step=step))
+            faults.append(Fault(what, str(root), "; ".join(sorted(unread)[:_NAMED]), next_step=step))
+        if not_read is not None:
+            not_read += sorted(unread)
         found |= own
     ordered = sorted(found, key=lambda source: source.name)
     for name, same in groupby(ordered, key=lambda source: source.name):
@@ -127,8 +139,9 @@ def find_sources(roots: Sequence[Path]) -> dict[Source, Beside | None]:
     return {source: found[source] for source in ordered}
 
 
-def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
+def _sources_in(root: str, not_read: list[str]) -> Iterator[tuple[Source, Beside | None]]:
     waiting = [root]
+    undescribed: dict[str, str] = {}
     of_series: list[tuple[Source, Beside | None]] = []
     above: set[str] = set()  # folders that have one with recordings below them
     while waiting:
@@ -141,6 +154,7 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
         below = folder.removeprefix(root).strip(os.sep).replace(os.sep, "/")
         files = list(filter(_is_file, entries))
         source = Source(below or Path(root).name, folder)
+        not_read += [f"{source.name}: {line}" for line in misspelt_files([entry.name for entry in files])]
         if any(is_run_file(entry.name) for entry in files):
             _add_above(above, root, folder)
             yield source, _seen(files)
@@ -155,8 +169,15 @@ def _sources_in(root: str) -> Iterator[tuple[Source, Beside | None]]:
             if name.endswith(".csv") and _is_table(Path(folder, name)):
                 stem = name.removesuffix(".csv")
                 yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
+        if VEHICLE_FILE not in names and any(map(_may_be_series, names)):
+            undescribed[folder] = source.name
     # beside folders with recordings a table with times is no campaign
     yield from (found for found in of_series if found[0].path not in above)
+    for folder, name in undescribed.items():
+        if folder not in above and _has_series(folder):
+            not_read.append(
+                f"{name}: not read, because it has series and no {VEHICLE_FILE}; next: write one, or ignore it"
+            )
 
 
 def _add_above(above: set[str], root: str, folder: str) -> None:
@@ -174,6 +195,19 @@ def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:
         return False
     try:
         return holds_runs(Path(folder))
+    except OSError:
+        return False
+
+
+def _may_be_series(name: str) -> bool:
+    """Return whether a name is one of decoded series, but of Parquet: a store below a root has that."""
+    return may_be_series(name) and not name.endswith(".parquet")
+
+
+def _has_series(folder: str) -> bool:
+    """Return whether a folder that nothing describes has tables with times."""
+    try:
+        return any(True for _ in logs_in(Path(folder), VehicleConfig()))
     except OSError:
         return False
 

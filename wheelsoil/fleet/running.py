@@ -127,6 +127,8 @@ class Plan:
         Of those that it has.
     damaged : tuple of Damage
         Of the store's files; the campaigns that were found are made anew.
+    not_read : tuple of str
+        What lies below the roots and looks like a part of a campaign; see `find_sources`.
     """
 
     store: Store
@@ -135,6 +137,7 @@ class Plan:
     failed: dict[str, str]
     options: FleetOptions
     damaged: tuple[Damage, ...] = ()
+    not_read: tuple[str, ...] = ()
 
     @property
     def todo(self) -> tuple[Source, ...]:
@@ -168,7 +171,8 @@ def plan_fleet(
 def _planned(
     roots: Sequence[Path], url: str, options: FleetOptions, shard: Shard, retry_failed: bool, thorough: bool
 ) -> Plan:
-    found = {source: files for source, files in find_sources(roots).items() if shard.has(source)}
+    not_read: list[str] = []
+    found = {source: files for source, files in find_sources(roots, not_read).items() if shard.has(source)}
     store = open_store(url, create=True)
     holdings = holdings_of(store, thorough=thorough)
     known, made_of = holdings.manifests, holdings.sources()
@@ -191,7 +195,7 @@ def _planned(
             older[manifest.campaign] = (*older.get(manifest.campaign, ()), part.name)
     contents = {source.name: known[source.name].content for source in todo if source.name in known}
     items = tuple(Task(source, older.get(source.name, ()), contents.get(source.name, "")) for source in todo)
-    return Plan(store, tuple(found), items, failed, options, holdings.damaged)
+    return Plan(store, tuple(found), items, failed, options, holdings.damaged, tuple(not_read))
 
 
 def _as_now(source: Source, files: Beside | None, made_of: object) -> bool:

@@ -355,7 +355,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     opened: list[Run] = []
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
-            opened += files.open_runs(part, lambda run: remarks.append(run.message))
+            opened += files.open_runs(part, lambda run: remarks.extend([run.message] * bool(run.message)))
     if not opened:
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)

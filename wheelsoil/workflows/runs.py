@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +21,17 @@ from daq import (
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
-from daq.runs import VEHICLE_FILE, Collected, Run, SetAsideRun, one_wheel, open_runs
+from daq.runs import (
+    RUNS_FILE,
+    TERRAIN_FILE,
+    VEHICLE_FILE,
+    Collected,
+    Run,
+    SetAsideRun,
+    misspelt_files,
+    one_wheel,
+    open_runs,
+)
 from model import in_parallel
 from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
 from wheelsoil.console import progress, say
@@ -114,6 +125,7 @@ class Files:
         return found
 
     def _open(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
+        self._say_misspelt(paths)
         return open_runs(
             paths,
             vehicle=self.vehicle,
@@ -122,6 +134,15 @@ class Files:
             lenient_dbc=self.lenient_dbc,
             left_out=left_out,
         )
+
+    def _say_misspelt(self, paths: Sequence[Path]) -> None:
+        """Say which files of the folders are nearly called like one that is looked for."""
+        options = {VEHICLE_FILE: self.vehicle, TERRAIN_FILE: self.terrain or self.soil, RUNS_FILE: self.runs}
+        given = [name for name, option in options.items() if option]
+        for folder in paths:
+            with suppress(OSError):  # opening it says what is wrong
+                for line in misspelt_files([path.name for path in folder.iterdir()], given):
+                    say(f"{folder}: {line}")
 
 
 Check = Callable[[Sequence[Run]], object]

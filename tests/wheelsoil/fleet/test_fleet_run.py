@@ -16,6 +16,7 @@ import pytest
 from cli_support import invoke, ok
 from fleet_support import contents, differing, in_one_process, killed_at, rows_of
 
+from daq import ConfigError
 from daq.runs import SetAsideRun
 from processing import LOOK
 from wheelsoil.cache import entries
@@ -74,6 +75,30 @@ def test_a_folder_of_series_is_a_campaign_where_a_vehicle_describes_it(tmp_path:
     (tmp_path / "driven" / "day" / "one" / "run.mcap").touch()
     names = [one.name for one in find_sources([tmp_path])]
     assert names == ["driven/day/one", "tested/soil"], "a table beside folders with recordings hides none of them"
+
+
+def test_what_looks_like_a_campaign_and_is_none_is_said(tmp_path: Path) -> None:
+    series, roots = "time_s,Fx [N]\n0,1\n0.1,2\n", tmp_path / "all"
+    for folder, names in (("typo", ["vehicel.toml", "run.csv"]), ("bare", ["run.csv"]), ("notes", ["README.txt"])):
+        (roots / folder).mkdir(parents=True)
+        for name in names:
+            (roots / folder / name).write_text(series if name.endswith(".csv") else "", encoding="utf-8")
+    (roots / "notes" / "table.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    lines = [
+        "bare: not read, because it has series and no vehicle.toml; next: write one, or ignore it",
+        "typo: not read, because it has series and no vehicle.toml; next: write one, or ignore it",
+        "typo: vehicel.toml is not read: is it vehicle.toml?",
+    ]
+    with pytest.raises(ConfigError, match="there is no campaign") as caught:
+        find_sources([roots])
+    assert caught.value.faults[0].found == "; ".join(lines)
+    (roots / "driven").mkdir()
+    (roots / "driven" / "run.mcap").touch()
+    not_read: list[str] = []
+    assert [one.name for one in find_sources([roots], not_read)] == ["driven"]
+    assert not_read == lines
+    said = invoke("fleet", "run", roots, "--store", tmp_path / "store").err.splitlines()
+    assert said[:4] == [*lines, "1 campaign, 0 in the store already"]
 
 
 def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: Path) -> None:

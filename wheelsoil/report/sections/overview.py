@@ -527,7 +527,7 @@ def _shown_runs(levels: Sequence[str]) -> list[int]:
 
 
 def _set_aside_row(run: SetAsideRun, columns: int) -> list[str]:
-    decision = "✕ set aside" if run.cause not in ("repeated", "switched_off") else "– set aside"
+    decision = "✕ set aside" if run.cause not in ("repeated", "switched_off", "not_read") else "– set aside"
     return [run.run, decision, *["–"] * (columns - 3), f"{run.reason}. Next: {run.next_step}"]
 
 
