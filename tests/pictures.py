@@ -82,8 +82,10 @@ def of_reports(browser: Browser, folder: Path) -> None:
         title = page.locator("summary", has_text="Time histories")
         title.click()
         plots = page.locator("details", has=title).locator("figure, .figure")
-        plots.first.scroll_into_view_if_needed()
-        page.evaluate("() => window.scrollBy(0, 220)")
+        plots.first.evaluate(
+            "(plot) => window.scrollTo({ top: plot.getBoundingClientRect().top + scrollY - 60, behavior: 'instant' })"
+        )
+        page.wait_for_timeout(1500)
         box = plots.first.bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
@@ -112,11 +114,11 @@ def of_view(browser: Browser, _: Path) -> None:
     with viewing(ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy") as view:
         view.settled()
         with opened(browser, view.address, LAPTOP) as page:
-            open_run(page, "clay", "run-3")
+            open_run(page, "sandy", "run-3")
             drawn(page)
             page.get_by_role("button", name="Diagnose").click()
-            expect(page.get_by_role("button", name="Use this model")).to_be_visible(timeout=DIAGNOSED_MS)
-            page.get_by_role("button", name="Use this model").click()
+            expect(page.locator("#recommended")).to_be_visible(timeout=DIAGNOSED_MS)
+            page.locator("#recommended").click()
             drawn(page)
             at_cursor(page)
             page.emulate_media(color_scheme="dark")
@@ -124,8 +126,8 @@ def of_view(browser: Browser, _: Path) -> None:
             keep("view_dark", page.screenshot())
             page.emulate_media(color_scheme="light")
             page.set_viewport_size({"width": WIDE[0], "height": WIDE[1]})
-            page.get_by_label("Compare with").select_option(label="sandy: all runs")
-            expect(page.locator("#compare-note")).to_contain_text("clay − sandy")
+            page.get_by_label("Compare with").select_option(label="clay: all runs")
+            expect(page.locator("#compare-note")).to_contain_text("sandy − clay")
             drawn(page)
             at_cursor(page)
             keep("view_compare", page.screenshot())
@@ -180,7 +182,9 @@ def of_fleets(browser: Browser, folder: Path) -> None:
             assert count == 1, "vehicle.toml has no [transducer]"
             vehicle.write_text(text, "utf-8")
     wheelsoil("fleet", "run", folder / "fields", "--store", folder / "store")
-    wheelsoil("fleet", "report", folder / "store", "-o", folder / "fleet.html")
+    subprocess.run(
+        [sys.executable, "-c", START, "fleet", "report", "store", "-o", "fleet.html"], check=True, cwd=folder
+    )
     with opened(browser, (folder / "fleet.html").as_uri(), LAPTOP) as page:
         keep("fleet_laptop", page.screenshot())
 
