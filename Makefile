@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks mutants wheels clean
+.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks pictures mutants wheels clean
 .DEFAULT_GOAL := demo
 
 # model/compiled.c is compiled where there is a C compiler (model/core_build.py).
@@ -64,6 +64,10 @@ fuzz: $(STAMP)
 # Runs the notebooks of examples/ and keeps what they show.
 notebooks: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m notebook_outputs
+
+# Takes the manual's pictures of the pages anew; PAGES="report view" some of them.
+pictures: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m pictures $(PAGES)
 
 # Measures the strength of the tests, into out/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
 mutants: $(STAMP)
