@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from itertools import combinations, pairwise
-from math import hypot
+from math import degrees, hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -59,6 +59,8 @@ ConfigT = TypeVar("ConfigT", bound=BaseModel)
 _DEEP_KEY = re.compile(rf"""(?<![\w.-])(?:["']?[\w-]+["']?[ \t]*\.[ \t]*){{{DEEPEST_KEY}}}""")
 
 
+_LIGHT_KG = 50.0
+"""Mass of a vehicle below which it is rather in tonnes than that of its wheel in grams."""
 LEAST_LOAD_SHARE = 0.03
 """Least share of a vehicle's mass on a wheel that stands on the ground."""
 
@@ -185,6 +187,22 @@ class VehicleConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _wheels_lighter_than_the_vehicle(self) -> Self:
+        mass_kg = self.vehicle.mass_kg
+        single = [("wheel", self.wheel)] if self.wheel else []
+        for key, wheel in [*single, *((f"wheel {wheel.id}:", wheel) for wheel in self.wheels)]:
+            outboard_kg = wheel.outboard_mass_kg
+            if mass_kg is not None and outboard_kg > mass_kg:
+                name = f"{key}.outboard_mass_kg" if key == "wheel" else f"{key} outboard_mass_kg"
+                grams = f"{outboard_kg:g} g are {outboard_kg / 1e3:g} kg"
+                tonnes = f"{mass_kg:g} t are {mass_kg * 1e3:g} kg"
+                raise ValueError(
+                    f"{name} = {outboard_kg:g} is more than vehicle.mass_kg = {mass_kg:g}, of which it is a part; "
+                    f"correct one of them, in kilograms: {tonnes if mass_kg < _LIGHT_KG else grams}"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _wheels_agree(self) -> Self:
         if not self.wheels:
             return self
@@ -262,18 +280,34 @@ class VehicleConfig(Section):
         return sensor.latency_s if sensor else 0.0
 
 
+_SMALLEST_ANGLE_DEG, _LARGEST_ANGLE_DEG = 1.5, 60.0
+"""Of friction angles: a smaller one is taken for radians."""
+
+
 class SoilSection(Section):
     """``[soil]``: the laboratory's values, in the units of the paper's Tab. 1."""
 
     name: str
     cohesion_kpa: Annotated[float, Field(ge=0, lt=1000)]
-    friction_angle_deg: Annotated[float, Field(ge=0, lt=60)]
+    friction_angle_deg: Annotated[float, Field(ge=0, lt=_LARGEST_ANGLE_DEG)]
     shear_modulus_m: Annotated[float, Field(gt=0, lt=1)]
     sinkage_exponent: Annotated[float, Field(gt=0, lt=3)]
     cohesive_modulus_kn: Finite
     frictional_modulus_kn: Finite
     unit_weight_kn_m3: Positive | None = None
     plate_speed_mps: Positive | None = None
+
+    @field_validator("friction_angle_deg")
+    @classmethod
+    def _in_degrees(cls, value: float) -> float:
+        if value == 0 or value >= _SMALLEST_ANGLE_DEG:
+            return value
+        angle = degrees(value)
+        hint = f"{value:g} rad are {angle:.1f} degrees: write friction_angle_deg = {angle:.1f}"
+        raise ValueError(
+            f"{value:g} degrees is the friction angle of no soil: 0 for one of cohesion alone, else at least "
+            f"{_SMALLEST_ANGLE_DEG:g}; {hint if angle < _LARGEST_ANGLE_DEG else 'give the angle in degrees'}"
+        )
 
 
 class UncertaintySection(Section):

@@ -205,6 +205,8 @@ class BevameterCode(StrEnum):
     """k_c, k_phi, widths_m"""
     ONE_STRESS = "one_stress"
     """stress_pa, strength_pa"""
+    STRESSES_TINY = "stresses_tiny"
+    """strength_pa: the largest"""
     COHESION_NEGATIVE = "cohesion_negative"
     """cohesion_pa, interval95"""
 

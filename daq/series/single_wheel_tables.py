@@ -26,6 +26,7 @@ _OF_THE_WHEEL = re.compile(
 )
 """Names of columns whose values belong to a wheel."""
 _LONGEST_M = 2.0  # a longer sinkage or displacement is in millimetres
+_LARGEST_PLATE_M = 1.0  # of the radius or width of a plate, and of a ring's outer radius
 _STEADY = 0.05  # share by which a measured normal stress may vary within a test
 
 
@@ -350,9 +351,12 @@ def _ring_radii(table: Table, ring_m: tuple[float, float] | None) -> tuple[float
         radii = table.numbers(columns)
         ring_m = (_constant(table, columns[0], radii[columns[0]]), _constant(table, columns[1], radii[columns[1]]))
     inner, outer = ring_m
-    if not 0 <= inner < outer < math.inf:
-        found = f"{inner:g} and {outer:g} m"
-        raise ConfigError.of("these are no radii of a ring", table.source, found, "inner below outer", "in metres")
+    if not 0 <= inner < outer <= _LARGEST_PLATE_M:
+        found, expected = f"{inner:g} and {outer:g} m", f"inner below outer, and this at most {_LARGEST_PLATE_M:g} m"
+        step = (
+            f"give them in metres; {outer:g} mm are {outer * 1e-3:.4g} m" if outer > _LARGEST_PLATE_M else "in metres"
+        )
+        raise ConfigError.of("these are no radii of a ring", table.source, found, expected, step)
     return inner, outer
 
 
@@ -373,6 +377,10 @@ def _plate_test(table: Table, name: str, radius_m: float | None, width_m: float 
     for key, size in sizes.items():
         if not (math.isfinite(size) and size > 0):
             raise ConfigError.of(f"{key} must be positive", table.source, found=f"{size:g}")
+        if key != "length_m" and size > _LARGEST_PLATE_M:
+            step = f"give it in metres; {size:g} mm are {size * 1e-3:.4g} m"
+            found, expected = f"{size:g} m", f"at most {_LARGEST_PLATE_M:g} m"
+            raise ConfigError.of(f"{key} is the size of no plate", table.source, found, expected, step)
     if ("radius_m" in sizes) == ("width_m" in sizes):
         raise ConfigError(_no_size(table, sizes))
     b = sizes.get("radius_m", sizes.get("width_m", math.nan))

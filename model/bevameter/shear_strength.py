@@ -40,6 +40,7 @@ TOGETHER = ("strength_pa", "shear_modulus_m")
 """Where all tests were at one normal stress."""
 ASSUMED_SCATTER = (0.10, 0.20)
 """Relative one-sigma of the strength and of K between tests of one terrain."""
+_TINY_PA = 100.0  # strength of a soil that is rather in kPa
 _SAME_STRESS = 0.01  # share of the largest normal stress
 
 
@@ -214,6 +215,8 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
         notes = [Note(BevameterCode.ONE_STRESS, values=values)]
     else:
         joint, notes = _of_several(shears, stress)
+    if (strongest := max(shear.strength_pa for shear in shears)) < _TINY_PA:
+        notes.append(Note(BevameterCode.STRESSES_TINY, values={"strength_pa": strongest}))
     return ShearStrength(shears, joint, (float(stress.min()), float(stress.max())), (*notes, *joint.warnings))
 
 

@@ -58,6 +58,9 @@ from processing.transducer_zero.application import RunZeros, ZeroRemoval
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
 _SLOPES = (*SLIP_ROLES, "pitch")
+
+_MOST_ADDED = 10.0
+"""Times its own mass that a vehicle may be loaded with."""
 _NOTABLE_END_S = 1.0
 
 Base = tuple[int, FloatArray]
@@ -178,6 +181,7 @@ def process_stream(
     """
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
+    _refuse_added_load(vehicle, run or RunInfo())
     gate = StatusGate(round(1e9 / options.rate_hz), declared="transducer_status" in vehicle.signals)
     faults = FaultGate(round(1e9 / options.rate_hz), vehicle)
     removal = ZeroRemoval(zeros or RunZeros(), vehicle)
@@ -266,6 +270,18 @@ def _wheel(vehicle: VehicleConfig) -> WheelSection:
             "the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m"
         )
     return vehicle.wheel
+
+
+def _refuse_added_load(vehicle: VehicleConfig, run: RunInfo) -> None:
+    mass_kg, added_kg = vehicle.vehicle.mass_kg, run.added_load_kg
+    if mass_kg is not None and added_kg > _MOST_ADDED * mass_kg:
+        raise ConfigError.of(
+            "the added load is one that the vehicle cannot carry",
+            f"runs.toml: run {run.id or run.file!r}",
+            f"added_load_kg = {added_kg:g}",
+            f"at most {_MOST_ADDED:g} times mass_kg = {mass_kg:g} of vehicle.toml",
+            f"correct one of them, in kilograms; {added_kg:g} g are {added_kg * 1e-3:.4g} kg",
+        )
 
 
 def _collect(

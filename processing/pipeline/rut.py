@@ -13,8 +13,9 @@ from math import cos, radians
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, FloatArray, RutReading
-from processing.processed_run import ProcessedRun
+from daq import ConfigError, DataError, Fault, FloatArray, Note, RutReading
+from processing.notes import RunCode
+from processing.processed_run import ProcessedRun, Reason
 
 REBOUND_M, REBOUND_SIGMA_M = 0.005, 0.003
 """Assumed, without a source: what is added to a rut's depth, and how much soils differ in it."""
@@ -26,12 +27,14 @@ _DEGREE_M = 111_195.0
 def with_ruts(run: ProcessedRun) -> ProcessedRun:
     """Return the run with its rut readings as sinkage at the nearest samples; NaN everywhere else.
 
+    A reading at a sample that is excluded is noted.
+
     Raises
     ------
     ConfigError
-        A reading beside a sinkage signal, or of another pass.
+        A reading beside a sinkage signal, or deeper than the wheel's radius.
     DataError
-        A reading before or behind the run, or off its track.
+        A reading before or behind the run, off its track, or of another pass.
     """
     if not run.run.rut:
         return run
@@ -43,14 +46,37 @@ def with_ruts(run: ProcessedRun) -> ProcessedRun:
                 next_step="leave out [[run.rut]], or the signal sinkage in vehicle.toml",
             )
         )
+    if deep := [fault for i, reading in enumerate(run.run.rut, 1) for fault in _too_deep(run, reading, i)]:
+        raise ConfigError(*deep)
     faults = [fault for i, reading in enumerate(run.run.rut, 1) for fault in _misplaced(run, reading, i)]
     if faults:
         raise DataError(*faults)
     sinkage, sigma = np.full(len(run), np.nan), np.full(len(run), np.nan)
-    for reading in run.run.rut:
+    notes = []
+    for number, reading in enumerate(run.run.rut, 1):
         row = int(np.nanargmin(_distance_to(run, reading)))
         sinkage[row], sigma[row] = reading.depth_m + REBOUND_M, reading.sigma_m
-    return replace(run, sinkage_m=sinkage, sinkage_sigma_m=sigma)
+        if run.reason[row] != Reason.USED:
+            values = {"number": number, "time_s": float(run.time_s[row]), "reason": Reason(run.reason[row]).name}
+            notes.append(Note(RunCode.RUT_NOT_USED, values=values))
+    quality = replace(run.quality, notes=(*run.quality.notes, *notes))
+    return replace(run, sinkage_m=sinkage, sinkage_sigma_m=sigma, quality=quality)
+
+
+def _too_deep(run: ProcessedRun, reading: RutReading, number: int) -> Iterator[Fault]:
+    """Yield what of a reading is more than the radius of the wheel that left the rut."""
+    radius = run.wheel_radius_m
+    for key, value in (("depth_m", reading.depth_m), ("sigma_m", reading.sigma_m)):
+        if value > radius:
+            metres = next((value * factor for factor in (1e-3, 1e-2) if value * factor <= radius), 0.0)
+            unit = "mm" if metres == value * 1e-3 else "cm"
+            yield Fault(
+                f"{key} is larger than the wheel's radius",
+                f"{_where(run)}, [[run.rut]] {number}",
+                f"{value:g} m",
+                f"at most {radius:g} m, the radius_m of vehicle.toml",
+                f"{value:g} {unit} are {metres:.4g} m: write {key} = {metres:.4g}" if metres else "give it in metres",
+            )
 
 
 def _distance_to(run: ProcessedRun, reading: RutReading) -> FloatArray:

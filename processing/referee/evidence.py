@@ -32,7 +32,7 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     evidence = evidence_of(run, vehicle)
     ruling = judge(evidence)
     if not ruling.doubted:
-        return [], {}
+        return _overloaded(run, vehicle), {}
     held = _held_rows(evidence.channels, run)
     frozen, whole = _frozen(run, evidence, held)
     if frozen:
@@ -42,6 +42,19 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     if whole:
         values |= {"held": whole}
     return [Note(RunCode.IMPLAUSIBLE, severity, values)], {}
+
+
+def _overloaded(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
+    """Return a note where one wheel carries more than the vehicle weighs, of which the ruling may know no mend."""
+    mass_kg, added_kg = vehicle.vehicle.mass_kg, run.run.added_load_kg
+    load = np.abs(run.vertical_load_n[np.isfinite(run.vertical_load_n)])
+    if mass_kg is None or not len(load):
+        return []
+    load_n, weight_n = float(np.median(load)), (mass_kg + max(added_kg, 0.0)) * STANDARD_GRAVITY_MPS2
+    if load_n <= weight_n:
+        return []
+    values = {"load_n": load_n, "weight_n": weight_n, "mass_kg": mass_kg, "added_kg": added_kg}
+    return [Note(RunCode.OVERLOADED, Severity.DOUBT, values)]
 
 
 def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[str, BoolArray]:

@@ -1,10 +1,10 @@
-"""Places of antenna and wheel in vehicle.toml: what is wrong is refused with its key."""
+"""Places and masses in vehicle.toml, angles in terrain.toml: what is wrong is refused with its key."""
 
 from __future__ import annotations
 
 import pytest
 
-from daq.config import VehicleConfig, parse_toml
+from daq.config import TerrainConfig, VehicleConfig, parse_toml
 from daq.errors import ConfigError
 
 WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
@@ -25,11 +25,31 @@ WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
         (f"[vehicle]\naxles = 2\n{WHEEL}axle = 3", "wheel.axle = 3 is not on a vehicle with vehicle.axles = 2"),
         (f"[vehicle]\naxles = 2\n{WHEEL}axle = 0", "wheel.axle: .*greater than or equal to 1"),
         ("[signals]\nyawrate = 'Imu.Yaw'", "yaw_rate"),
+        (f"[vehicle]\nmass_kg = 3600\n{WHEEL}outboard_mass_kg = 75000", r"wheel.outboard_mass_kg.* 75000 g are 75 kg"),
+        (f"[vehicle]\nmass_kg = 3.6\n{WHEEL}outboard_mass_kg = 75", r"of which it is a part.* 3.6 t are 3600 kg"),
     ],
 )
 def test_a_place_that_cannot_be_is_refused(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         parse_toml(text, VehicleConfig, "vehicle.toml")
+
+
+SOIL = """[soil]
+name = "field"
+cohesion_kpa = 5
+friction_angle_deg = {}
+shear_modulus_m = 0.02
+sinkage_exponent = 1
+cohesive_modulus_kn = 1
+frictional_modulus_kn = 500
+"""
+
+
+def test_a_friction_angle_in_radians_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"0.244 rad are 14.0 degrees: write friction_angle_deg = 14.0"):
+        parse_toml(SOIL.format(0.244), TerrainConfig, "terrain.toml")
+    for angle in (0, 1.5, 14, 59):
+        assert parse_toml(SOIL.format(angle), TerrainConfig, "terrain.toml").soil.friction_angle_deg == angle
 
 
 def test_without_a_place_the_settings_are_what_they_were() -> None:

@@ -91,6 +91,14 @@ def test_one_normal_stress_is_told_that_it_cannot_part_c_from_phi() -> None:
     assert any("second normal stress" in text for text in texts_of(found.warnings))
 
 
+@pytest.mark.parametrize(("unit", "said"), [(1.0, False), (1e-3, True)])
+def test_stresses_in_kpa_taken_for_pa_are_noted(unit: float, said: bool) -> None:
+    stresses = [unit * stress for stress in (2e3, 10e3, 60e3)]
+    tests = shear_tests(np.random.default_rng(3), cohesion_pa=unit * 150.0, normal_stresses_pa=stresses, repeats=1)
+    texts = texts_of(fit_shear_strength(tests).warnings)
+    assert any("if the stresses are in kPa" in text for text in texts) == said
+
+
 def test_a_negative_cohesion_is_set_to_zero_and_said() -> None:
     tests = shear_tests(np.random.default_rng(1), cohesion_pa=-900.0, scatter=(0.03, 0.05), noise=0.01)
     found = fit_shear_strength(tests)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from bench_samples import bench
 
+from model.diagnosis.single_wheel import predictions
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import Optimum
@@ -74,3 +78,12 @@ def test_two_causes_that_leave_little_together_cancel_unless_the_rows_ask_for_bo
         return
     assert note is not None and note.code == LackCode.PARTS_CANCEL
     assert note.values["families"] == ("drawbar_pull_zero", "crosstalk")
+
+
+def test_rows_that_fit_nowhere_have_no_likelihood_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The samples that have a weight lose it where another, which has none, is far more likely."""
+    monkeypatch.setattr(predictions, "log_likelihood", lambda *_: np.array([0.0, -2000.0]))
+    posterior = SimpleNamespace(log_likelihood=np.zeros(2), weights=np.array([0.0, 1.0]), predicted={})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert predictions._log_predictive(None, posterior) == -np.inf  # type: ignore[arg-type]

@@ -12,11 +12,12 @@ from pydantic import ValidationError
 
 from daq import ConfigError, DataError, RunInfo, RutReading
 from daq.config import RunsConfig, parse_toml
-from processing import ProcessedRun
+from processing import ProcessedRun, RunCode, Segment
 from processing.pipeline import process
 from processing.pipeline.rut import REBOUND_M, with_ruts
 from wheelsoil.simulation.campaign import runs_toml, simulated_roles
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.workflows.grading import doubted_runs
 
 PLACES = st.one_of(
     st.floats(0, 1e4).map(lambda t: {"time_s": t}),
@@ -111,6 +112,33 @@ def test_a_reading_that_is_none_of_this_run_is_refused(
     [fault] = caught.value.faults
     assert "run-1" in fault.where and "[[run.rut]] 1" in fault.where
     assert found in fault.found
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "step"),
+    [
+        ("depth_m", 83.0, "83 mm are 0.083 m: write depth_m = 0.083"),
+        ("depth_m", 8.3, "8.3 mm are 0.0083 m"),
+        ("sigma_m", 5.0, "5 mm are 0.005 m"),
+        ("depth_m", 1e4, "give it in metres"),
+    ],
+)
+def test_a_reading_above_the_radius_is_refused(run: ProcessedRun, key: str, value: float, step: str) -> None:
+    reading = {"depth_m": 0.05, "sigma_m": 0.004, "time_s": 3.0, key: value}
+    with pytest.raises(ConfigError, match=f"{key} is larger than the wheel's radius") as caught:
+        with_readings(run, {**reading, key: run.wheel_radius_m}, reading)
+    [fault] = caught.value.faults
+    assert "[[run.rut]] 2" in fault.where and step in fault.next_step
+
+
+def test_a_reading_at_an_excluded_sample_is_noted(run: ProcessedRun) -> None:
+    [used, *_], [standing, *_] = np.flatnonzero(run.used), np.flatnonzero(run.segment == Segment.STANDSTILL)
+    sized = {"depth_m": 0.05, "sigma_m": 0.004}
+    found = with_readings(run, *({**sized, "time_s": float(run.time_s[row])} for row in (used, standing)))
+    [note] = [note for note in found.quality.notes if note.code == RunCode.RUT_NOT_USED]
+    assert note.values["number"] == 2
+    time_s = f"{run.time_s[standing]:.1f}"
+    assert f"run-1: rut reading 2 at {time_s} s is not used: the wheel stands" in doubted_runs([found])[0]
 
 
 def test_readings_beside_a_sensor_are_refused(run: ProcessedRun) -> None:

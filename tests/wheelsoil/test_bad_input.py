@@ -166,6 +166,25 @@ def _soil_out_of_range(bench: Bench) -> list[object]:
     return ["fit", folder]
 
 
+def _changed(name: str, *changes: tuple[str, object], verb: str = "process") -> Make:
+    """Return what makes the command on one run whose file of settings has other values."""
+
+    def make(bench: Bench) -> list[object]:
+        folder = bench.copy()
+        text = (bench.campaign / name).read_text()
+        for key, value in changes:
+            line = next(line for line in text.splitlines() if line.startswith(key))
+            text = text.replace(line, f"{key} = {value}", 1)
+        (folder / name).write_text(text)
+        return [verb, folder / "run-1.mcap"]
+
+    return make
+
+
+def _large_plate(bench: Bench) -> list[object]:
+    return ["soil", "--plate", bench.write("plate.csv", "sinkage_m,pressure_pa\n0.01,1e4\n0.02,2e4\n"), "--radius", 50]
+
+
 def _other_brakes(bench: Bench) -> list[object]:
     folder = bench.copy()
     text = (folder / "vehicle.toml").read_text()
@@ -207,6 +226,38 @@ class Case:
 
 
 CASES = (
+    Case("table with loads in kN", _table("0.1,0.025,5", "0.3,0.025,8"), 1, ("not in N", "vertical_load_n*1000")),
+    Case(
+        "table with torques in N mm",
+        _table("0.1,25,5,900", "0.3,25,8,1100", head=f"{FIT_HEAD},driving_torque_nm"),
+        1,
+        ("column 'driving_torque_nm' does not fit the load", "driving_torque_nm=driving_torque_nm*0.001"),
+    ),
+    Case("plate of 50 m", _large_plate, 2, ("radius_m is the size of no plate", "50 mm are 0.05 m")),
+    Case(
+        "vehicle lighter than its wheel's load",
+        _changed("vehicle.toml", ("mass_kg", 360)),
+        0,
+        ("is more than the weight of the whole vehicle",),
+    ),
+    Case(
+        "added load in grams",
+        _changed("runs.toml", ("added_load_kg", 300000)),
+        2,
+        ("runs.toml: run 'run-1'", "at most 10 times mass_kg", "300000 g are 300 kg"),
+    ),
+    Case(
+        "friction angle in radians",
+        _changed("terrain.toml", ("friction_angle_deg", 0.244), verb="fit"),
+        2,
+        ("0.244 rad are 14.0 degrees",),
+    ),
+    Case(
+        "moduli exchanged",
+        _changed("terrain.toml", ("cohesive_modulus_kn", 580000), ("frictional_modulus_kn", 1), verb="fit"),
+        0,
+        ("k_c and k_phi are exchanged",),
+    ),
     Case("table without a soil", _table(*_ROWS, soil=False), 2, ("the soil of the table is not known", "--terrain")),
     Case("table with one row", _table(_ROWS[0], verb="fit"), 1, ("too few driven samples", "three slips")),
     Case(

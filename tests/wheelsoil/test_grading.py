@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from implausible import implausible
 
+from daq.config import SoilSection, TerrainConfig, UncertaintySection
 from daq.notes import Note, Severity
 from daq.runs.open import open_runs
 from processing.notes import RunCode
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.workflows.grading import grade_of, short_runs
+from wheelsoil.workflows.grading import doubted_soils, grade_of, short_runs
 from wheelsoil.workflows.runs import process_runs
 
 
@@ -96,3 +97,19 @@ def test_a_run_far_shorter_than_the_others_is_noted(run):
     lengths = [f"{len(one) / one.rate_hz:.0f} s" for one in (short, run)]
     assert said == f"{lengths[0]} long, most runs {lengths[1]}: check whether it was cut off"
     assert none == also_none == [] and grade_of(run, [said]).reasons == (said,)
+
+
+@pytest.mark.parametrize(("share", "noted"), [(0.1, False), (2.9, False), (10.0, True)])
+def test_a_sigma_in_percent_is_noted_once(share, noted):
+    soil = SoilSection(
+        name="field",
+        cohesion_kpa=1.0,
+        friction_angle_deg=25.0,
+        shear_modulus_m=0.02,
+        sinkage_exponent=1.0,
+        cohesive_modulus_kn=1.0,
+        frictional_modulus_kn=500.0,
+    )
+    terrain = TerrainConfig(soil=soil, uncertainty=UncertaintySection(cohesion_kpa=share))
+    found = doubted_soils([terrain, None, terrain])
+    assert [text.endswith("percent, write 0.1") for text in found] == [True] * noted

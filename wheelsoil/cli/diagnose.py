@@ -112,6 +112,7 @@ def diagnose_command(
         options.refuse_two_sources(paths, tables, choice, (), "diagnose")
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         read = read_benches(tables, wheels, rename=rename, where=where)
+        options.say_doubted_soils(bench.terrain for bench in read)
         benches = tuple(map(bench_of, read))
         if paired:
             _compare(benches, settings, json=json)

@@ -14,7 +14,7 @@ from daq import ConfigError, Fault
 from wheelsoil.console import say, say_folded
 
 if TYPE_CHECKING:
-    from daq import RunInfo
+    from daq import RunInfo, TerrainConfig
     from daq.can import Database
     from daq.runs import Configuration, Run
     from processing import ProcessedRun
@@ -488,4 +488,13 @@ def processed_for(
     )
     for text in doubted_runs(run for _, run in processed):
         say_folded(text)
+    say_doubted_soils(run.terrain for run, _ in processed if files.soil is None)
     return processed
+
+
+def say_doubted_soils(terrains: Iterable[TerrainConfig | None]) -> None:
+    """Print what of soils is improbable as it is declared (stderr)."""
+    from wheelsoil.workflows.grading import doubted_soils
+
+    for text in doubted_soils(terrains):
+        say_folded(text)

@@ -100,6 +100,7 @@ def report_command(
     if tables:
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = read_benches(tables, wheels, rename=rename, where=where)
+        options.say_doubted_soils(bench.terrain for bench in benches)
         report = report_of_tables(benches, by_hand.fit_choices(extended), diagnose=diagnose)
     else:
         files = Files(

@@ -210,6 +210,7 @@ def fit_command(
     )
     if table is not None:
         wheel_test = read_bench(table, files, rename=rename, where=where)
+        options.say_doubted_soils([wheel_test.terrain])
         with computing("fitting"):
             fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, choices, wheel_test.terrain)
         _show_fit_of_table(fit, json=json)

@@ -225,6 +225,10 @@ SENTENCES: dict[str, Sentence] = {
     BevameterCode.K_C_NEGATIVE: _k_c,
     BevameterCode.K_PHI_NEGATIVE: _k_phi,
     BevameterCode.ONE_STRESS: _one_stress,
+    BevameterCode.STRESSES_TINY: (
+        "no strength is above {strength_pa:.3g} Pa, which is rare: if the stresses are in kPa, --rename "
+        "shear_stress_pa=shear_stress_pa*1000,normal_stress_pa=normal_stress_pa*1000"
+    ),
     BevameterCode.COHESION_NEGATIVE: _cohesion,
     SinkageCode.GROWTH_UNKNOWN: "it takes three points over at least {slip_span:g} of slip to see a growth",
     SinkageCode.TORQUE_AT_REST: lambda v: _bound(

@@ -26,7 +26,8 @@ def plausibility_sentence(v: Values) -> str:
 
 def without_numbers(note: Note) -> Note:
     """Return a note that is the same for runs with the same mistake."""
-    return replace(note, values={**note.values, "slip": nan})
+    without = {key: nan for key in ("slip", "load_n") if key in note.values}
+    return replace(note, values={**note.values, **without})
 
 
 def refusal(v: Values, where: str) -> Fault:

@@ -69,6 +69,23 @@ def _little_used(v: Values) -> str:
     return f"{used}, for they come with holes; {v['used_then']:.1%} would be with {gap}"
 
 
+_AT_A_RUT = {"STANDSTILL": "the wheel stands", "TOO_SLOW": "the wheel is too slow"}
+
+
+def _rut_not_used(v: Values) -> str:
+    why = _AT_A_RUT.get(v["reason"], f"that sample is excluded as {v['reason'].lower().replace('_', ' ')}")
+    return f"rut reading {v['number']} at {v['time_s']:.1f} s is not used: {why}; give the place where the wheel drove"
+
+
+def _overloaded(v: Values) -> str:
+    of = f" of {v['load_n']:,.0f} N" if isfinite(v["load_n"]) else ""
+    return (
+        f"the load{of} on one wheel is more than the weight of the whole vehicle, {v['weight_n']:,.0f} N (mass_kg = "
+        f"{v['mass_kg']:g}, added_load_kg = {v['added_kg']:g}): correct mass_kg, or the unit of vertical_load, in "
+        "vehicle.toml"
+    )
+
+
 def _distrusted(v: Values) -> str:
     why = ", ".join(f"{word} {count:,}" for word, count in sorted(v["statuses"].items(), key=lambda item: -item[1]))
     return f"the transducer distrusts {v['count']:,} samples, which are excluded; its status: {why}"
@@ -202,6 +219,8 @@ SENTENCES: dict[str, Sentence] = {
     ),
     RunCode.ENDS_LOST: _ends,
     RunCode.DISTANCE_BRIDGED: "distance: {length_m:.1f} m were not seen and are bridged with the speeds around them",
+    RunCode.RUT_NOT_USED: _rut_not_used,
+    RunCode.OVERLOADED: _overloaded,
     RunCode.ZERO_TAKEN_OFF: _taken_off,
     RunCode.ZERO_OLD: lambda v: f"the zero was taken {age_text(v['age_s'])}: take one before and after every run",
     RunCode.ZERO_TEMPERATURE: "the zero was taken at {zero_degc:.0f} degC, and the run began at {run_degc:.0f} degC",

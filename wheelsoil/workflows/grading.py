@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from daq import Note, Severity
+from daq import SOIL_KEYS, Note, Severity, TerrainConfig
 from processing import SLIP_ROLES, ProcessedRun, Reason, RunCode
 from wheelsoil.wording.notes import runs_by_text, texts_of
 from wheelsoil.wording.plausibility_text import without_numbers
@@ -22,6 +22,10 @@ _GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
 """Low slip tells little; a run that was only braked or coasted is no bad data, so that it is never poor for it."""
 _ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
 """Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
+_LARGE_COHESIVE_KN, _SMALL_FRICTIONAL_KN = 1e4, 10.0
+"""Of k_c and k_phi: beyond both they are probably exchanged."""
+_LARGEST_SIGMA = 3.0
+"""Of a soil's value: a larger one-sigma is probably in percent."""
 _SHORT, _FEWEST = 0.5, 3
 """Of the usual length, of so many runs: a shorter one is noted."""
 
@@ -89,14 +93,41 @@ def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict
 
 
 def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
-    """Return what makes runs implausible as they are declared, with the names of the runs."""
-    about = runs_by_text(runs, lambda run: map(without_numbers, plausibility_of(run)))
+    """Return what makes runs implausible as declared, and unused rut readings, with the names of the runs."""
+    about = runs_by_text(runs, lambda run: map(without_numbers, [*plausibility_of(run), *_unused_ruts(run)]))
     return [f"{', '.join(names)}: {text}" for text, names in about.items()]
+
+
+def doubted_soils(terrains: Iterable[TerrainConfig | None]) -> list[str]:
+    """Return what of soils is improbable as it is declared, each text once."""
+    return list(dict.fromkeys(text for terrain in terrains if terrain for text in _doubts_of_soil(terrain)))
+
+
+def _doubts_of_soil(terrain: TerrainConfig) -> Iterator[str]:
+    soil, uncertainty = terrain.soil, terrain.uncertainty
+    where = f"terrain.toml of {soil.name}"
+    cohesive, frictional = soil.cohesive_modulus_kn, soil.frictional_modulus_kn
+    if cohesive > _LARGE_COHESIVE_KN and frictional < _SMALL_FRICTIONAL_KN:
+        yield (
+            f"{where}: cohesive_modulus_kn = {cohesive:g} beside frictional_modulus_kn = {frictional:g} is rare: check "
+            "whether k_c and k_phi are exchanged"
+        )
+    for key in SOIL_KEYS if uncertainty else ():
+        share = getattr(uncertainty, key)
+        if share is not None and share > _LARGEST_SIGMA:
+            yield (
+                f"{where}: the one-sigma [uncertainty] {key} = {share:g} is {share:g} times the value: if it is in "
+                f"percent, write {share / 100:g}"
+            )
 
 
 def plausibility_of(run: ProcessedRun) -> list[Note]:
     """Return why a run is implausible as it is declared; nothing where it is sound."""
-    return [note for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
+    return [note for note in run.quality.notes if note.code in (RunCode.IMPLAUSIBLE, RunCode.OVERLOADED)]
+
+
+def _unused_ruts(run: ProcessedRun) -> list[Note]:
+    return [note for note in run.quality.notes if note.code == RunCode.RUT_NOT_USED]
 
 
 def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:

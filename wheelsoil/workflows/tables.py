@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 from math import isclose
 from pathlib import Path
 
+import numpy as np
+
 from daq import (
     ConfigError,
+    DataError,
     Fault,
     TerrainConfig,
     VehicleConfig,
@@ -31,6 +34,10 @@ from model.wheel_soil import Soil, Wheel
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
 from wheelsoil.workflows.runs import Files
 
+_MOST_OF_LOAD = 5.0
+"""Median of drawbar pull over load, and of torque over load x radius, above which a unit is wrong."""
+_LEAST_LOAD_N, _SMALL_WHEEL_M = 1.0, 0.05
+"""Median load below which it is in kN, on wheels that are not smaller than this."""
 _NO_WHEEL = "give --vehicle FILE with [wheel] radius_m and width_m, or columns radius_m and width_m"
 
 
@@ -154,6 +161,9 @@ def read_wheels(
             found += [
                 WheelRows(part, section, _name(part, parts), i) for part, section in zip(parts, sections, strict=True)
             ]
+    for wheel_rows in found:
+        with collected.catch():
+            _refuse_other_force_units(wheel_rows.rows, wheel_rows.section.radius_m)
     of_one_wheel: dict[str, list[WheelTable]] = {}
     for wheel_rows in found:
         of_one_wheel.setdefault(repr(wheel_rows.section), []).append(wheel_rows.rows)
@@ -166,6 +176,28 @@ def read_wheels(
     return [
         replace(wheel_rows, name=wheel_rows.name + number) for wheel_rows, number in zip(found, numbers, strict=True)
     ]
+
+
+def _refuse_other_force_units(rows: WheelTable, radius_m: float) -> None:
+    """Raise DataError where load, pull and torque of a wheel's rows cannot be in N and N m together."""
+    load, in_kn = rows.vertical_load_n, "if the load is in kN: --rename vertical_load_n=vertical_load_n*1000"
+    faults = []
+    if radius_m > _SMALL_WHEEL_M and (found := float(np.median(load))) < _LEAST_LOAD_N:
+        expected = f"{_LEAST_LOAD_N:g} N or more on a wheel of {radius_m:g} m"
+        faults.append(Fault("column 'vertical_load_n' is not in N", rows.name, f"median {found:.3g}", expected, in_kn))
+    for name, ratios, of, unit in (
+        ("drawbar_pull_n", rows.drawbar_pull_n / load, "x load", "mN"),
+        ("driving_torque_nm", rows.driving_torque_nm / (load * radius_m), "x load x radius", "N mm"),
+    ):
+        sizes = np.abs(ratios[np.isfinite(ratios)])
+        if len(sizes) and (size := float(np.median(sizes))) > _MOST_OF_LOAD:
+            step = f"{in_kn}; if this column is in {unit}: --rename {name}={name}*0.001"
+            expected = f"at most {_MOST_OF_LOAD:g} {of}"
+            faults.append(
+                Fault(f"column {name!r} does not fit the load", rows.name, f"{size:.3g} {of}", expected, step)
+            )
+    if faults:
+        raise DataError(*faults)
 
 
 def one_wheel(found: Sequence[WheelRows]) -> WheelRows:

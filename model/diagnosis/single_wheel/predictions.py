@@ -152,7 +152,8 @@ def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
     everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.predicted.items()})
     ratio = everything - posterior.log_likelihood[possible]
     top = float(ratio.max())
-    return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
+    with np.errstate(divide="ignore"):  # no weight is left where the rows fit nowhere: -inf
+        return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
 
 
 @dataclass(frozen=True)
