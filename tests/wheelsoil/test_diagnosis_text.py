@@ -304,6 +304,6 @@ def test_two_wheels_are_compared_with_the_causes_of_the_second(families: dict[st
     assert lines[0].startswith("What old taught does not hold for new (p = 0.001)") and "-1.2e+02 N" in lines[0]
     assert lines[lines.index("Causes of new alone (probability of being among them)") + 1].strip() == listed
     assert [line.split() for line in lines if line.startswith("  0.")] == [
-        ["0.10", "-120", "+-", "30"],
+        ["0.10", "-120", "±", "30"],
         ["0.20", "-"],
     ]

@@ -142,7 +142,7 @@ def headline_of(found: Diagnosis) -> str:
 
 def _with_the_peak(causes: Sequence[Cause]) -> list[str]:
     """Return the names of the first causes with the stress peak last, in plain words."""
-    others = [plain_name(cause.name) for cause in causes if cause.name != "stress_peak_shift"]
+    others = [plain_name(cause.name) for cause in causes if not EFFECTS[cause.key].is_usual()]
     return [*others[: _MOST_NAMES - 1], "a stress peak ahead of the wheel's bottom"]
 
 
