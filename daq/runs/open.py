@@ -514,6 +514,8 @@ def misspelt_files(names: Collection[str], given: Collection[str] = ()) -> list[
     `names` are those of its files; `given` are known ones that are given in another way.
     """
     others = sorted(name for name in names if name.lower().endswith(".toml") and name not in _TOML_FILES)
+    if not others:  # of most folders
+        return []
     lacking = {name.removesuffix(".toml"): name for name in _TOML_FILES[:3] if name not in {*names, *given}}
     stems = [(name, name.lower().removesuffix(".toml")) for name in others]
     near = [(name, difflib.get_close_matches(stem, lacking, 1, _MISSPELT)) for name, stem in stems if lacking]

@@ -31,7 +31,6 @@ from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.numbers import typeset, unbroken
-from wheelsoil.wording.verdict import several_terrains
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -334,7 +333,7 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
         return None
     usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
     level = "good" if usable == given else "fair" if usable else "poor"
-    apart = inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None
+    apart = inputs.several_terrains is not None
     level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
     how = "used" if usable == len(levels) < given else "usable"

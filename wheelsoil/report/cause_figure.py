@@ -129,7 +129,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         Curve("Correction", correction.centre, correction.median, "model", note=plain_name(cause.name)),
         Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
     ]
-    span = _driven_slips(recommendation.slip) if over_slip else _span(across)
+    span = driven_slips(recommendation.slip) if over_slip else _span(across)
     cloud = _known(across, factor * left)
     inner = cloud[1][(cloud[0] >= span[0]) & (cloud[0] <= span[1])]
     bulk = np.percentile(inner, [0.5, 99.5]) if len(inner) else inner
@@ -188,7 +188,8 @@ def _edges(across: FloatArray) -> FloatArray:
     return np.linspace(*_span(across), _BINS + 1)
 
 
-def _driven_slips(slip: FloatArray) -> tuple[float, float]:
+def driven_slips(slip: FloatArray) -> tuple[float, float]:
+    """Return the axis of driven slips."""
     return 0.0, max(0.05 * float(np.ceil(np.nanmax(slip) / 0.05)), 0.2)
 
 

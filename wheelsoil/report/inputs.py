@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, VehicleConfig
+from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, Note, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run, SetAsideRun
 from model import AveragedModel
@@ -27,6 +27,7 @@ from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of, runs_to_check, short_runs
@@ -204,6 +205,11 @@ class ReportInputs:
     tables: tuple[BenchFiles, ...] = ()
     last: LastReport | None = None
     set_aside: tuple[SetAsideRun, ...] = ()
+
+    @property
+    def several_terrains(self) -> Note | None:
+        """What says that the diagnosed runs are probably not of one soil; None where they may be."""
+        return None if self.diagnosed is None else several_terrains(self.diagnosed)
 
     @property
     def diagnosis(self) -> Diagnosis:

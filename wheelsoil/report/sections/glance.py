@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
-from wheelsoil.report.cause_figure import cause_figure, shares_of
+from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
 from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
@@ -271,7 +271,7 @@ def hero(inputs: ReportInputs) -> Drawing:
         raise DataError("no driven sample has a measured drawbar pull or torque")
     if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
-    note = several_terrains(inputs.diagnosed) if inputs.diagnosed is not None else None
+    note = inputs.several_terrains
     if note is not None and "groups" in note.values:
         return _of_two_terrains(recommendation, note, channel)
     factor = page_unit(channel)[0]
@@ -309,7 +309,7 @@ def hero(inputs: ReportInputs) -> Drawing:
     samples = _samples(inputs, channel, shift) or (slip, measured)
     inner = np.percentile(samples[1], [0.5, 99.5])
     plane = Plane(
-        (0.0, max(0.05 * np.ceil(float(np.nanmax(slip)) / 0.05), 0.2)),
+        driven_slips(slip),
         reach(inner, *edges, points.lower, points.upper, *(curve.y for curve in curves)),
         "Slip ratio, driving",
         _axis(channel),
@@ -357,7 +357,7 @@ def _axis(channel: str) -> str:
 
 def _of_two_terrains(recommendation: Recommendation, note: Note, channel: str) -> Drawing:
     """Return a channel against slip of two groups of runs that are probably not of one soil."""
-    factor, unit = page_unit(channel)
+    factor = page_unit(channel)[0]
     names = np.array([name.rsplit(": ", 1)[-1] for name in recommendation.runs])[recommendation.run]
     driven, curves, titles = recommendation.slip > 0, [], []
     for group, look in zip(note.values["groups"], ("base", "model"), strict=True):
@@ -366,10 +366,10 @@ def _of_two_terrains(recommendation: Recommendation, note: Note, channel: str) -
         titles.append(stretches(group, note.values["runs"]))
         curves.append(Curve(titles[-1], found.centre, found.median, look))
     plane = Plane(
-        (0.0, max(0.05 * np.ceil(float(np.nanmax(recommendation.slip)) / 0.05), 0.2)),
+        driven_slips(recommendation.slip),
         reach(*(curve.y for curve in curves)),
         "Slip ratio",
-        f"{OUTPUTS[channel].name.capitalize()} ({unit})",
+        _axis(channel),
     )
     title = f"{OUTPUTS[channel].name.capitalize()} against slip: {' and '.join(titles)} differ"
     return drawn("hero", title, "Driving, as measured, at the load of each run. Lines: median.", plane, curves)
@@ -428,7 +428,7 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     if not poor and others:
         others_set_aside = listed(others) if len(others) <= _NAMED else f"{len(others)} runs"
         return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
-    if not poor and inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
+    if not poor and inputs.several_terrains is not None:
         return "none. Each run is usable, but not all together."
     if not poor and inputs.to_check:
         return f"{'none' if len(grades) > 1 else 'no'}. Check {_to_check(inputs.to_check)}."

@@ -157,7 +157,7 @@ def fit(inputs: ReportInputs) -> Contents:
         },
     }
     if inputs.fitted:
-        if inputs.diagnosed is not None and several_terrains(inputs.diagnosed) is not None:
+        if inputs.several_terrains is not None:
             blocks.append(Text("Over all runs, which are probably not of one soil; each run is under Runs.", "warning"))
         blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
         numbers["traction"] = inputs.traction
