@@ -11,6 +11,7 @@ import numpy as np
 from daq.config import SeriesSection
 from daq.errors import DataError, RecordingError, WheelsoilError, not_installed
 from daq.formatting import numbered
+from daq.logs.mf4 import start_ns_of
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
 from daq.series.time_stamps import refuse_rate
 
@@ -40,8 +41,7 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
         mdf = asammdf.MDF(path)
         if any(group.channel_group.flags & _BUS_EVENT for group in mdf.groups):
             raise DataError.of("the MF4 file holds frames of a bus", path, next_step="import it as a log")
-        start = mdf.header.start_time
-        start_ns = int(start.timestamp()) * 10**9 + start.microsecond * 1000  # a float has no more than 256 ns
+        start_ns = start_ns_of(mdf)
         for index, group in enumerate(mdf.groups):
             name = numbered(group.channel_group.acq_name or f"group_{index}", groups)
             units = {
