@@ -21,6 +21,7 @@ from .core import LackOfFit as LackOfFit
 from .core import Linearisation as Linearisation
 from .core import Lugs as Lugs
 from .core import NextRun as NextRun
+from .core import OfVehicle as OfVehicle
 from .core import ParameterEstimate as ParameterEstimate
 from .core import PlotData as PlotData
 from .core import Reduction as Reduction

@@ -6,3 +6,4 @@ from .catalogue import EFFECTS as EFFECTS
 from .catalogue import MEASUREMENT as MEASUREMENT
 from .catalogue import PHYSICAL as PHYSICAL
 from .catalogue import Library as Library
+from .catalogue import parted as parted

@@ -168,6 +168,7 @@ class Effect:
         Where else a search starts, in prior scales, where wrong values confirm themselves.
     first_estimate : FirstEstimate or None
         First estimate of the only parameter.
+    each_wheel : whether it is of one wheel or tyre; what goes with a transducer is, too
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
@@ -188,7 +189,13 @@ class Effect:
     secant: ClassVar[bool] = False
     starts: ClassVar[tuple[float, ...]] = ()
     first_estimate: ClassVar[FirstEstimate | None] = None
+    each_wheel: ClassVar[bool] = False
     stage: ClassVar[int] = 0
+
+    @classmethod
+    def goes_with_a_wheel(cls) -> bool:
+        """Return whether it may act at one of several wheels alone."""
+        return cls.each_wheel or cls.of_the_transducer()
 
     @classmethod
     def of_the_transducer(cls) -> bool:

@@ -66,9 +66,47 @@ _SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
 _STATED = ("name", "summary", "source", "parameters")
 
 
+_AT = "@"
+
+
+def parted(key: str) -> tuple[str, str]:
+    """Return an effect's or a family's name, and the wheel that it is of alone; "" where it is of all of them."""
+    plain, _, wheel = key.partition(_AT)
+    return plain, wheel
+
+
+_AT_WHEELS: dict[tuple[str, str], type[Effect]] = {}
+
+
+def at_wheel(effect: type[Effect], wheel: str) -> type[Effect]:
+    """Return an effect that acts at one of several wheels alone: a family of its own, called ``family@wheel``.
+
+    Raises
+    ------
+    KeyError
+        It acts at all of them.
+    """
+    if not effect.goes_with_a_wheel():
+        raise KeyError(effect.key())
+    if (effect.key(), wheel) not in _AT_WHEELS:
+        stated = {"name": f"{effect.name}{_AT}{wheel}", "__module__": __name__, "__doc__": effect.__doc__}
+        _AT_WHEELS[effect.key(), wheel] = type(f"{effect.__name__}{_AT}{wheel}", (effect,), stated)
+    return _AT_WHEELS[effect.key(), wheel]
+
+
+def __getattr__(name: str) -> type[Effect]:
+    """Return an effect at one wheel by its class name: how one process tells it to another."""
+    plain, wheel = parted(name)
+    found = [effect for effect in EFFECTS.values() if effect.__name__ == plain] if wheel else []
+    if not found:
+        raise AttributeError(name)
+    return at_wheel(found[0], wheel)
+
+
 class Library(Mapping[str, type[Effect]]):
     """Effects by their short name: form where the family has several, else family.
 
+    ``family@wheel`` is that of one of several wheels; these are not listed (`at_wheel`).
     Installed packages add theirs by entry points of the group ``wheelsoil.effects``. They are read when the first
     effect is asked for: a package that brings effects imports this one first.
 
@@ -88,7 +126,8 @@ class Library(Mapping[str, type[Effect]]):
         self._own = own
 
     def __getitem__(self, key: str) -> type[Effect]:
-        return self._effects[key]
+        plain, wheel = parted(key)
+        return at_wheel(self._effects[plain], wheel) if wheel else self._effects[plain]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._effects)

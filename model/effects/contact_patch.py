@@ -134,6 +134,7 @@ class TyreFlattening(Effect):
     summary = (
         "The tyre flattens under load: its contact is longer and flatter than a rigid wheel's, more at low pressure."
     )
+    each_wheel = True
     source = "larger substitute circle, as in Harnisch et al. (2005), Vehicle System Dynamics 43, suppl. 1"
     parameters = (Parameter("radius_gain", "1", 0.0, 0.1, 0.0, 2.0, 0.15, "10 to 20 % at 340 kPa and 10 kN", side=1),)
     needs = Needs(conditions=("inflation_kpa",), pressures=True)

@@ -27,6 +27,7 @@ class WheelRadius(Effect):
     summary = (
         "The rolling radius from which the slip is computed is wrong by a share: slip is not zero where it should be."
     )
+    each_wheel = True
     source = "Yang et al. (2016), Eq. 6; the effective radius of a tyre changes by 1 to 3 % with load and wear"
     shows = ("wheel_speed",)
     parameters = (

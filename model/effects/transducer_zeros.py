@@ -108,6 +108,7 @@ class ZeroDrift(Effect):
     name = "zero_drift"
     kind = "measurement"
     summary = "The zero of drawbar pull drifts from the first run to the last, as a bridge does that warms up."
+    each_wheel = True
     source = "MTS Systems (2008), SWIFT 30 manual: warm-up and zeros; usually 0.05 % of the range in 10 K"
     shows = ("drawbar_pull",)
     parameters = (Parameter("campaign_span_n", "N", 0.0, 100.0, -2000.0, 2000.0, 150.0, "six runs of 5 to 50 N each"),)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,12 +11,12 @@ import typer
 
 from daq import ConfigError, VehicleConfig
 from wheelsoil.cli import options
-from wheelsoil.cli.per_wheel import PerWheel
+from wheelsoil.cli.per_wheel import ALL, PerWheel
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
-    from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
+    from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
 
 
@@ -86,7 +86,7 @@ def diagnose_command(
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns
+    from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns, vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
@@ -118,7 +118,7 @@ def diagnose_command(
             _compare(benches, settings, json=json)
         else:
             alone = PerWheel({"": []}, json=json)
-            show = _shown(alone, VehicleConfig(wheel=read[0].wheel_section), verbose=verbose)
+            show = _shown(alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose=verbose)
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
     files = Files(
@@ -143,14 +143,23 @@ def diagnose_command(
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
     settings = replace(settings, average=output is not None)
 
+    of_wheels: dict[str, tuple[Campaign, ...]] = {}
+    configs: dict[str, VehicleConfig] = {}
+    show = _shown(per_wheel, configs, verbose=verbose)
+
     def work(of_wheel: list[Run]) -> None:
         processed = options.processed_for("diagnose", of_wheel, files, by_hand, set_aside=per_wheel.set_aside)
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
-        show = _shown(per_wheel, processed[0][0].vehicle if len(vehicles) == 1 else None, verbose=verbose)
+        if len(vehicles) == 1:
+            configs[per_wheel.wheel] = processed[0][0].vehicle
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
+        of_wheels[per_wheel.wheel] = campaigns_of(paths, processed, soil)
+        _diagnose(of_wheels[per_wheel.wheel], settings, target, show, force=force)
 
-    per_wheel.each(work)
+    def together() -> None:
+        _diagnose(vehicles_of(of_wheels), replace(settings, average=False), None, show, force=force)
+
+    per_wheel.each(work, together)
 
 
 def _diagnose(
@@ -211,15 +220,27 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _shown(wheels: PerWheel, vehicle: VehicleConfig | None, *, verbose: bool) -> Callable[[Diagnosis], None]:
-    """Return what prints a diagnosis; `vehicle` is None where the runs are of several."""
+def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: bool) -> Callable[[Diagnosis], None]:
+    """Return what prints a diagnosis.
+
+    Parameters
+    ----------
+    vehicles : mapping wheel -> VehicleConfig
+        Without a wheel whose runs are of several vehicles.
+    """
 
     def show(diagnosis: Diagnosis) -> None:
+        from model.effects import parted
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
         from wheelsoil.wording.verdict import headline_of
 
         width = terminal_width()
+        if wheels.wheel == ALL:  # what a sensor shows stands at its wheel
+            notes = tuple(note for note in diagnosis.notes if "campaign" not in note.values)
+            diagnosis = replace(diagnosis, notes=notes)
+        places = [parted(cause.name)[1] for cause in diagnosis.causes]
+        vehicle = vehicles.get(next(filter(None, places), wheels.wheel))
 
         def print_text() -> None:
             from wheelsoil.report import checks_of

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
 
 _OF_CAUSES = ("causes", "further_causes")
+ALL = "all"
+"""In JSON in place of a wheel's id: of all of them together."""
 
 
 class PerWheel:
@@ -38,8 +40,11 @@ class PerWheel:
         """Whether there is more than one wheel."""
         return len(self._opened) > 1
 
-    def each(self, work: Callable[[list[Run]], None]) -> None:
-        """Do the work of each wheel; what is wrong with one is raised when that of all is done."""
+    def each(self, work: Callable[[list[Run]], None], together: Callable[[], None] | None = None) -> None:
+        """Do the work of each wheel; what is wrong with one is raised when that of all is done.
+
+        `together` is done last, where there are several wheels and nothing is wrong with any.
+        """
         from daq.runs import Collected
 
         collected = Collected()
@@ -47,15 +52,20 @@ class PerWheel:
             for wheel, runs in self._opened.items():
                 self.wheel, self._set_aside = wheel, [*self._unreadable]
                 if self.several:
-                    say(f"wheel {wheel}")
-                with collected.catch(f"wheel {wheel}" if wheel else ""):
+                    say(self._heading)
+                with collected.catch(self._heading if wheel else ""):
                     work(runs)
+            if together and self.several and not collected.errors:
+                self.wheel, self._set_aside = ALL, []
+                say(self._heading)
+                with collected.catch(self._heading):
+                    together()
         finally:
             if self._found:
                 print_json(self._found if self.several else self._found[0])
             if len(self._said) > 1:
                 print()
-                print_pairs((f"wheel {wheel}", sentence) for wheel, sentence in self._said.items())
+                print_pairs(self._said.items())
         collected.stop_if_any()
 
     def set_aside(self, run: SetAsideRun) -> None:
@@ -75,19 +85,28 @@ class PerWheel:
             self._found.append(self._with_wheel(as_json() | ({"runs_set_aside": listed} if listed else {})))
             return
         if self.several:
-            print(f"\nwheel {self.wheel}" if self._shown else f"wheel {self.wheel}")
+            print(f"\n{self._heading}" if self._shown else self._heading)
         self._shown += 1
         print_text()
         if lines := self.set_aside_lines():
             print()
             print_pairs(lines)
         if sentence:
-            self._said[self.wheel] = sentence
+            self._said[self._heading] = sentence
+
+    @property
+    def _heading(self) -> str:
+        return "all wheels together" if self.wheel == ALL else f"wheel {self.wheel}"
 
     def _with_wheel(self, found: dict[str, Any]) -> dict[str, Any]:
-        """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`."""
+        """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`.
+
+        Of all wheels together a cause has the wheel at which it acts alone, if it does.
+        """
         if not self.wheel:
             return found
+        if self.wheel == ALL:
+            return {"wheel": ALL, **found}
         of_causes = {
             key: [{"wheel": self.wheel, **cause} for cause in found[key]] for key in _OF_CAUSES if key in found
         }

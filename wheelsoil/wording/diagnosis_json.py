@@ -7,6 +7,7 @@ from typing import Any
 from daq import Note
 from model import LackCode
 from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
+from model.effects import parted
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
@@ -24,7 +25,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "sentence": sentence_of(found),
         "causes": [_cause_json(cause, why) for cause, why in found.stated],
         "further_causes": [_further(family, found) for family in found.grounds.beside],
-        "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
+        "candidates": [{**_family_json(c.name), "probability": c.probability} for c in found.candidates],
         "sets": [{"causes": list(cause_set.causes), "probability": cause_set.probability} for cause_set in found.sets],
         "what_is_wrong": [_finding(finding, found.median_there(finding)) for finding in found.what_is_wrong],
         "gain": None if found.gain is None else _gain_json(found.gain),
@@ -115,9 +116,15 @@ def _finding(found: Finding, median: float) -> dict[str, Any]:
     }
 
 
+def _family_json(name: str) -> dict[str, str]:
+    """Return a family, and of one that acts at one of several wheels alone that wheel."""
+    family, wheel = parted(name)
+    return {"wheel": wheel, "name": family} if wheel else {"name": family}
+
+
 def _cause_json(cause: Cause, why: Note | None) -> dict[str, Any]:
     return {
-        "name": cause.name,
+        **_family_json(cause.name),
         "form": cause.form,
         "kind": cause.kind,
         "probability": cause.probability,

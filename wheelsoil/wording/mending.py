@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from daq import VehicleConfig, number
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
+from model.effects import parted
 from wheelsoil.wording.names import listed, plain_name, upper
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
 from wheelsoil.wording.verdict import deciding_runs, findings_text, groups_of_runs, several_terrains, terrains_step
@@ -109,8 +110,14 @@ def _step_of_run(run: NextRun) -> Step:
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
-    """Return how to remove a measurement cause, or to check it where no file can."""
-    rule = _RULES.get(cause.name)
+    """Return how to remove a measurement cause, or to check it where no file can.
+
+    Parameters
+    ----------
+    vehicle : VehicleConfig
+        Of the wheel at which the cause acts.
+    """
+    rule = _RULES.get(parted(cause.name)[0])
     value = cause.parameters[0].value if cause.parameters else 0.0
     return rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
 

@@ -7,7 +7,7 @@ from math import floor, isfinite
 
 from daq import OUTPUTS, Quantity, unit_suffix, unit_text
 from model.diagnosis import Kind, Rows, Shape
-from model.effects import EFFECTS
+from model.effects import EFFECTS, parted
 
 _TEXTS = {
     Kind.SLIP: "slip {} to {}",
@@ -109,7 +109,8 @@ def page_unit(channel: str) -> tuple[float, str]:
 
 def plain_name(name: str) -> str:
     """Return the name of a family or a channel as people write it."""
-    return name.replace("_", " ")
+    plain, wheel = parted(name)
+    return plain.replace("_", " ") + (f" of wheel {wheel}" if wheel else "")
 
 
 def effect_name(key: str) -> str:

@@ -124,7 +124,7 @@ def headline_of(found: Diagnosis) -> str:
     if found.verdict == "one_of" and len(names) > 1:
         sure = all(cause.probability > _SURE for cause in found.causes)
         doubt = "not sure enough for names" if sure else "these data cannot separate them"
-        sentence = f"{alternatives(list(zip(names, chances, strict=True))).capitalize()}: {doubt}"
+        sentence = f"{upper(alternatives(list(zip(names, chances, strict=True))))}: {doubt}"
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
@@ -150,7 +150,7 @@ def _named_headline(found: Diagnosis, names: Sequence[str]) -> str:
     """Return the name with the error that falls for certain; where none does, with the size."""
     several = "" if len(names) == 1 else "s"
     verb = f"explain{'' if several else 's'} the misfit" if _explains(found) else f"act{'' if several else 's'}"
-    sentence, channel = f"{listed(names).capitalize()} {verb}", falling_channel(found)
+    sentence, channel = f"{upper(listed(names))} {verb}", falling_channel(found)
     sizes = "; ".join(_finding_or_size(cause, found.main_channel) for cause in found.causes)
     whole = f"{sentence}: {sizes if channel is None else _fall_of(found, channel)}."
     return whole if len(whole.split()) <= MOST_WORDS else f"{sentence}."
@@ -469,9 +469,9 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         more = [f"Beside it, one of: {', '.join(others)}"] if others else []
         worth = gain_words(found.gain, found.main_channel)
         held_out = [Statement(f"On held-out conditions {worth}", "gain")] if worth else []
-        seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate"
+        seen = f"{upper(names)} is detected in {channels}, among explanations that are adequate"
         if found.grounds.barred is not None and found.grounds.beside:
-            first = plain_name(found.grounds.beside[0]).capitalize()
+            first = upper(plain_name(found.grounds.beside[0]))
             more = [*more, f"{first} is not named: {note_text(found.grounds.barred)}"]
         return _sentences([seen, *held_out, *more, *onward])
     if found.verdict == "one_of":
@@ -480,7 +480,7 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         why = "" if barred is None else f": {note_text(barred)}"
         if len(found.causes) == 1:
             return _sentences([f"Most probable: {names}, but not sure enough for a name{why}", *onward])
-        named = f"{plain_name(found.causes[0].name).capitalize()} is not named{why}" if why else ""
+        named = f"{upper(plain_name(found.causes[0].name))} is not named{why}" if why else ""
         in_all = [c for c in found.causes if c.probability > _IN_ALL]
         open_causes = [c for c in found.causes if c not in in_all]
         sentence = f"One of {names}: {channels} of these rows cannot separate them"
@@ -519,9 +519,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     statements: list[str | Statement] = [Statement(causes, "cause")]
     if found.grounds.free_form:
         family, over = found.grounds.free_form
-        statements.append(
-            f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}"
-        )
+        statements.append(f"{upper(plain_name(family))} acts by another formula than the listed ones, over {over}")
     if worth := gain_words(found.gain, found.main_channel):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
@@ -561,9 +559,9 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         statements.append(f"Several may act together: {'; '.join(pairs)}")
     if barred is not None and peak_bars(found):
         rare = f"and {chance(chances[families[0]])} if it seldom does"
-        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}, {rare}")
+        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}, {rare}")
     elif barred is not None:
-        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
+        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.confounded if family not in families]
     statements += rival_words(others, chances)
     if found.next_run:

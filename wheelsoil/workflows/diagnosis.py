@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,7 +29,7 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
@@ -172,6 +173,23 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
             found.append(replace(campaign, static=()) if counted else campaign)
     collected.stop_if_any()
     return _with_unique_names(found)
+
+
+def vehicles_of(wheels: Mapping[str, Sequence[Campaign]]) -> tuple[Campaign, ...]:
+    """Return the campaigns of several wheels as those of their vehicles: on one soil, with one receiver.
+
+    Parameters
+    ----------
+    wheels : mapping wheel -> campaigns
+        Of each wheel; campaigns of one name are driven together.
+    """
+    counts = Counter(campaign.name for campaigns in wheels.values() for campaign in campaigns)
+    before = {name: f"{name}, " if len(counts) > 1 else "" for name in counts}
+    return tuple(
+        replace(c, name=f"{before[c.name]}wheel {wheel}", of_vehicle=OfVehicle(c.name, wheel, counts[c.name]))
+        for wheel, campaigns in wheels.items()
+        for c in campaigns
+    )
 
 
 class Together(NamedTuple):

@@ -5,6 +5,7 @@ from .campaign import Campaign as Campaign
 from .campaign import Coverage as Coverage
 from .campaign import DiagnosisOptions as DiagnosisOptions
 from .campaign import Lugs as Lugs
+from .campaign import OfVehicle as OfVehicle
 from .campaign import considered as considered
 from .campaign import not_identifiable as not_identifiable
 from .consistency import BoundRows as BoundRows

@@ -8,7 +8,7 @@ from math import pi
 
 from daq import OUTPUTS, Note, StaticTest
 from model.effects.base import Effect, Needs
-from model.effects.catalogue import EFFECTS
+from model.effects.catalogue import EFFECTS, at_wheel
 from model.fit.observations import Observations
 from model.notes import LackCode
 from model.wheel_soil.conditions import Wheel
@@ -21,8 +21,29 @@ ONE_LOAD = 0.08
 
 
 @dataclass(frozen=True)
+class OfVehicle:
+    """Which of several wheels of one vehicle a campaign is of.
+
+    The wheels have the ground, the receiver and the drives in common.
+
+    Attributes
+    ----------
+    campaign : str
+        Name of what all of them are of: the folder's.
+    wheel : str
+        Its id.
+    wheels : int
+        How many there are.
+    """
+
+    campaign: str
+    wheel: str
+    wheels: int
+
+
+@dataclass(frozen=True)
 class Campaign:
-    """Processed runs of one terrain.
+    """Processed runs of one wheel on one terrain.
 
     Attributes
     ----------
@@ -40,6 +61,8 @@ class Campaign:
         The same, in the torque, by the slope of the wheel speed.
     static : tuple of StaticTest
         Readings of the lifted wheel, alone or under known forces.
+    of_vehicle : OfVehicle, optional
+        Where it is diagnosed together with the vehicle's other wheels.
     """
 
     name: str
@@ -51,6 +74,7 @@ class Campaign:
     outboard_mass_kg: float = 0.0
     outboard_inertia_kgm2: float = 0.0
     static: tuple[StaticTest, ...] = ()
+    of_vehicle: OfVehicle | None = None
 
 
 _WEDGE = 3.0**0.5
@@ -193,9 +217,15 @@ def hypotheses_of(coverage: Coverage, keys: Iterable[str], reading: Reading) -> 
     return [e for e in effects if e.reading in ("any", reading) and coverage.roles.issuperset(e.needs.roles)]
 
 
-def considered(coverage: Coverage, keys: Sequence[str], reading: Reading) -> tuple[type[Effect], ...]:
-    """Return the effects of these keys that can be there at all, and whose inputs are known."""
-    return tuple(e for e in hypotheses_of(coverage, keys, reading) if not ruled_out(e.needs, coverage))
+def considered(
+    coverage: Coverage, keys: Sequence[str], reading: Reading, vehicle: OfVehicle | None = None
+) -> tuple[type[Effect], ...]:
+    """Return the effects of these keys that can be there at all, and whose inputs are known.
+
+    Of one of several wheels also those that may act there alone.
+    """
+    found = [e for e in hypotheses_of(coverage, keys, reading) if not ruled_out(e.needs, coverage)]
+    return (*found, *(at_wheel(e, vehicle.wheel) for e in found if vehicle and e.goes_with_a_wheel()))
 
 
 def not_identifiable(coverage: Coverage) -> dict[str, Note]:

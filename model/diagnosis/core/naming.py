@@ -36,7 +36,7 @@ from scipy.special import chdtri
 from daq import Note
 from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form, nearest_rival, short_set
 from model.diagnosis.core.result import Adequacy, BarredCause, Cause, Gain, PriorShift, Verdict
-from model.effects.catalogue import EFFECTS
+from model.effects.catalogue import EFFECTS, parted
 from model.notes import LackCode
 
 NOTHING_AT = 0.2
@@ -243,7 +243,7 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
 
 def is_physical(family: str) -> bool:
     """Return whether a family is a cause in wheel or soil, not an error of measurement."""
-    return any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
+    return any(e.name == parted(family)[0] and e.kind == "physical" for e in EFFECTS.values())
 
 
 def doubtful(causes: Sequence[Cause]) -> Note | None:

@@ -57,6 +57,8 @@ class Shape:
         Where the shape is one run's own, or one campaign's among several.
     cause : str
         Key of the effect whose formula it changes.
+    vehicle : str
+        Campaign of all wheels, where the shape is of one of several wheels of a vehicle.
     """
 
     kind: str
@@ -67,6 +69,7 @@ class Shape:
     run: str = ""
     campaign: str = ""
     cause: str = ""
+    vehicle: str = ""
 
     @property
     def slips(self) -> tuple[float, float] | None:

@@ -146,7 +146,7 @@ def _log_weights(
 ) -> tuple[FloatArray, float]:
     """Return evidence times prior where shapes of each kind are larger, by each of `SCALES`, and where none are."""
     sums = {"samples": grams.samples.sum(keepdims=True), "log_determinants": grams.log_determinants.sum(keepdims=True)}
-    grams = replace(grams, matrices=grams.total[None], static=0.0, run_names=("all",), **sums)
+    grams = replace(grams, matrices=grams.total[None], static=0.0, run_names=("all",), drive=None, **sums)
 
     def evidence(of: Grams) -> float:
         return log_evidence_of_sets(of, excluded, most)
@@ -183,10 +183,13 @@ def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:
 
 
 def kinds_of(shapes: Sequence[Shape]) -> list[IndexArray]:
-    """Return the positions of the shapes of each kind; every campaign and every cause's formula has its own."""
+    """Return the positions of the shapes of each kind; every campaign and every cause's formula has its own.
+
+    What no cause describes shows at all wheels of a vehicle: theirs are of one kind.
+    """
     groups: dict[tuple[str, str, str], list[int]] = {}
     for i, shape in enumerate(shapes):
-        groups.setdefault((shape.kind, shape.campaign, shape.cause), []).append(i)
+        groups.setdefault((shape.kind, shape.vehicle or shape.campaign, shape.cause), []).append(i)
     return [np.array(positions, np.intp) for positions in groups.values()]
 
 

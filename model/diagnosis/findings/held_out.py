@@ -24,9 +24,10 @@ Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian An
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,7 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
+from model.diagnosis.time_series.linearise import Point
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.fit.fit import default_slip_threshold
@@ -81,10 +83,10 @@ def bagged(
         Not ``calibrated`` where there are too few runs: then the noise model is taken at its word.
     """
     grams = replace(grams, matrices=grams.matrices / excess, own=())
-    runs = len(grams.run_names)
-    if runs < FEWEST_RUNS:
+    if grams.drive_count < FEWEST_RUNS:
         return posterior(grams, excluded, most)
-    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds_of(grams), replicates, rng)])
+    weights = np.concatenate([np.ones((1, grams.drive_count)), drawn_anew(kinds_of(grams), replicates, rng)])
+    weights = weights[:, grams.drives]
     totals = np.tensordot(weights, grams.matrices, 1) + grams.static
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
@@ -95,20 +97,20 @@ def bagged(
 
 
 def kinds_of(grams: Grams) -> IndexArray:
-    """Return which runs stand for each other, shape (runs,): all, where no channels are shared by enough of them."""
-    kinds = grams.measured
+    """Return which drives stand for each other, shape (drives,): all, where few of them share channels."""
+    kinds = grams.drive_kinds
     if kinds is None or np.bincount(kinds).max() < FEWEST_RUNS:
-        return np.zeros(len(grams.run_names), np.intp)
+        return np.zeros(grams.drive_count, np.intp)
     return kinds
 
 
 def drawn_anew(kinds: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
-    """Return how often each run is among those drawn with replacement, shape (replicates, runs).
+    """Return how often each drive is among those drawn with replacement, shape (replicates, drives).
 
     Parameters
     ----------
-    kinds : int array, shape (runs,)
-        Only runs of one kind stand for each other.
+    kinds : int array, shape (drives,)
+        Only drives of one kind stand for each other.
     """
     found = np.zeros((replicates, len(kinds)))
     for kind in np.unique(kinds):
@@ -138,7 +140,7 @@ def held_out(
     notes : tuple of Note
         What few runs do to it.
     """
-    count = len(linearised.grams.run_names)
+    count = linearised.grams.drive_count
     if count < 2:
         return None, (Note(DiagnosisCode.ONE_RUN),)
     known = dict(fits or {})
@@ -166,38 +168,64 @@ def _chosen(linearised: LinearisedCampaign, run: int) -> Keys:
 
 
 def predict_held_out(
-    linearised: LinearisedCampaign, fit: SetFit, run: int, grams: Grams | None = None
+    linearised: LinearisedCampaign, fit: SetFit, drive: int, grams: Grams | None = None
 ) -> HeldOutPrediction:
-    """Predict a run from all others by a set of causes.
+    """Predict a drive, at all wheels that were driven, from all others by a set of causes.
 
     Parameters
     ----------
     fit : SetFit
         Of the set, to all runs: where the model is linearised.
-    run : int
-        Of all campaigns' runs.
+    drive : int
+        See `Grams.drives`.
     grams : Grams, optional
         Of the fit, where they are known already.
     """
     grams = grams or fit.grams()
     first = np.cumsum([0, *(data.samples.runs for data in linearised.campaigns)])
-    at = int(np.searchsorted(first, run, side="right")) - 1
-    found = estimate(grams.without(run), fit.keys)
-    point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
-    samples = linearised.campaigns[at].samples
-    own = samples.run == run - first[at]
-    samples, part = samples[own], fit.problem.parts[at]
-    slip, soil = np.asarray(samples.conditions.slip), part.frozen.soil[:, own]
-    of_soil = np.einsum("cni,ij,cnj->cn", soil, found.covariance[part.soil, part.soil], soil)
+    found = estimate(grams.without(drive), fit.keys)
+    points = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])
+    runs, wheels = np.flatnonzero(grams.drives == drive), []
+    for run in runs:
+        at = int(np.searchsorted(first, run, side="right")) - 1
+        wheels.append(_predicted(linearised, fit, at, points[at], found.covariance, int(run - first[at])))
     return HeldOutPrediction(
-        log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
-        numbers=int(grams.samples[run]),
-        measured={c: samples.measured[c] for c in part.frozen.channels},
-        predicted=dict(zip(part.frozen.channels, part.at_measured_slip(point, own), strict=True)),
-        judged=slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
-        slip=slip,
-        variance=dict(zip(part.frozen.channels, part.noise_variance[:, own] + of_soil, strict=True)),
+        log_likelihood=log_likelihood_of_run(grams, drive, fit.keys),
+        numbers=int(grams.samples[runs].sum()),
+        **(wheels[0] if len(wheels) == 1 else _together(wheels)),
     )
+
+
+def _predicted(
+    linearised: LinearisedCampaign, fit: SetFit, at: int, point: Point, covariance: FloatArray, run: int
+) -> dict[str, Any]:
+    """Return what is measured and predicted of a run of one campaign, as `HeldOutPrediction` has it."""
+    samples, part = linearised.campaigns[at].samples, fit.problem.parts[at]
+    own = samples.run == run
+    samples = samples[own]
+    slip, soil = np.asarray(samples.conditions.slip), part.frozen.soil[:, own]
+    of_soil = np.einsum("cni,ij,cnj->cn", soil, covariance[np.ix_(part.soil, part.soil)], soil)
+    return {
+        "measured": {c: samples.measured[c] for c in part.frozen.channels},
+        "predicted": dict(zip(part.frozen.channels, part.at_measured_slip(point, own), strict=True)),
+        "judged": slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        "slip": slip,
+        "variance": dict(zip(part.frozen.channels, part.noise_variance[:, own] + of_soil, strict=True)),
+    }
+
+
+def _together(wheels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the samples of several wheels one behind the other; a channel that a wheel lacks is NaN there."""
+    sizes = [len(wheel["slip"]) for wheel in wheels]
+    channels = dict.fromkeys(c for wheel in wheels for c in wheel["measured"])
+
+    def of_channel(key: str, channel: str) -> FloatArray:
+        return np.concatenate(
+            [wheel[key].get(channel, np.full(n, np.nan)) for wheel, n in zip(wheels, sizes, strict=True)]
+        )
+
+    plain = {key: np.concatenate([wheel[key] for wheel in wheels]) for key in ("judged", "slip")}
+    return plain | {key: {c: of_channel(key, c) for c in channels} for key in ("measured", "predicted", "variance")}
 
 
 def cancelling(linearised: LinearisedCampaign) -> Note | None:
@@ -227,4 +255,4 @@ def cancelling(linearised: LinearisedCampaign) -> Note | None:
 
 
 def _held_out_score(grams: Grams, keys: Keys) -> float:
-    return sum(log_likelihood_of_run(grams, run, keys) for run in range(len(grams.run_names)))
+    return sum(log_likelihood_of_run(grams, drive, keys) for drive in range(grams.drive_count))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
-from daq import FloatArray
+from daq import FloatArray, IndexArray
 from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.core.result import RefutedSoil, SoilInstead
 from model.diagnosis.time_series.columns import Grams
@@ -29,6 +29,7 @@ from model.diagnosis.time_series.linearise import SENSORS, SoilSpace
 from model.wheel_soil.soils import SOIL_PARAMETERS
 
 Keys = tuple[str, ...]
+Place = tuple[str, SoilSpace, IndexArray]
 
 WIDER = 5.0
 """Factor on the one-sigma of a parameter that the laboratory may have wrong."""
@@ -52,14 +53,14 @@ class _Wider:
 
 
 def refuted_soil(
-    grams: Grams, spaces: Sequence[tuple[str, SoilSpace]], sets: Mapping[Keys, float], factor: float
+    grams: Grams, spaces: Sequence[Place], sets: Mapping[Keys, float], factor: float
 ) -> tuple[RefutedSoil, ...]:
     """Return the parameters of the laboratory's soil that do not hold, most probable first.
 
     Parameters
     ----------
-    spaces : sequence of (campaign, SoilSpace)
-        In the order of the soils' columns.
+    spaces : sequence of (campaign, SoilSpace, places)
+        Of each soil, and where its columns are among those of all.
     sets : mapping set -> probability
         The most probable sets.
     factor : float
@@ -87,19 +88,17 @@ def refuted_soil(
     return tuple(sorted(found, key=lambda refuted: -refuted.probability))
 
 
-def _wider(spaces: Sequence[tuple[str, SoilSpace]], count: int) -> Iterator[_Wider]:
+def _wider(spaces: Sequence[Place], count: int) -> Iterator[_Wider]:
     """Yield the parameters that the laboratories do not know exactly, each with its wider prior of all coordinates."""
-    first = 0
-    for campaign, space in spaces:
+    for campaign, space, places in spaces:
         soil = len(space) - len(SENSORS)
-        root, at = space.root[:, :soil], slice(first, first + soil)
-        first += len(space)
+        root, at = space.root[:, :soil], places[:soil]
         sigma, inverse = np.sqrt((root**2).sum(axis=1)), np.linalg.pinv(root)
         for i in np.flatnonzero(sigma > 0).tolist():
             scale = np.where(np.arange(len(sigma)) == i, WIDER, 1.0)
             turned = np.eye(soil) + inverse @ ((scale - 1.0)[:, None] * root)
             precision, in_sigmas = np.eye(count), np.zeros(count)
-            precision[at, at] = np.linalg.inv(turned @ turned.T)
+            precision[np.ix_(at, at)] = np.linalg.inv(turned @ turned.T)
             in_sigmas[at] = root[i] / sigma[i]
             yield _Wider(campaign, SOIL_PARAMETERS[i], precision, in_sigmas)
 
@@ -127,7 +126,7 @@ def _weighed(grams: Grams, keys: Keys, precision: FloatArray) -> tuple[float, Fl
 
 
 def soil_instead(
-    grams: Grams, spaces: Sequence[tuple[str, SoilSpace]], found: Posterior, named: Keys, factor: float
+    grams: Grams, spaces: Sequence[Place], found: Posterior, named: Keys, factor: float
 ) -> tuple[SoilInstead, ...]:
     """Return what the laboratory may have wrong in place of each named cause, where that is above `INSTEAD_AT`.
 

@@ -148,7 +148,7 @@ def _grams(fit: SetFit, columns: dict[str, TermColumn]) -> Grams:
         data = part.data
         own = _with_terms(part, columns)
         matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
-        parts.append((data.campaign.name, data.samples.run_names, own, matrices))
+        parts.append((data.campaign, data.samples.run_names, own, matrices))
     return joined(parts)
 
 
@@ -218,10 +218,10 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     Proposal or None
         None where no formula predicts held-out runs better than none, or there is but one run.
     """
-    if len(grams.run_names) < _FEWEST_RUNS:
+    if grams.drive_count < _FEWEST_RUNS:
         return None
     keys = chosen_terms(grams)
-    gain = sum(_gain_of(grams, run) for run in range(len(grams.run_names)))
+    gain = sum(_gain_of(grams, run) for run in range(grams.drive_count))
     if not keys or not gain > 0:
         return None
     return Proposal(_formula(grams, terms, keys), float(gain))

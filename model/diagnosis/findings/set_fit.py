@@ -146,13 +146,14 @@ def spread_within(
 
 def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray, float]:
     """Return the sandwich over runs, the covariance that it widens the noise model's to, and degrees of freedom."""
-    rows = problem.runs(x)
+    rows, drives = problem.runs(x), problem.drives
     everything = np.concatenate(rows)
-    run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    run = np.repeat(drives, [len(r) for r in rows])
     jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
-    blocks = Blocks(run, len(rows), float("nan"), float("nan"))
+    count = int(drives.max(initial=-1)) + 1
+    blocks = Blocks(run, count, float("nan"), float("nan"))
     found = sandwich(jacobian[:, None], scores, blocks, np.diag(problem.prior))
-    degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
+    degrees = max(min(found.degrees, count - 1.0), 0.0)
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
     widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
@@ -441,16 +442,19 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
 
 
 def soils_with(fit: SetFit, linearised: LinearisedCampaign, covariance: FloatArray) -> tuple[SoilEstimate, ...]:
-    """Return the soil of every campaign, given the covariance of the fit's numbers, shape (p, p)."""
-    found = []
+    """Return the soil of every campaign, of wheels of one vehicle once; with the covariance of the fit's p numbers."""
+    found: list[SoilEstimate] = []
     for part, data in zip(fit.problem.parts, linearised.campaigns, strict=True):
+        name = vehicle.campaign if (vehicle := data.campaign.of_vehicle) else data.campaign.name
+        if any(vehicle and soil.campaign == name for soil in found):
+            continue
         space = part.simulation.space
         u = fit.estimate[part.soil]
         jacobian = space.jacobian(u)
-        sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance[part.soil, part.soil], jacobian))
+        sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance[np.ix_(part.soil, part.soil)], jacobian))
         found.append(
             SoilEstimate(
-                data.campaign.name,
+                name,
                 space.values(u),
                 {name: float(s) for name, s in zip(SOIL_PARAMETERS, sigmas, strict=True)},
                 data.campaign.soil_prior.sized(),

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from daq import BoolArray, FloatArray
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box, prior_information
 from model.diagnosis.time_series.linearise import (
@@ -29,7 +29,7 @@ from model.diagnosis.time_series.linearise import (
     simulated,
 )
 from model.diagnosis.time_series.noise import variance
-from model.diagnosis.time_series.start import CampaignData
+from model.diagnosis.time_series.start import CampaignData, soil_places_of
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 
 _NEAR_NEUTRAL = 0.01
@@ -46,8 +46,8 @@ class Part:
         With the set's effects only.
     frozen : Linear
         Whose slopes whiten.
-    soil : slice
-        Of this campaign's soil in x.
+    soil : int array, shape (q,)
+        Places of this campaign's soil in x.
     causes : tuple of int
         Which of the set's causes each of this campaign's cause columns is.
     stretch : array
@@ -57,7 +57,7 @@ class Part:
     data: CampaignData
     simulation: Simulation
     frozen: Linear
-    soil: slice
+    soil: IndexArray
     causes: tuple[int, ...]
     stretch: FloatArray
 
@@ -120,12 +120,15 @@ class SetProblem:
         The set's, c of them.
     prior : array, shape (q + c,)
         Its information on x.
+    drives : int array, shape (runs,)
+        Which drive each run is of.
     """
 
     parts: tuple[Part, ...]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     prior: FloatArray
+    drives: IndexArray
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -163,7 +166,7 @@ class SetProblem:
             data = part.data
             columns = part.columns(part.frozen, catch_all=True)
             matrices = run_grams(data.samples, part.frozen, columns, data.noise.values, data.speed_variance)
-            found.append((data.campaign.name, data.samples.run_names, columns, matrices))
+            found.append((data.campaign, data.samples.run_names, columns, matrices))
         return joined(found)
 
     def _point(self, part: Part, x: FloatArray) -> Point:
@@ -189,7 +192,7 @@ class SetProblem:
             own = _without_constants(whitened, columns.shared)
             q = len(columns.soil)
             out = np.zeros((*own.shape[:2], 1 + len(x)))
-            out[..., 1 + part.soil.start : 1 + part.soil.stop] = -own[..., 1 : 1 + q]
+            out[..., 1 + part.soil] = -own[..., 1 : 1 + q]
             out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
             out[..., 0] = own[..., 0] + out[..., 1:] @ x
             found += list(out)
@@ -232,15 +235,13 @@ def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str
     """
     causes = tuple(c for key in keys for c in grams.causes if c.key == key)
     names = [(c.key, c.parameter) for c in causes]
-    parts, start = [], 0
-    for data in campaigns:
+    parts = []
+    for data, soil in zip(campaigns, soil_places_of(campaigns), strict=True):
         effects = {e.key(): e for e in data.simulation.effects}
         simulation = replace(data.simulation, effects=tuple(effects[key] for key in keys if key in effects))
         own = [(e.key(), e.parameters[i]) for e, i, _ in simulation.parameters]
         positions = tuple(names.index((key, p.name)) for key, p in own)
         scales = np.array([p.towards(simulation.wheel) for _, p in own])
         stretch = np.array([causes[i].scale for i in positions]) / scales
-        soil = slice(start, start + len(simulation.space))
-        start = soil.stop
         parts.append(Part(data, simulation, data.linear, soil, positions, stretch))
-    return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys))
+    return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys), grams.drives)

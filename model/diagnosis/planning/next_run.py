@@ -248,9 +248,8 @@ def embedded(linearised: LinearisedCampaign, index: int, simulation: Simulation,
     """
     grams: Grams = linearised.grams
     q = len(simulation.space)
-    before = sum(len(data.simulation.space) for data in linearised.campaigns[:index])
     turn = np.zeros((len(matrix), grams.matrices.shape[1]))
-    turn[np.arange(1, 1 + q), 1 + before + np.arange(q)] = 1.0
+    turn[np.arange(1, 1 + q), 1 + linearised.soil_of(index)] = 1.0
     shared: Mapping[tuple[str, str], int] = {(c.key, c.parameter): i for i, c in enumerate(grams.causes)}
     for row, (effect, i, _) in enumerate(simulation.parameters):
         parameter = effect.parameters[i]

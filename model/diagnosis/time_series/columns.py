@@ -10,6 +10,7 @@ and time grow with the number of runs, not with its square.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
@@ -17,9 +18,10 @@ from itertools import compress
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
+from model.diagnosis.core.campaign import OfVehicle
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import CatchAll, Freed, RunShapes, basis, no_basis
-from model.diagnosis.time_series.linearise import Linear, Simulation
+from model.diagnosis.time_series.linearise import SENSORS, Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
@@ -126,6 +128,8 @@ class Grams:
         Which channels each run has: runs with the same number have the same.
     static : array, shape (m, m), optional
         Cross products of what the lifted wheel read, which belongs to no run.
+    drive : int array, shape (runs,), optional
+        Which drive each run is of: wheels of one vehicle are driven together. By default each run is one.
     """
 
     matrices: FloatArray
@@ -140,6 +144,26 @@ class Grams:
     form: FloatArray | float = 0.0
     measured: IndexArray | None = None
     static: FloatArray | float = 0.0
+    drive: IndexArray | None = None
+
+    @cached_property
+    def drives(self) -> IndexArray:
+        """Number of each run's drive, from 0 without a gap, shape (runs,)."""
+        runs = np.arange(len(self.run_names))
+        return runs if self.drive is None else np.unique(self.drive, return_inverse=True)[1]
+
+    @property
+    def drive_count(self) -> int:
+        """How many drives there are."""
+        return int(self.drives.max(initial=-1)) + 1
+
+    @property
+    def drive_kinds(self) -> IndexArray | None:
+        """Which channels each drive has, a number for each combination, shape (drives,); None where it is not known."""
+        if self.measured is None or self.drive_count == len(self.run_names):
+            return self.measured
+        measured = [tuple(self.measured[self.drives == drive].tolist()) for drive in range(self.drive_count)]
+        return np.array([sorted(set(measured)).index(each) for each in measured], np.intp)
 
     @property
     def soil_columns(self) -> slice:
@@ -203,18 +227,21 @@ class Grams:
             run_names=tuple(compress(self.run_names, runs)),
             own=tuple(compress(self.own, runs)),
             measured=None if self.measured is None else self.measured[runs],
+            drive=self.drives[runs],
         )
 
-    def without(self, run: int) -> Grams:
-        """Return the Grams of all runs but one, put together as one run."""
+    def without(self, drive: int) -> Grams:
+        """Return the Grams of all runs but those of one drive, put together as one run."""
+        out = self.drives == drive
         return replace(
             self,
-            matrices=(self.matrices.sum(axis=0) - self.matrices[run])[None],
-            log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[run],
-            samples=self.samples.sum(keepdims=True) - self.samples[run],
-            run_names=(f"all but {self.run_names[run]}",),
-            own=self.own[:run] + self.own[run + 1 :],
+            matrices=(self.matrices.sum(axis=0) - self.matrices[out].sum(axis=0))[None],
+            log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[out].sum(),
+            samples=self.samples.sum(keepdims=True) - self.samples[out].sum(),
+            run_names=(f"all but {self.run_names[int(np.argmax(out))]}",),
+            own=tuple(compress(self.own, ~out)),
             measured=None,
+            drive=None,
         )
 
     def scaled(self, factor: float) -> Grams:
@@ -315,6 +342,23 @@ class Columns:
 def _largest(columns: FloatArray) -> FloatArray:
     """Return the largest absolute value of each column, shape (c, n, b) to (b,)."""
     return np.asarray(np.maximum(columns.max(axis=(0, 1), initial=0.0), -columns.min(axis=(0, 1), initial=0.0)))
+
+
+def soil_places(soils: Sequence[tuple[OfVehicle | None, tuple[str, ...]]]) -> tuple[IndexArray, ...]:
+    """Return where the soil's columns of each campaign stand among those of all.
+
+    Wheels of one vehicle have one soil; each has `SENSORS` of its own.
+
+    Parameters
+    ----------
+    soils : sequence of (OfVehicle or None, labels)
+    """
+    known: dict[tuple[object, str], int] = {}
+    found = []
+    for i, (vehicle, labels) in enumerate(soils):
+        keys = [(vehicle.campaign if vehicle and label not in SENSORS else i, label) for label in labels]
+        found.append(np.array([known.setdefault(key, len(known)) for key in keys], np.intp))
+    return tuple(found)
 
 
 def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[CauseColumn, ...]:

@@ -22,6 +22,7 @@ from model.diagnosis.core.naming import (
     asked_again,
     barred_causes,
     confirmed,
+    is_physical,
     judgement,
     prior_shifts,
     unshown,
@@ -63,7 +64,7 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
-from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
+from model.diagnosis.findings.laboratory import Place, refuted_soil, soil_instead
 from model.diagnosis.findings.noise_models import grams_around, plausible_grams
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
@@ -158,7 +159,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         if (after := confirmed(verdict, found, explained.causes)) != verdict:
             verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
-        spaces = [(data.campaign.name, data.simulation.space) for data in linearised.campaigns]
+        spaces = _soils(linearised)
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
         named = explained.extended if verdict.verdict == "named" else ()
@@ -166,7 +167,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         ahead = None
-        if verdict.verdict == "one_of":
+        if verdict.verdict == "one_of" and not linearised.of_vehicles:
             ahead = outlook(
                 linearised.grams,
                 found,
@@ -231,6 +232,15 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     )
 
 
+def _soils(linearised: LinearisedCampaign) -> list[Place]:
+    """Return every soil with its campaign's name and the places of its columns; wheels of one vehicle have one."""
+    found: dict[str, Place] = {}
+    for i, data in enumerate(linearised.campaigns):
+        name = vehicle.campaign if (vehicle := data.campaign.of_vehicle) else data.campaign.name
+        found.setdefault(name, (name, data.simulation.space, linearised.soil_of(i)))
+    return list(found.values())
+
+
 def _judged(linearised: LinearisedCampaign) -> tuple[Adequacy, float, Unlisted]:
     """Judge the explanation under realistic instrument noise; return also the factor on the noise's variance."""
     keys, grams, most = linearised.best.keys, plausible_grams(linearised), linearised.most_causes
@@ -271,7 +281,7 @@ def _weighed(
     verdict = judge(found)
     shifts = prior_shifts(found, verdict, judge)
     usual = usual_effects(linearised.grams)
-    if verdict.verdict == "named" and usual:
+    if verdict.verdict == "named" and usual and any(map(is_physical, verdict.families)):
         with clock.stage("usual soil"):
             again = posterior_with_usual_soil(linearised, rng, factor, Clock())
             verdict = asked_again(verdict, again.families(), tuple(EFFECTS[key].name for key in usual), name_at)
@@ -293,7 +303,12 @@ def _onward(
     *,
     on_request: bool,
 ) -> tuple[NextRun, ...]:
-    """Return the runs to drive next: to separate a set, a name from its rivals, or on request the most probable."""
+    """Return the runs to drive next: to separate a set, a name from its rivals, or on request the most probable.
+
+    Of several wheels together none: each wheel by itself says what it needs.
+    """
+    if linearised.of_vehicles:
+        return ()
     chances = found.families()
     if verdict.verdict == "named" and confounded:
         named = [cause.key for cause in explained.causes]

@@ -27,7 +27,7 @@ Elston (1974), Biometrics 30:41, and Joe (1995), J. Am. Stat. Assoc. 90:957.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit, log_ndtr, logit
@@ -89,6 +89,10 @@ Sizes of real faults have tails: a tyre was exchanged, a unit mistaken. A normal
 radius impossible where 2 % is usual, and gives its name to two causes of usual sizes that fit far worse. Several causes
 keep the normal prior: together, far larger than usual, they would imitate nearly anything.
 """
+MANY = 40
+"""Effects above which not every set of three is weighed, but those that hold one of the best pairs (several wheels)."""
+BEAM_OF_MANY = 200
+"""How many pairs that are."""
 KEEP = 3.0
 """Odds below which a set stays where it is, see `best_set`."""
 
@@ -142,7 +146,7 @@ def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
     -------
     array, shape (..., 1 + k, 1 + k)
     """
-    total = grams.without_form(total)
+    total = grams.net if total is grams.total else grams.without_form(total)
     soil = grams.soil_columns
     others = np.r_[0, soil.stop : total.shape[-1]]
     inner = total[..., soil, soil] + np.eye(len(grams.soil))
@@ -266,6 +270,8 @@ def weighed(
     -------
     Hypotheses, and log evidences of shape (..., n)
     """
+    if beam is None and len({c.key for c in grams.causes}) > MANY:
+        beam = BEAM_OF_MANY
     listed = hypotheses(grams, excluded, most, triples=beam is None)
     found = log_evidences(grams, reduced, listed)
     if beam is None or most < 3:
@@ -274,8 +280,9 @@ def weighed(
     if not two.size:
         return listed, found
     joint = (found + listed.log_prior)[..., two].reshape(-1, two.size).max(axis=0)
-    listed = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
-    return listed, log_evidences(grams, reduced, listed)
+    wider = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
+    triples = replace(wider, members=wider.members[len(listed) :], log_prior=wider.log_prior[len(listed) :])
+    return wider, np.concatenate([found, log_evidences(grams, reduced, triples)], axis=-1)
 
 
 def posterior(
@@ -359,8 +366,8 @@ def best_set(
     found = posterior(grams, excluded, most)
     keys = found.best()
     if held is not None and not set(held) & excluded and len(held) <= most:
-        own = found.probability[found.hypotheses.index_of(held)]
-        keys = held if KEEP * own >= found.probability.max() else keys
+        at = found.hypotheses.position(held)
+        keys = held if at is not None and KEEP * found.probability[at] >= found.probability.max() else keys
     return estimate(grams, keys)
 
 

@@ -15,8 +15,8 @@ from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate
 from model.diagnosis.time_series.linearise import DELAY, Linear, Point
-from model.diagnosis.time_series.noise import Noise, hyper_priors
-from model.diagnosis.time_series.start import CampaignData, Start
+from model.diagnosis.time_series.noise import Noise, constant_sigmas, hyper_priors
+from model.diagnosis.time_series.start import CampaignData, Start, soil_places_of
 from model.diagnosis.time_series.whitening import Remainder, remainder, smoothed_speed
 from model.wheel_soil.conditions import Conditions
 
@@ -82,11 +82,8 @@ def linearisation_points(
         Share of the way from the points of now.
     """
     found = []
-    soil_at = 0
-    for data in campaigns:
-        own = len(data.columns.soil)
-        soil = best.soil[soil_at : soil_at + own]
-        soil_at += own
+    for data, places in zip(campaigns, soil_places_of(campaigns), strict=True):
+        soil = best.soil[places]
         sizes = cause_coefficients(data, grams, best)
         causes, at = {}, np.zeros(len(sizes))
         for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
@@ -142,6 +139,6 @@ def remainder_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> Re
     columns, noise = data.columns, data.noise.values
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
     by_run = data.grams.constants @ shared
-    scale = np.array([noise[name] for name in columns.constants])
+    scale = constant_sigmas(data.linear.channels, noise, data.samples.wheels)
     coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
     return remainder(data.samples, data.linear, columns, noise, data.speed_variance, coefficients)

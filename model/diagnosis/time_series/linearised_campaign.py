@@ -34,7 +34,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, Note
+from daq import BoolArray, FloatArray, IndexArray, Note
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
@@ -48,7 +48,14 @@ from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.selection import without_near_cuts, without_outliers
-from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
+from model.diagnosis.time_series.start import (
+    CampaignData,
+    Start,
+    begin,
+    first_causes,
+    not_identifiable_in_any,
+    soil_places_of,
+)
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
 
 _LEAST_SHARE = 0.1
@@ -247,7 +254,7 @@ def _campaign_data(
 
 def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
     """Return the Gram matrices of all campaigns as one."""
-    return joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in campaigns])
+    return joined([(v.campaign, v.samples.run_names, v.columns, v.grams) for v in campaigns])
 
 
 def _same(before: SetEstimate, after: SetEstimate) -> bool:
@@ -395,16 +402,20 @@ class LinearisedCampaign:
             about=self.best.keys,
         )
 
-    def soil_of(self, index: int) -> slice:
+    def soil_of(self, index: int) -> IndexArray:
         """Return where the soil of a campaign stands among those of all."""
-        first = sum(len(data.columns.soil) for data in self.campaigns[:index])
-        return slice(first, first + len(self.campaigns[index].columns.soil))
+        return soil_places_of(self.campaigns)[index]
 
     @property
     def linearisation(self) -> Linearisation:
         """How far it came, and by how many samples."""
         used = sum(int(data.columns.present.any(axis=0).sum()) for data in self.campaigns)
         return Linearisation(sum(len(data.samples) for data in self.campaigns), used, self.rounds, self.converged)
+
+    @property
+    def of_vehicles(self) -> bool:
+        """Whether wheels of one vehicle are weighed together."""
+        return any(data.campaign.of_vehicle for data in self.campaigns)
 
     @property
     def noises(self) -> tuple[Noise, ...]:

@@ -27,7 +27,7 @@ from model.diagnosis.time_series.evidence import SetEstimate
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, cause_coefficients, remainder_of
 from model.diagnosis.time_series.linearise import at_point, at_speed
 from model.diagnosis.time_series.samples import FEWEST, LITTLE_SLIP, STENCIL
-from model.diagnosis.time_series.start import CampaignData, Start
+from model.diagnosis.time_series.start import CampaignData, Start, soil_places_of
 from model.diagnosis.time_series.whitening import innovations
 from model.notes import DiagnosisCode
 
@@ -71,11 +71,9 @@ def without_outliers(
     best : SetEstimate
         The explanation.
     """
-    found, first = [], 0
-    for start, data in zip(starts, campaigns, strict=True):
-        soil = best.soil[first : first + len(data.columns.soil)]
-        first += len(soil)
-        found.append(_without(start, _outliers(data, soil, grams, best)))
+    found = []
+    for start, data, places in zip(starts, campaigns, soil_places_of(campaigns), strict=True):
+        found.append(_without(start, _outliers(data, best.soil[places], grams, best)))
     return tuple(found) if any(kept is not start for kept, start in zip(found, starts, strict=True)) else None
 
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
-from daq import REACTIONS, DataError, Fault, FloatArray, Note
+from daq import REACTIONS, DataError, Fault, FloatArray, IndexArray, Note
 from model.diagnosis.core.campaign import Campaign, Coverage, considered, not_identifiable
-from model.diagnosis.time_series.columns import Columns
+from model.diagnosis.time_series.columns import Columns, soil_places
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of
 from model.diagnosis.time_series.whitening import RunGrams
-from model.effects.catalogue import EFFECTS
+from model.effects.catalogue import EFFECTS, parted
 from model.wheel_soil.wheel_soil_model import Reading
 
 
@@ -43,6 +43,11 @@ class CampaignData:
     noise: Noise
     grams: RunGrams
     speed_variance: FloatArray
+
+
+def soil_places_of(campaigns: Sequence[CampaignData]) -> tuple[IndexArray, ...]:
+    """Return where the soil of each campaign stands among those of all."""
+    return soil_places([(data.campaign.of_vehicle, data.columns.soil) for data in campaigns])
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading:
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage, effects, reading),
+        considered(coverage, effects, reading, campaign.of_vehicle),
         reading,
     )
     return Start(campaign, samples, simulation, noise)
@@ -154,7 +159,13 @@ def first_causes(starts: Sequence[Start]) -> tuple[dict[str, float], ...]:
 
 
 def not_identifiable_in_any(starts: Sequence[Start]) -> dict[str, Note]:
-    """Return what is not identifiable in any campaign."""
-    each = [not_identifiable(coverage_of(s.campaign, s.samples)) for s in starts]
+    """Return what is not identifiable in any campaign; of what may act at one wheel alone, what is not at that one."""
+    passages = {run.passage for s in starts if s.campaign.of_vehicle for run in s.campaign.runs}
+    covered = [coverage_of(s.campaign, s.samples) for s in starts]
+    each = [not_identifiable(replace(c, several_passes=c.several_passes or len(passages) > 1)) for c in covered]
     shared = set.intersection(*(set(found) for found in each)) if each else set()
-    return {family: why for family, why in each[0].items() if family in shared} if each else {}
+    found = {family: why for family, why in each[0].items() if family in shared} if each else {}
+    for start, own in zip(starts, each, strict=True):
+        alone = {parted(e.name)[0]: e.name for e in start.simulation.effects if parted(e.name)[1]}
+        found |= {alone[family]: why for family, why in own.items() if family in alone}
+    return found

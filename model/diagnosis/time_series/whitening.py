@@ -25,11 +25,19 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model import compiled
 from model.core_library import library
+from model.diagnosis.core.campaign import Campaign, OfVehicle
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
-from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram, soil_places
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.noise import loading, processes, rest_variance, slope_loading, white_variance
+from model.diagnosis.time_series.noise import (
+    constant_sigmas,
+    loading,
+    processes,
+    rest_variance,
+    slope_loading,
+    white_variance,
+)
 from model.diagnosis.time_series.samples import Places, Samples, block_steps, places_of, steps_of
 
 
@@ -238,7 +246,7 @@ def state_space(
     near = np.arange(len(sloped)) + len(listed)
     memories = np.array([values[p.time] if (p := listed[i]).time else 0.0 for i in sloped])
     decay[:, sloped], shares, block_decay = _steps(memories, step_s[:, None], samples.block_s)
-    variance = np.array([values[p.deviation] ** 2 for p in listed])
+    variance = np.array([(values[p.deviation] * p.times(samples.wheels)) ** 2 for p in listed])
     white = np.where(present, white_variance(linear, values, speed_variance), 1.0)
     return StateSpace(
         loadings=at.padded(loadings),
@@ -322,7 +330,7 @@ def whitened_rows(
     rest_at = places_of(of_run, samples.runs)
     log_determinants = np.zeros(samples.runs)
     np.add.at(log_determinants, of_run, np.log(variance[:, ~lifted]).sum(axis=0))
-    sigmas = np.array([values[name] for name in columns.constants])
+    sigmas = constant_sigmas(linear.channels, values, samples.wheels)
     for first in range(0, samples.runs, RUNS_AT_ONCE):
         last = min(first + RUNS_AT_ONCE, samples.runs)
         found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
@@ -408,7 +416,7 @@ def remainder(
     speed_variance: FloatArray,
     coefficients: FloatArray,
 ) -> Remainder:
-    """Return what an estimate leaves of the residual.
+    """Return what an estimate leaves of the residual; each of several wheels by itself, with the noise as it is.
 
     Parameters
     ----------
@@ -416,7 +424,7 @@ def remainder(
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
     at = places_of(samples.run, samples.runs)
-    space = state_space(samples, linear, columns.present, values, speed_variance)
+    space = state_space(replace(samples, wheels=1), linear, columns.present, values, speed_variance)
     return Remainder(at, space, at.padded(np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])))
 
 
@@ -437,44 +445,50 @@ def innovations(left: Remainder) -> FloatArray:
     return np.asarray(np.abs(left.places.flat(found)).max(axis=-1))
 
 
-def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> Grams:
+def joined(parts: Sequence[tuple[Campaign, tuple[str, ...], Columns, RunGrams]]) -> Grams:
     """Put the Gram matrices of several campaigns into one.
 
     Parameters
     ----------
-    parts : sequence of (campaign's name, run names, Columns, RunGrams)
+    parts : sequence of (Campaign, run names, Columns, RunGrams)
         A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
-        the first campaign that has the cause.
+        the first campaign that has the cause. The error of form is the same at all wheels of one vehicle: its variance
+        is multiplied as that of the receiver's is (`model.diagnosis.time_series.noise`).
     """
     causes: dict[tuple[str, str], CauseColumn] = {}
     for _, _, columns, _ in parts:
         for cause in columns.causes:
             causes.setdefault((cause.key, cause.parameter), cause)
     several = len(parts) > 1
-    soil = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.soil]
-    basis = [shape for name, _, c, _ in parts for shape in _of_campaign(name, c.catch_all.shapes, several)]
-    names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
+    places = soil_places([(campaign.of_vehicle, c.soil) for campaign, _, c, _ in parts])
+    soil = {
+        int(at): _labelled(campaign.name, label, several)
+        for (campaign, _, c, _), own_places in zip(parts, places, strict=True)
+        for at, label in zip(own_places, c.soil, strict=True)
+    }
+    basis = [shape for of, _, c, _ in parts for shape in _of_campaign(of, c.catch_all.shapes, several)]
+    names = [_labelled(of.name, run, several) for of, runs, _, _ in parts for run in runs]
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
     matrices, order, own, form = [], [], [], []
     static = np.zeros((width, width))
-    soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
-    for name, _, columns, grams in parts:
+    basis_at, rank = 1 + len(soil) + len(causes), 0
+    for (campaign, _, columns, grams), own_places in zip(parts, places, strict=True):
         turn = np.zeros((columns.shared, width))
         turn[0, 0] = 1.0
         q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
-        turn[1 : 1 + q, soil_at : soil_at + q] = np.eye(q)
+        turn[1 + np.arange(q), 1 + own_places] = 1.0
         for i, cause in enumerate(columns.causes):
             key = (cause.key, cause.parameter)
             turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
-        soil_at, basis_at = soil_at + q, basis_at + b
+        basis_at += b
         matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
         static += turn.T @ grams.static @ turn
         order.append(columns.catch_all.order + rank)
-        form.append(columns.catch_all.form)
+        form.append(columns.catch_all.form * np.sqrt(campaign.of_vehicle.wheels if campaign.of_vehicle else 1))
         for gram in grams.own:
-            shapes = RunShapes(tuple(_of_campaign(name, gram.shapes.shapes, several)), gram.shapes.order + rank)
+            shapes = RunShapes(tuple(_of_campaign(campaign, gram.shapes.shapes, several)), gram.shapes.order + rank)
             own.append(OwnGram(shapes, gram.across @ turn, gram.inner))
         rank += b + sum(len(gram.inner) for gram in grams.own)
     return Grams(
@@ -482,7 +496,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
         samples=np.concatenate([g.samples for *_, g in parts]),
         run_names=tuple(names),
-        soil=tuple(soil),
+        soil=tuple(soil[at] for at in sorted(soil)),
         causes=tuple(causes.values()),
         basis=tuple(basis),
         measured=np.concatenate([g.measured for *_, g in parts]),
@@ -490,12 +504,25 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         order=np.concatenate(order),
         own=tuple(own),
         form=np.concatenate(form),
+        drive=_drives([(campaign.of_vehicle, runs) for campaign, runs, _, _ in parts]),
     )
 
 
-def _of_campaign(name: str, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
+def _drives(runs: Sequence[tuple[OfVehicle | None, tuple[str, ...]]]) -> IndexArray:
+    """Return which drive each run is of, shape (runs,): runs of one name of the wheels of one vehicle are one."""
+    known: dict[object, int] = {}
+    keys = [
+        (vehicle.campaign, name) if vehicle else (i, at)
+        for i, (vehicle, names) in enumerate(runs)
+        for at, name in enumerate(names)
+    ]
+    return np.array([known.setdefault(key, len(known)) for key in keys], np.intp)
+
+
+def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
     """Yield shapes with their campaign's name."""
-    yield from (replace(shape, campaign=name) if several else shape for shape in shapes)
+    vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
+    yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
 
 
 def _labelled(campaign: str, label: str, several: bool) -> str:
