@@ -33,7 +33,7 @@ DURATION_S = 15.0
 SOILS = ("clay", "sandy")
 STAGES = ("samples", "noise", "evidence", "adequacy", "bagging", "final")
 """Of every diagnosis; "held_out" also, unless it is `unexplained`."""
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "WHEELSOIL_CACHE": "off"}
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "WHEELSOIL_CACHE": "off"}
 
 Line = dict[str, Any]
 
@@ -212,7 +212,7 @@ def run(seeds: Iterable[int], counts: Sequence[int], out: Path, jobs: int) -> in
     done = {(line["seed"], line["runs"]) for line in read_lines(path) if line["engine"] == engine}
     left = [(CAMPAIGNS[seed], [n for n in counts if (seed, n) not in done]) for seed in seeds]
     left = [(growing, missing) for growing, missing in left if missing]
-    os.environ.update(_ONE_THREAD)
+    os.environ.update(ONE_THREAD)
     failed = 0
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         pending = {pool.submit(_grow, growing, missing, path, engine): growing for growing, missing in left}

@@ -1,0 +1,322 @@
+"""Four wheels of one vehicle, together and one by one: is the cause found, and at which wheel?
+
+PYTHONPATH=tests python -m blind.wheels --jobs 1                        all of it, resumable
+PYTHONPATH=tests python -m blind.wheels --seeds --report docs/wheels_results.md   only the page
+
+100 campaigns of `wheelsoil simulate --wheels 4`: a gain or a zero of one transducer (40), slip sinkage (20), a shift of
+the stress peak (10), an error of the ground speed (10), nothing (20). An error of a transducer has a size at which its
+own wheel alone says `one_of`. Each is written as frames, read and processed as `wheelsoil diagnose FOLDER` does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from blind.growth import ONE_THREAD
+from blind.jsonl import append_line, read_lines
+from blind.provenance import engine_of, engine_words
+from scipy.stats import binomtest
+
+if TYPE_CHECKING:
+    from model.diagnosis import Campaign, Diagnosis
+
+WHEELS = ("FL", "FR", "RL", "RR")
+ONE = "FL"
+"""The wheel that stands for a vehicle with one transducer."""
+TRANSDUCER = {
+    "torque_gain": ("relative", 0.05),
+    "drawbar_pull_gain": ("relative", 0.1),
+    "load_gain": ("relative", 0.05),
+    "torque_zero": ("offset_nm", 30.0),
+    "drawbar_pull_zero": ("offset_n", 100.0),
+    "load_zero": ("offset_n", 200.0),
+}
+"""Parameter, and the size at which the search for one that a wheel alone leaves open begins."""
+SHARED = {
+    "vasilev": ("slip_sinkage", "H_m", 0.03, 0.08),
+    "lyasko": ("slip_sinkage", "m1", 0.2, 0.5),
+    "ding": ("slip_sinkage", "n1", 0.15, 0.35),
+    "stress_peak_shift": ("stress_peak_shift", "c2", 0.15, 0.4),
+    "speed_bias": ("speed_bias", "offset_mps", 0.05, 0.12),
+    "speed_latency": ("speed_latency", "extra_delay_s", 0.08, 0.2),
+}
+"""Family, parameter, smallest and largest size."""
+BESIDE = {"lyasko": {"m2": 0.05}, "stress_peak_shift": {"c1": 0.3}}
+"""What such an effect has, too."""
+_KINDS = ("transducer",) * 4 + ("sinkage",) * 2 + ("peak", "speed", "nothing", "nothing")
+_KEYS = {
+    "transducer": tuple(TRANSDUCER),
+    "sinkage": ("vasilev", "lyasko", "ding"),
+    "peak": ("stress_peak_shift",),
+    "speed": ("speed_bias", "speed_latency"),
+}
+COUNT = 100
+DURATION_S = 20.0
+RUNS = 6
+_STEP, _MOST_TRIES = 1.3, 12
+
+Line = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What is hidden in a campaign: `key` is empty where nothing is, `wheel` where it acts at all of them."""
+
+    seed: int
+    key: str = ""
+    size: float = 0.0
+    wheel: str = ""
+
+    @property
+    def family(self) -> str:
+        """Name that the diagnosis should give."""
+        return SHARED[self.key][0] if self.key in SHARED else self.key
+
+    @property
+    def kind(self) -> str:
+        """Which of the mix."""
+        return _KINDS[self.seed % len(_KINDS)]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters of the effect."""
+        parameter = SHARED[self.key][1] if self.key in SHARED else TRANSDUCER[self.key][0]
+        return {parameter: self.size, **BESIDE.get(self.key, {})}
+
+
+def drawn(seed: int) -> Hidden:
+    """Return what a seed hides, of a transducer with the size at which the search begins."""
+    rng = np.random.default_rng([seed, 36])
+    kind = _KINDS[seed % len(_KINDS)]
+    if kind == "nothing":
+        return Hidden(seed)
+    key = str(rng.choice(_KEYS[kind]))
+    if kind == "transducer":
+        sign = float(rng.choice((-1.0, 1.0)))
+        return Hidden(seed, key, sign * TRANSDUCER[key][1], str(rng.choice(WHEELS)))
+    *_, least, most = SHARED[key]
+    return Hidden(seed, key, float(rng.uniform(least, most)))
+
+
+def campaigns_of_wheels(hidden: Hidden) -> dict[str, tuple[Campaign, ...]]:
+    """Simulate a campaign, write it as frames and read it as `wheelsoil diagnose` does."""
+    from processing import ProcessOptions
+    from wheelsoil.simulation import SimulationOptions, simulate_campaign
+    from wheelsoil.workflows.diagnosis import campaigns_of
+    from wheelsoil.workflows.runs import Files, process_runs
+
+    options = SimulationOptions(
+        soil=("clay", "sandy")[hidden.seed % 2],
+        seed=hidden.seed,
+        runs=RUNS,
+        duration_s=DURATION_S,
+        draw_soil=hidden.seed % 4 >= 2,
+        brakes="released" if hidden.key.endswith("_zero") else None,
+        effects={hidden.key: hidden.values} if hidden.key else {},
+        wheels=len(WHEELS),
+        faulty_wheel=hidden.wheel,
+    )
+    with TemporaryDirectory(prefix="wheels-") as name:
+        folder = Path(name) / "campaign"
+        simulate_campaign(folder, options)
+        opened = Files().runs_of_wheels([folder], lambda run: None)
+        purpose = ProcessOptions(purpose="diagnose")
+        return {w: campaigns_of([folder], process_runs(runs, purpose)) for w, runs in opened.items()}
+
+
+def _found(campaigns: Sequence[Campaign]) -> Line:
+    from wheelsoil.workflows.diagnosis import diagnose_campaigns, diagnosis_options
+
+    cpu = time.process_time()
+    found = diagnose_campaigns(campaigns, diagnosis_options())
+    return _kept(found) | {"cpu_s": time.process_time() - cpu}
+
+
+def _kept(found: Diagnosis) -> Line:
+    barred = {kept.cause.name for kept in found.grounds.kept_back}
+    names = [cause.name for cause in found.causes]
+    return {
+        "verdict": found.verdict,
+        "names": [name for name in names if found.verdict != "named" or name not in barred],
+        "candidates": {c.name: round(c.probability, 4) for c in found.candidates[:6]},
+        "unlisted": found.adequacy.statistic if found.adequacy else None,
+        "values": {
+            f"{cause.name}.{p.name}": [p.value, *p.interval95] for cause in found.causes for p in cause.parameters
+        },
+    }
+
+
+def searched(hidden: Hidden) -> tuple[Hidden, dict[str, tuple[Campaign, ...]], Line | None]:
+    """Return a campaign of whose faulty wheel alone the diagnosis says `one_of`, where one is found in a few tries."""
+    for _ in range(_MOST_TRIES):
+        wheels = campaigns_of_wheels(hidden)
+        if not hidden.wheel:
+            return hidden, wheels, None
+        alone = _found(wheels[hidden.wheel])
+        if alone["verdict"] == "one_of":
+            break
+        larger = alone["verdict"] == "nothing_detectable"
+        hidden = replace(hidden, size=hidden.size * (_STEP if larger else 0.93 / _STEP))
+    return hidden, wheels, alone
+
+
+def answer_of(seed: int) -> Line:
+    """Diagnose one campaign: by the front left wheel, by the faulty one and by all together."""
+    from wheelsoil.workflows.diagnosis import vehicles_of
+
+    begin = time.process_time()
+    hidden, wheels, alone = searched(drawn(seed))
+    made = time.process_time() - begin
+    return {
+        "seed": seed,
+        "kind": hidden.kind,
+        "key": hidden.key,
+        "size": hidden.size,
+        "wheel": hidden.wheel,
+        "family": hidden.family,
+        "alone": alone,
+        "one": alone if hidden.wheel == ONE else _found(wheels[ONE]),
+        "all": _found(vehicles_of(wheels)),
+        "made_cpu_s": made,
+    }
+
+
+def run(seeds: Iterable[int], out: Path, jobs: int) -> int:
+    """Diagnose what is not diagnosed yet with this engine; return the number of campaigns that raised an error."""
+    out.mkdir(parents=True, exist_ok=True)
+    path, engine = out / "wheels.jsonl", engine_of()
+    done = {line["seed"] for line in read_lines(path) if line["engine"] == engine}
+    os.environ.update(ONE_THREAD)
+    failed = 0
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        pending = {pool.submit(answer_of, seed): seed for seed in seeds if seed not in done}
+        for future in as_completed(pending):
+            if error := future.exception():
+                failed += 1
+                print(f"seed {pending[future]}: {error!r}", flush=True)
+                continue
+            line = future.result()
+            append_line(path, line | {"engine": engine})
+            said = "; ".join(f"{by}: {_said(line[by])}" for by in ("one", "all"))
+            print(f"seed {line['seed']} {line['key'] or 'nothing'} {line['wheel']}: {said}", flush=True)
+    return failed
+
+
+def _said(answer: Line) -> str:
+    return " ".join([answer["verdict"], *answer["names"]])
+
+
+def truth_of(line: Line, by: str) -> str:
+    """Return the name that is right: of one wheel what acts there, of all of them with the wheel where it acts."""
+    if by == "all" and line["wheel"]:
+        return f"{line['family']}@{line['wheel']}"
+    return "" if line["wheel"] not in ("", ONE) and by == "one" else str(line["family"])
+
+
+def right(line: Line, by: str) -> bool:
+    """Return whether the one right cause is named."""
+    return bool(truth_of(line, by)) and line[by]["verdict"] == "named" and line[by]["names"] == [truth_of(line, by)]
+
+
+def wrong(line: Line, by: str) -> bool:
+    """Return whether a cause is named that does not act."""
+    return line[by]["verdict"] == "named" and bool(set(line[by]["names"]) - {truth_of(line, by)})
+
+
+def figures(lines: Sequence[Line]) -> Iterator[tuple[str, str, str]]:
+    """Yield each figure, what is to be reached and what is."""
+
+    def share(hits: Iterable[bool], of: Sequence[Line]) -> str:
+        return f"{sum(hits)} of {len(of)}"
+
+    faulty = [x for x in lines if x["kind"] == "transducer"]
+    open_alone = [x for x in faulty if x["alone"]["verdict"] == "one_of"]
+    yield (
+        "one transducer's error named with its wheel",
+        "36 of 40",
+        share((right(x, "all") for x in open_alone), open_alone),
+    )
+    yield "the same, by that wheel alone", "", share((x["alone"]["verdict"] == "named" for x in open_alone), open_alone)
+    both = [x for x in lines if x["family"]]
+    for by, aim in (("all", "at least as many"), ("one", "")):
+        which = "all wheels" if by == "all" else f"wheel {ONE} alone"
+        yield f"right names, {which}", aim, share((right(x, by) for x in both), both)
+        yield f"wrong names, {which}", "no more" if by == "all" else "", share((wrong(x, by) for x in lines), lines)
+    shared = [x for x in both if not x["wheel"]]
+    for which, own in (("all causes", both), ("causes that act at all wheels", shared)):
+        gained = sum(right(x, "all") and not right(x, "one") for x in own)
+        lost = sum(right(x, "one") and not right(x, "all") for x in own)
+        p = binomtest(gained, gained + lost).pvalue if gained + lost else 1.0
+        yield f"names gained and lost by all wheels, {which}", "", f"{gained} and {lost} (McNemar's p {p:.2g})"
+    nothing = [x for x in lines if x["kind"] == "nothing"]
+    yield "campaigns without a cause: a cause named", "0 of 20", share((wrong(x, "all") for x in nothing), nothing)
+    soil = [x for x in lines if x["kind"] in ("sinkage", "peak")]
+    yield (
+        "slip sinkage or stress peak, decided by all wheels",
+        "more than by one",
+        share((right(x, "all") for x in soil), soil),
+    )
+    yield f"the same, by wheel {ONE}", "", share((right(x, "one") for x in soil), soil)
+    unexplained = [x for x in lines if x["all"]["verdict"] == "unexplained"]
+    yield "unexplained, all wheels", "", share((True for _ in unexplained), lines)
+    ratio = [x["all"]["cpu_s"] / x["one"]["cpu_s"] for x in lines]
+    yield "CPU of all wheels together over that of one", "6 aimed at", f"{float(np.median(ratio)):.1f} (median)"
+
+
+def page(lines: Sequence[Line]) -> str:
+    """Return the page of the study: the figures, and each campaign's verdicts."""
+    engines = dict.fromkeys(engine_words(x["engine"]) for x in lines)
+    text = [
+        "# Four wheels together and one by one",
+        "",
+        f"Written by `python -m blind.wheels --report`. {len(lines)} campaigns of `wheelsoil simulate --wheels 4`",
+        f"({RUNS} runs of {DURATION_S:g} s), seeds 0 to {COUNT - 1}, each diagnosed by its front left wheel and by all",
+        "wheels together. An error of one transducer has a size at which that wheel alone says `one_of`.",
+        "",
+        f"Engine: {'; '.join(engines) or 'none'}.",
+        "",
+        "| figure | to reach | reached |",
+        "|---|---|---|",
+        *(f"| {what} | {aim} | {found} |" for what, aim, found in figures(lines)),
+        "",
+        f"| seed | hidden | size | at wheel | that wheel alone | wheel {ONE} | all wheels |",
+        "|---|---|---|---|---|---|---|",
+        *map(_row, sorted(lines, key=lambda x: int(x["seed"]))),
+    ]
+    return "\n".join(text) + "\n"
+
+
+def _row(line: Line) -> str:
+    alone = _said(line["alone"]) if line["alone"] else ""
+    cells = [line["seed"], line["key"] or "nothing", f"{line['size']:.3g}" if line["key"] else "", line["wheel"], alone]
+    mark = " (right)" if right(line, "all") else " **(wrong)**" if wrong(line, "all") else ""
+    return f"| {' | '.join(map(str, cells))} | {_said(line['one'])} | {_said(line['all'])}{mark} |"
+
+
+def main() -> int:
+    """Run the study and write its page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out/wheels"))
+    parser.add_argument("--seeds", type=int, nargs="*", default=range(COUNT))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--report", type=Path, help="write the page here, e.g. docs/wheels_results.md")
+    options = parser.parse_args()
+    failed = run(options.seeds, options.out, options.jobs)
+    if options.report:
+        lines = {x["seed"]: x for x in read_lines(options.out / "wheels.jsonl")}
+        options.report.write_text(page(list(lines.values())), encoding="utf-8")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
