@@ -129,7 +129,7 @@ def campaigns_of_wheels(hidden: Hidden) -> dict[str, tuple[Campaign, ...]]:
     with TemporaryDirectory(prefix="wheels-") as name:
         folder = Path(name) / "campaign"
         simulate_campaign(folder, options)
-        opened = Files().runs_of_wheels([folder], lambda run: None)
+        opened = Files().runs_of_wheels([folder], lambda _: None)
         purpose = ProcessOptions(purpose="diagnose")
         return {w: campaigns_of([folder], process_runs(runs, purpose)) for w, runs in opened.items()}
 

@@ -107,21 +107,29 @@ def diagnosed(two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list
 
 def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:
     found, model = diagnosed
-    front, rear = found
-    assert (front["wheel"], rear["wheel"]) == IDS
+    front, rear, both = found
+    assert (front["wheel"], rear["wheel"], both["wheel"]) == (*IDS, "all")
     assert rear["verdict"] in ("named", "one_of") and rear["candidates"][0]["name"] == "torque_zero"
     assert rear["causes"][0]["name"] == "torque_zero" and all(cause["wheel"] == "RL" for cause in rear["causes"])
     assert rear["causes"][0]["parameters"][0]["value"] == pytest.approx(ZERO_NM, rel=0.4)
     assert front["verdict"] == "nothing_detectable" and not front["causes"]
     assert sorted(path.name for path in model.parent.iterdir()) == ["model-FL.toml", "model-RL.toml"]
+    best = both["candidates"][0]
+    assert (best["wheel"], best["name"]) == ("RL", "torque_zero"), "of all wheels together, at the wheel where it acts"
+    assert [cause["wheel"] for cause in both["causes"][:1]] == ["RL"] and len(both["soils"]) == 1
 
 
 def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:
     shown = ok("diagnose", two, *QUICK).out
     assert shown.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown
     assert re.search(
-        r"\n\nwheel FL  No cause is detected.*\nwheel RL  \S.*torque.*\n$", shown, re.IGNORECASE | re.DOTALL
+        r"\n\nwheel FL +No cause is detected.*\nwheel RL +\S.*torque.*\nall wheels together +\S.*wheel RL.*\n$",
+        shown,
+        re.IGNORECASE | re.DOTALL,
     )
+    assert "wheel rl" not in shown
+    alone = ok("diagnose", two, *QUICK, "--wheel", "RL").out
+    assert "all wheels together" not in alone
 
 
 @pytest.mark.parametrize("command", ["report", "zero"])
