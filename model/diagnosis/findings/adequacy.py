@@ -146,7 +146,7 @@ def _log_weights(
 ) -> tuple[FloatArray, float]:
     """Return evidence times prior where shapes of each kind are larger, by each of `SCALES`, and where none are."""
     sums = {"samples": grams.samples.sum(keepdims=True), "log_determinants": grams.log_determinants.sum(keepdims=True)}
-    grams = replace(grams, matrices=grams.total[None], static=0.0, run_names=("all",), drive=None, **sums)
+    grams = replace(grams, matrices=grams.total[None], static=0.0, run_names=("all",), **sums)
 
     def evidence(of: Grams) -> float:
         return log_evidence_of_sets(of, excluded, most)

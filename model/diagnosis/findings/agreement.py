@@ -21,6 +21,7 @@ of two terrains explains nothing well.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -34,6 +35,7 @@ from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import log_evidence
+from model.diagnosis.time_series.joining import runs_of as joined_runs
 from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.notes import DiagnosisCode
@@ -139,8 +141,10 @@ def other_forms(
 
 
 def runs_of(linearised: LinearisedCampaign) -> dict[str, int]:
-    """Return how many runs each campaign has, in their order."""
-    return {data.campaign.name: len(data.grams.matrices) for data in linearised.campaigns}
+    """Return how many runs each campaign has, in their order; of wheels of one vehicle how many drives."""
+    campaigns = [(data.campaign, data.samples) for data in linearised.campaigns]
+    owners = [campaigns[members[0][0]][0] for members in joined_runs(campaigns)]
+    return dict(Counter(of.of_vehicle.campaign if of.of_vehicle else of.name for of in owners))
 
 
 def _by_campaign(grams: Grams, runs: dict[str, int]) -> Iterator[tuple[str, Grams]]:

@@ -86,7 +86,7 @@ def _covariance(fit: SetFit, covariance: FloatArray, index: int) -> FloatArray:
 
 def _gain(linearised: LinearisedCampaign, fits: Mapping[Keys, SetFit], found: Posterior, seed: int) -> Gain | None:
     """Return the gain of the average on held-out runs; None with one run."""
-    count = linearised.grams.drive_count
+    count = len(linearised.grams.run_names)
     if count < 2:
         return None
     grams = {keys: fit.grams() for keys, fit in fits.items()}

@@ -47,6 +47,7 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
+from model.diagnosis.time_series.joining import runs_of
 from model.diagnosis.time_series.linearise import Point
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
@@ -83,10 +84,10 @@ def bagged(
         Not ``calibrated`` where there are too few runs: then the noise model is taken at its word.
     """
     grams = replace(grams, matrices=grams.matrices / excess, own=())
-    if grams.drive_count < FEWEST_RUNS:
+    runs = len(grams.run_names)
+    if runs < FEWEST_RUNS:
         return posterior(grams, excluded, most)
-    weights = np.concatenate([np.ones((1, grams.drive_count)), drawn_anew(kinds_of(grams), replicates, rng)])
-    weights = weights[:, grams.drives]
+    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds_of(grams), replicates, rng)])
     totals = np.tensordot(weights, grams.matrices, 1) + grams.static
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
@@ -97,20 +98,20 @@ def bagged(
 
 
 def kinds_of(grams: Grams) -> IndexArray:
-    """Return which drives stand for each other, shape (drives,): all, where few of them share channels."""
-    kinds = grams.drive_kinds
+    """Return which runs stand for each other, shape (runs,): all, where no channels are shared by enough of them."""
+    kinds = grams.measured
     if kinds is None or np.bincount(kinds).max() < FEWEST_RUNS:
-        return np.zeros(grams.drive_count, np.intp)
+        return np.zeros(len(grams.run_names), np.intp)
     return kinds
 
 
 def drawn_anew(kinds: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
-    """Return how often each drive is among those drawn with replacement, shape (replicates, drives).
+    """Return how often each run is among those drawn with replacement, shape (replicates, runs).
 
     Parameters
     ----------
-    kinds : int array, shape (drives,)
-        Only drives of one kind stand for each other.
+    kinds : int array, shape (runs,)
+        Only runs of one kind stand for each other.
     """
     found = np.zeros((replicates, len(kinds)))
     for kind in np.unique(kinds):
@@ -140,7 +141,7 @@ def held_out(
     notes : tuple of Note
         What few runs do to it.
     """
-    count = linearised.grams.drive_count
+    count = len(linearised.grams.run_names)
     if count < 2:
         return None, (Note(DiagnosisCode.ONE_RUN),)
     known = dict(fits or {})
@@ -168,31 +169,28 @@ def _chosen(linearised: LinearisedCampaign, run: int) -> Keys:
 
 
 def predict_held_out(
-    linearised: LinearisedCampaign, fit: SetFit, drive: int, grams: Grams | None = None
+    linearised: LinearisedCampaign, fit: SetFit, run: int, grams: Grams | None = None
 ) -> HeldOutPrediction:
-    """Predict a drive, at all wheels that were driven, from all others by a set of causes.
+    """Predict a run, of several wheels at each of them, from all others by a set of causes.
 
     Parameters
     ----------
     fit : SetFit
         Of the set, to all runs: where the model is linearised.
-    drive : int
-        See `Grams.drives`.
+    run : int
+        Of all runs of the Gram matrices.
     grams : Grams, optional
         Of the fit, where they are known already.
     """
     grams = grams or fit.grams()
-    first = np.cumsum([0, *(data.samples.runs for data in linearised.campaigns)])
-    found = estimate(grams.without(drive), fit.keys)
+    members = runs_of([(data.campaign, data.samples) for data in linearised.campaigns])[run]
+    found = estimate(grams.without(run), fit.keys)
     points = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])
-    runs, wheels = np.flatnonzero(grams.drives == drive), []
-    for run in runs:
-        at = int(np.searchsorted(first, run, side="right")) - 1
-        wheels.append(_predicted(linearised, fit, at, points[at], found.covariance, int(run - first[at])))
+    each = [_predicted(linearised, fit, at, points[at], found.covariance, number) for at, number in members]
     return HeldOutPrediction(
-        log_likelihood=log_likelihood_of_run(grams, drive, fit.keys),
-        numbers=int(grams.samples[runs].sum()),
-        **(wheels[0] if len(wheels) == 1 else _together(wheels)),
+        log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
+        numbers=int(grams.samples[run]),
+        **(each[0] if len(each) == 1 else _together(each)),
     )
 
 
@@ -216,13 +214,10 @@ def _predicted(
 
 def _together(wheels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the samples of several wheels one behind the other; a channel that a wheel lacks is NaN there."""
-    sizes = [len(wheel["slip"]) for wheel in wheels]
     channels = dict.fromkeys(c for wheel in wheels for c in wheel["measured"])
 
     def of_channel(key: str, channel: str) -> FloatArray:
-        return np.concatenate(
-            [wheel[key].get(channel, np.full(n, np.nan)) for wheel, n in zip(wheels, sizes, strict=True)]
-        )
+        return np.concatenate([wheel[key].get(channel, np.full(len(wheel["slip"]), np.nan)) for wheel in wheels])
 
     plain = {key: np.concatenate([wheel[key] for wheel in wheels]) for key in ("judged", "slip")}
     return plain | {key: {c: of_channel(key, c) for c in channels} for key in ("measured", "predicted", "variance")}
@@ -255,4 +250,4 @@ def cancelling(linearised: LinearisedCampaign) -> Note | None:
 
 
 def _held_out_score(grams: Grams, keys: Keys) -> float:
-    return sum(log_likelihood_of_run(grams, drive, keys) for drive in range(grams.drive_count))
+    return sum(log_likelihood_of_run(grams, run, keys) for run in range(len(grams.run_names)))

@@ -85,7 +85,11 @@ def _grams(linearised: LinearisedCampaign, noises: Sequence[Noise]) -> Grams:
         return linearised.grams
     return joined_grams(
         [
-            replace(data, grams=run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance))
+            replace(
+                data,
+                noise=noise,
+                grams=run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance),
+            )
             for data, noise in zip(linearised.campaigns, noises, strict=True)
         ]
     )

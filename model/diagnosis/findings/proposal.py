@@ -23,7 +23,7 @@ from model.diagnosis.findings.set_problem import Part
 from model.diagnosis.time_series.basis import amplitude_of
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, without_soil
-from model.diagnosis.time_series.whitening import joined, run_grams
+from model.diagnosis.time_series.joining import joined
 from model.wheel_soil.conditions import Conditions
 
 SLIP_SCALE = 0.1
@@ -147,8 +147,7 @@ def _grams(fit: SetFit, columns: dict[str, TermColumn]) -> Grams:
     for part in fit.problem.parts:
         data = part.data
         own = _with_terms(part, columns)
-        matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
-        parts.append((data.campaign, data.samples.run_names, own, matrices))
+        parts.append(part.of_campaign(data.noise.values, own))
     return joined(parts)
 
 
@@ -218,10 +217,10 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     Proposal or None
         None where no formula predicts held-out runs better than none, or there is but one run.
     """
-    if grams.drive_count < _FEWEST_RUNS:
+    if len(grams.run_names) < _FEWEST_RUNS:
         return None
     keys = chosen_terms(grams)
-    gain = sum(_gain_of(grams, run) for run in range(grams.drive_count))
+    gain = sum(_gain_of(grams, run) for run in range(len(grams.run_names)))
     if not keys or not gain > 0:
         return None
     return Proposal(_formula(grams, terms, keys), float(gain))

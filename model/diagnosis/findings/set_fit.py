@@ -146,14 +146,13 @@ def spread_within(
 
 def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray, float]:
     """Return the sandwich over runs, the covariance that it widens the noise model's to, and degrees of freedom."""
-    rows, drives = problem.runs(x), problem.drives
+    rows = problem.runs(x)
     everything = np.concatenate(rows)
-    run = np.repeat(drives, [len(r) for r in rows])
+    run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
-    count = int(drives.max(initial=-1)) + 1
-    blocks = Blocks(run, count, float("nan"), float("nan"))
+    blocks = Blocks(run, len(rows), float("nan"), float("nan"))
     found = sandwich(jacobian[:, None], scores, blocks, np.diag(problem.prior))
-    degrees = max(min(found.degrees, count - 1.0), 0.0)
+    degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
     widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)

@@ -16,6 +16,7 @@ import numpy as np
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box, prior_information
+from model.diagnosis.time_series.joining import OfCampaign, groups_of, joined, vehicle_rows
 from model.diagnosis.time_series.linearise import (
     SENSORS,
     Linear,
@@ -30,7 +31,7 @@ from model.diagnosis.time_series.linearise import (
 )
 from model.diagnosis.time_series.noise import variance
 from model.diagnosis.time_series.start import CampaignData, soil_places_of
-from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
+from model.diagnosis.time_series.whitening import whitened_rows
 
 _NEAR_NEUTRAL = 0.01
 """Least coefficient of an effect whose derivative at neutral is infinite."""
@@ -84,6 +85,11 @@ class Part:
         freed = data.columns.catch_all.freed
         return columns_of(self.simulation, data.samples, linear, data.speed_variance, catch_all=catch_all, freed=freed)
 
+    def of_campaign(self, values: Mapping[str, float], columns: Columns) -> OfCampaign:
+        """Return columns with what whitens them."""
+        data = self.data
+        return OfCampaign(data.campaign, data.samples, self.frozen, columns, values, data.speed_variance)
+
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
         frozen = self.frozen
@@ -120,15 +126,12 @@ class SetProblem:
         The set's, c of them.
     prior : array, shape (q + c,)
         Its information on x.
-    drives : int array, shape (runs,)
-        Which drive each run is of.
     """
 
     parts: tuple[Part, ...]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     prior: FloatArray
-    drives: IndexArray
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -148,8 +151,21 @@ class SetProblem:
         return stacked[:, 0], stacked[:, 1:]
 
     def runs(self, x: FloatArray) -> list[FloatArray]:
-        """Return whitened residual (first column) and derivatives of each run."""
-        return [rows for part in self.parts for rows in self._rows(part, x)]
+        """Return whitened residual (first column) and derivatives of each run; NaN without an answer."""
+        linears = [part.moved(self._point(part, x)) for part in self.parts]
+        columns = [part.columns(linear) for part, linear in zip(self.parts, linears, strict=True)]
+        lost = [np.any(part.frozen.usable & ~new.usable) for part, new in zip(self.parts, linears, strict=True)]
+        values = [part.data.noise.values for part in self.parts]
+        found: list[FloatArray] = []
+        for group in self.groups:
+            rows = self._whitened(group, columns, x, values)
+            found += [np.full_like(run, np.nan) for run in rows] if any(lost[i] for i in group) else rows
+        return found
+
+    @cached_property
+    def groups(self) -> list[list[int]]:
+        """Places of the parts that are whitened together."""
+        return groups_of([part.data.campaign for part in self.parts])
 
     def refrozen(self, x: FloatArray) -> SetProblem:
         """Return the problem with the whitening of another point."""
@@ -161,13 +177,9 @@ class SetProblem:
 
     def grams(self) -> Grams:
         """Return the Gram matrices about the point whose slopes whiten."""
-        found = []
-        for part in self.parts:
-            data = part.data
-            columns = part.columns(part.frozen, catch_all=True)
-            matrices = run_grams(data.samples, part.frozen, columns, data.noise.values, data.speed_variance)
-            found.append((data.campaign, data.samples.run_names, columns, matrices))
-        return joined(found)
+        return joined(
+            [part.of_campaign(part.data.noise.values, part.columns(part.frozen, catch_all=True)) for part in self.parts]
+        )
 
     def _point(self, part: Part, x: FloatArray) -> Point:
         moved = {}
@@ -179,35 +191,49 @@ class SetProblem:
                 moved[key] = cause.neutral + size * cause.scale
         return replace(part.data.linear.point, soil=x[part.soil], causes=moved)
 
-    def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
-        """Return residual and derivatives of each run of a campaign, in the layout of x."""
-        linear = part.moved(self._point(part, x))
-        rows = self._whitened(part, part.columns(linear), x, part.data.noise.values)
-        answered = not np.any(part.frozen.usable & ~linear.usable)
-        return rows if answered else [np.full_like(run, np.nan) for run in rows]
-
-    def _whitened(self, part: Part, columns: Columns, x: FloatArray, values: Mapping[str, float]) -> list[FloatArray]:
+    def _whitened(
+        self, group: Sequence[int], columns: Sequence[Columns], x: FloatArray, values: Sequence[Mapping[str, float]]
+    ) -> list[FloatArray]:
+        """Return residual and derivatives of each run of a campaign, or of each drive of a vehicle, as x has them."""
         found: list[FloatArray] = []
-        for whitened, _ in whitened_rows(part.data.samples, part.frozen, columns, values, part.data.speed_variance):
-            own = _without_constants(whitened, columns.shared)
-            q = len(columns.soil)
-            out = np.zeros((*own.shape[:2], 1 + len(x)))
-            out[..., 1 + part.soil] = -own[..., 1 : 1 + q]
-            out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
-            out[..., 0] = own[..., 0] + out[..., 1:] @ x
+        of = [self.parts[i].of_campaign(values[i], columns[i]) for i in group]
+        turns = [self._turn(self.parts[i], columns[i]) for i in group]
+        one = of[0]
+        alone = len(group) == 1
+        rows = whitened_rows(*one.whitening) if alone else vehicle_rows(of, turns)
+        for whitened, _ in rows:
+            own = _without_constants(whitened, one.columns.shared if alone else 1 + len(x))
+            out = -(own @ turns[0] if alone else own)
+            out[..., 0] = out[..., 1:] @ x - out[..., 0]
             found += list(out)
         return found
+
+    def _turn(self, part: Part, columns: Columns) -> FloatArray:
+        """Return what takes a part's columns to the residual and x, shape (m, 1 + p)."""
+        turn = np.zeros((columns.shared, 1 + self.size))
+        turn[0, 0] = 1.0
+        q = len(columns.soil)
+        turn[1 + np.arange(q), 1 + part.soil] = 1.0
+        turn[1 + q + np.arange(len(part.causes)), [1 + len(self.soil) + i for i in part.causes]] = part.stretch
+        return turn
+
+    @property
+    def size(self) -> int:
+        """Length of x."""
+        return len(self.soil) + len(self.causes)
 
     def score_changes(self, x: FloatArray) -> FloatArray:
         """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""
         found = []
-        for part in self.parts:
-            columns = part.columns(part.moved(self._point(part, x)))
-            noise = part.data.noise
-            plain = _score(self._whitened(part, columns, x, noise.values))
-            for name, sigma in noise.log_sigmas.items():
-                moved = {**noise.values, name: noise.values[name] * float(np.exp(sigma))}
-                found.append(_score(self._whitened(part, columns, x, moved)) - plain)
+        columns = [part.columns(part.moved(self._point(part, x))) for part in self.parts]
+        values = [part.data.noise.values for part in self.parts]
+        for group in self.groups:
+            plain = _score(self._whitened(group, columns, x, values))
+            for i in group:
+                for name, sigma in self.parts[i].data.noise.log_sigmas.items():
+                    moved = [*values]
+                    moved[i] = {**values[i], name: values[i][name] * float(np.exp(sigma))}
+                    found.append(_score(self._whitened(group, columns, x, moved)) - plain)
         return np.array(found).reshape(len(found), len(x))
 
 
@@ -244,4 +270,4 @@ def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str
         scales = np.array([p.towards(simulation.wheel) for _, p in own])
         stretch = np.array([causes[i].scale for i in positions]) / scales
         parts.append(Part(data, simulation, data.linear, soil, positions, stretch))
-    return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys), grams.drives)
+    return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys))

@@ -105,7 +105,7 @@ class OwnGram:
 
 @dataclass(frozen=True)
 class Grams:
-    """Gram matrices of all runs of all campaigns.
+    """Gram matrices of all runs of all campaigns; of wheels of one vehicle a run is the drive of all of them.
 
     Attributes
     ----------
@@ -128,8 +128,6 @@ class Grams:
         Which channels each run has: runs with the same number have the same.
     static : array, shape (m, m), optional
         Cross products of what the lifted wheel read, which belongs to no run.
-    drive : int array, shape (runs,), optional
-        Which drive each run is of: wheels of one vehicle are driven together. By default each run is one.
     """
 
     matrices: FloatArray
@@ -144,26 +142,6 @@ class Grams:
     form: FloatArray | float = 0.0
     measured: IndexArray | None = None
     static: FloatArray | float = 0.0
-    drive: IndexArray | None = None
-
-    @cached_property
-    def drives(self) -> IndexArray:
-        """Number of each run's drive, from 0 without a gap, shape (runs,)."""
-        runs = np.arange(len(self.run_names))
-        return runs if self.drive is None else np.unique(self.drive, return_inverse=True)[1]
-
-    @property
-    def drive_count(self) -> int:
-        """How many drives there are."""
-        return int(self.drives.max(initial=-1)) + 1
-
-    @property
-    def drive_kinds(self) -> IndexArray | None:
-        """Which channels each drive has, a number for each combination, shape (drives,); None where it is not known."""
-        if self.measured is None or self.drive_count == len(self.run_names):
-            return self.measured
-        measured = [tuple(self.measured[self.drives == drive].tolist()) for drive in range(self.drive_count)]
-        return np.array([sorted(set(measured)).index(each) for each in measured], np.intp)
 
     @property
     def soil_columns(self) -> slice:
@@ -227,21 +205,18 @@ class Grams:
             run_names=tuple(compress(self.run_names, runs)),
             own=tuple(compress(self.own, runs)),
             measured=None if self.measured is None else self.measured[runs],
-            drive=self.drives[runs],
         )
 
-    def without(self, drive: int) -> Grams:
-        """Return the Grams of all runs but those of one drive, put together as one run."""
-        out = self.drives == drive
+    def without(self, run: int) -> Grams:
+        """Return the Grams of all runs but one, put together as one run."""
         return replace(
             self,
-            matrices=(self.matrices.sum(axis=0) - self.matrices[out].sum(axis=0))[None],
-            log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[out].sum(),
-            samples=self.samples.sum(keepdims=True) - self.samples[out].sum(),
-            run_names=(f"all but {self.run_names[int(np.argmax(out))]}",),
-            own=tuple(compress(self.own, ~out)),
+            matrices=(self.matrices.sum(axis=0) - self.matrices[run])[None],
+            log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[run],
+            samples=self.samples.sum(keepdims=True) - self.samples[run],
+            run_names=(f"all but {self.run_names[run]}",),
+            own=self.own[:run] + self.own[run + 1 :],
             measured=None,
-            drive=None,
         )
 
     def scaled(self, factor: float) -> Grams:

@@ -334,9 +334,9 @@ def _disputes(linearised: LinearisedCampaign, verdict: Judgement, explained: Exp
         values = parameters_of(fits[linearised.best.keys], linearised) if len(linearised.campaigns) > 1 else {}
         effects = {key: EFFECTS[key] for key in values}
         causes = tuple(Cause(e.name, e.form, e.kind, key, 0.0, 0.0, values[key]) for key, e in effects.items())
-    if verdict.verdict not in ("named", "unexplained") or len(linearised.campaigns) < 2:
-        return ()
     runs = runs_of(linearised)
+    if verdict.verdict not in ("named", "unexplained") or len(runs) < 2:
+        return ()
     return disagreement_notes(
         disagreements(linearised.grams, runs, causes), other_forms(linearised.grams, runs, causes)
     )

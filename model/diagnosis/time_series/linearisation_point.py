@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from model.diagnosis.time_series.columns import Grams
+from model.diagnosis.time_series.columns import Columns, Grams
 from model.diagnosis.time_series.evidence import SetEstimate
+from model.diagnosis.time_series.joining import groups_of, part_of, smoothed_speeds
 from model.diagnosis.time_series.linearise import DELAY, Linear, Point
-from model.diagnosis.time_series.noise import Noise, constant_sigmas, hyper_priors
+from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.start import CampaignData, Start, soil_places_of
 from model.diagnosis.time_series.whitening import Remainder, remainder, smoothed_speed
 from model.wheel_soil.conditions import Conditions
@@ -81,19 +82,16 @@ def linearisation_points(
     step : float
         Share of the way from the points of now.
     """
+    estimates = [
+        _estimate(data, best.soil[places], grams, best, step)
+        for data, places in zip(campaigns, soil_places_of(campaigns), strict=True)
+    ]
+    speeds = _speeds(campaigns, estimates)
     found = []
-    for data, places in zip(campaigns, soil_places_of(campaigns), strict=True):
-        soil = best.soil[places]
-        sizes = cause_coefficients(data, grams, best)
-        causes, at = {}, np.zeros(len(sizes))
-        for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
-            now = data.linear.point.causes.get(name, c.neutral) - c.neutral
-            size = (1.0 - step) * now + step * sizes[i] * c.scale
-            if size != 0.0:
-                causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
-                at[i] = size / c.scale
-        soil = data.linear.point.soil + step * np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        *estimated, variance = smoothed_speed(remainder_of(data, soil, at), data.samples.block_s)
+    for data, (soil, at), (*estimated, variance) in zip(campaigns, estimates, speeds, strict=True):
+        values = zip(data.simulation.parameters, data.columns.causes, at, strict=True)
+        sizes = {name: (c, float(x)) for (_, _, name), c, x in values if x != 0.0}
+        causes = {name: float(np.clip(c.neutral + x * c.scale, c.lower, c.upper)) for name, (c, x) in sizes.items()}
         by_line, moved = _moved_speed(data, causes)
         last = data.linear.point
         before = np.stack(np.broadcast_arrays(last.speed_mps, last.acceleration_mps2))
@@ -103,6 +101,33 @@ def linearisation_points(
         point = Point(soil, causes, np.clip(speed, -farthest, farthest), acceleration)
         found.append(LinearisationPoint(point, data.noise, variance, before=last, answered=data.linear.usable))
     return found
+
+
+def _estimate(
+    data: CampaignData, soil: FloatArray, grams: Grams, best: SetEstimate, step: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the soil and the causes' coefficients of a step towards an explanation."""
+    named = zip(data.simulation.parameters, data.columns.causes, strict=True)
+    now = [data.linear.point.causes.get(name, c.neutral) - c.neutral for (_, _, name), c in named]
+    scale = np.array([c.scale for c in data.columns.causes])
+    size = (1.0 - step) * np.array(now) + step * cause_coefficients(data, grams, best) * scale
+    moved = np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
+    return data.linear.point.soil + step * moved, size / scale
+
+
+def _speeds(
+    campaigns: Sequence[CampaignData], estimates: Sequence[tuple[FloatArray, FloatArray]]
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return the error of each campaign's ground speed, its slope and its variance; wheels of a vehicle have one."""
+    found: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
+    for group in groups_of([data.campaign for data in campaigns]):
+        if campaigns[group[0]].campaign.of_vehicle:
+            shared = [_coefficients(campaigns[i].columns, *estimates[i])[: campaigns[i].columns.shared] for i in group]
+            found |= zip(group, smoothed_speeds([part_of(campaigns[i]) for i in group], shared), strict=True)
+        else:
+            [i] = group
+            found[i] = smoothed_speed(remainder_of(campaigns[i], *estimates[i]), campaigns[i].samples.block_s)
+    return [found[i] for i in range(len(campaigns))]
 
 
 def cause_coefficients(data: CampaignData, grams: Grams, best: SetEstimate) -> FloatArray:
@@ -137,8 +162,13 @@ def remainder_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> Re
     causes : array, shape (k,)
     """
     columns, noise = data.columns, data.noise.values
-    shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
+    shared = _coefficients(columns, soil, causes)
     by_run = data.grams.constants @ shared
-    scale = constant_sigmas(data.linear.channels, noise, data.samples.wheels)
+    scale = np.array([noise[name] for name in columns.constants])
     coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
     return remainder(data.samples, data.linear, columns, noise, data.speed_variance, coefficients)
+
+
+def _coefficients(columns: Columns, soil: FloatArray, causes: FloatArray) -> FloatArray:
+    """Return 1 for the residual, minus the estimate, and 0 for the shapes, shape (columns before the constants,)."""
+    return np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])

@@ -43,6 +43,7 @@ from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.hyper import blocks_of, estimated
+from model.diagnosis.time_series.joining import OWN_SPEED, joined, own_shares, part_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
@@ -56,7 +57,7 @@ from model.diagnosis.time_series.start import (
     not_identifiable_in_any,
     soil_places_of,
 )
-from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed
+from model.diagnosis.time_series.whitening import StateSpace, run_grams, smoothed
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -226,7 +227,9 @@ def campaigns_at(
         if not any(at.loses(linear) for at, linear in zip(tried, models, strict=True)):
             break
     each = zip(starts, samples, models, tried, strict=True)
-    return tuple(_campaign_data(*parts, clock, keep_noise=keep_noise, catch_all=catch_all) for parts in each), step
+    found = tuple(_campaign_data(*parts, clock, keep_noise=keep_noise, catch_all=catch_all) for parts in each)
+    with clock.stage("noise"):
+        return _with_own_shares(found), step
 
 
 def _campaign_data(
@@ -254,7 +257,16 @@ def _campaign_data(
 
 def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
     """Return the Gram matrices of all campaigns as one."""
-    return joined([(v.campaign, v.samples.run_names, v.columns, v.grams) for v in campaigns])
+    return joined([part_of(data) for data in campaigns], [data.grams for data in campaigns])
+
+
+def _with_own_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData, ...]:
+    """Return the campaigns with the share of the speed's error that each of several wheels has for itself."""
+    shares = own_shares([part_of(data) for data in campaigns])
+    return tuple(
+        data if share is None else replace(data, noise=data.noise.with_value(OWN_SPEED, share))
+        for data, share in zip(campaigns, shares, strict=True)
+    )
 
 
 def _same(before: SetEstimate, after: SetEstimate) -> bool:

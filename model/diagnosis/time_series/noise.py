@@ -16,17 +16,12 @@ remainder          white                                                     its
 =================  ========================================================  =============================
 
 A coloured process has the autocorrelation sigma^2 exp(-|lag|/time).
-
-Wheels of one vehicle have the receiver and the soil of the run in common. Where n of them are weighed together, each
-by itself, these errors have n times their variance, so that their mean over the wheels is as uncertain as one of them.
-What the wheels' differences tell beyond that is not used. The ground speed about which is linearised is each wheel's
-own, with the noise as it is: the model bends in it, and a variance that is too large would shift its mean.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,10 +53,6 @@ class Process:
         """Whether its slope is seen."""
         return self.loading == "speed"
 
-    def times(self, wheels: int) -> float:
-        """Return the factor on its deviation where so many wheels of one vehicle are weighed together."""
-        return float(np.sqrt(wheels)) if self.loading == "speed" else 1.0
-
 
 @dataclass(frozen=True)
 class HyperPrior:
@@ -85,6 +76,10 @@ class Noise:
 
     values: dict[str, float]
     log_sigmas: dict[str, float] = field(default_factory=dict)
+
+    def with_value(self, name: str, value: float) -> Noise:
+        """Return it with one more hyper-parameter, or another value of one."""
+        return replace(self, values={**self.values, name: value})
 
 
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
@@ -116,14 +111,6 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
         *turning,
         *zeros,
         *resting,
-    )
-
-
-def constant_sigmas(channels: tuple[str, ...], values: Mapping[str, float], wheels: int) -> FloatArray:
-    """Return one-sigma of each of `constants`, of so many wheels of one vehicle."""
-    shared = float(np.sqrt(wheels))
-    return np.array(
-        [values[name] * (shared if name.endswith("_run_to_run") else 1.0) for name, _ in constants(channels)]
     )
 
 

@@ -82,8 +82,6 @@ class Samples:
         Blocks that were not used, by reason.
     least_speed_mps : array, shape (n,)
         Of each sample's run: larger of the measured speeds below which nothing is used.
-    wheels : int
-        How many wheels of one vehicle have the receiver and the ground in common: each would count their errors anew.
     """
 
     run: IndexArray
@@ -104,7 +102,6 @@ class Samples:
     excluded: dict[str, int]
     least_speed_mps: FloatArray
     notes: tuple[Note, ...] = ()
-    wheels: int = 1
 
     def __len__(self) -> int:
         return len(self.run)
@@ -192,7 +189,6 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         excluded=dict(excluded),
         notes=notes,
-        wheels=campaign.of_vehicle.wheels if campaign.of_vehicle else 1,
     )
 
 

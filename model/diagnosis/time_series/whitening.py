@@ -16,7 +16,7 @@ Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from ctypes import CDLL
 from dataclasses import dataclass, replace
 
@@ -25,19 +25,10 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model import compiled
 from model.core_library import library
-from model.diagnosis.core.campaign import Campaign, OfVehicle
-from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
-from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram, soil_places
+from model.diagnosis.time_series.columns import Columns, OwnGram
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.noise import (
-    constant_sigmas,
-    loading,
-    processes,
-    rest_variance,
-    slope_loading,
-    white_variance,
-)
+from model.diagnosis.time_series.noise import loading, processes, rest_variance, slope_loading, white_variance
 from model.diagnosis.time_series.samples import Places, Samples, block_steps, places_of, steps_of
 
 
@@ -87,6 +78,13 @@ class StateSpace:
     white: FloatArray
     neighbours: Neighbours | None = None
 
+    def near(self) -> Neighbours:
+        """Return the processes whose slope is seen; none of them where there are none."""
+        nobody = np.zeros(0, np.intp)
+        return self.neighbours or Neighbours(
+            nobody, nobody, nobody, np.zeros((*self.decay.shape[:2], 3, 0)), np.zeros(0)
+        )
+
     def runs(self, first: int, last: int) -> StateSpace:
         """Return the noise of the runs from `first` to before `last`."""
         own, near = slice(first, last), self.neighbours
@@ -95,10 +93,8 @@ class StateSpace:
 
     def compiled(self, core: CDLL) -> compiled.StateSpace:
         """Return it as the compiled core takes it."""
-        nobody = np.zeros(0, np.intp)
-        positions = (nobody, nobody, nobody, np.zeros((*self.decay.shape[:2], 3, 0)))
-        if near := self.neighbours:
-            positions = (near.later, near.now, near.before, near.shares)
+        near = self.near()
+        positions = (near.later, near.now, near.before, near.shares)
         return compiled.StateSpace(core, (self.loadings, self.decay, self.stationary(), self.white), positions)
 
     def stationary(self) -> FloatArray:
@@ -246,7 +242,7 @@ def state_space(
     near = np.arange(len(sloped)) + len(listed)
     memories = np.array([values[p.time] if (p := listed[i]).time else 0.0 for i in sloped])
     decay[:, sloped], shares, block_decay = _steps(memories, step_s[:, None], samples.block_s)
-    variance = np.array([(values[p.deviation] * p.times(samples.wheels)) ** 2 for p in listed])
+    variance = np.array([values[p.deviation] ** 2 for p in listed])
     white = np.where(present, white_variance(linear, values, speed_variance), 1.0)
     return StateSpace(
         loadings=at.padded(loadings),
@@ -308,6 +304,15 @@ class RunGrams:
     measured: IndexArray
     static: FloatArray
 
+    def runs(self, count: int) -> RunGrams:
+        """Return the first runs only."""
+        return replace(
+            self,
+            matrices=self.matrices[:count],
+            log_determinants=self.log_determinants[:count],
+            constants=self.constants[:count],
+        )
+
 
 _SAME_S = 1e-6
 RUNS_AT_ONCE = 16
@@ -330,7 +335,7 @@ def whitened_rows(
     rest_at = places_of(of_run, samples.runs)
     log_determinants = np.zeros(samples.runs)
     np.add.at(log_determinants, of_run, np.log(variance[:, ~lifted]).sum(axis=0))
-    sigmas = constant_sigmas(linear.channels, values, samples.wheels)
+    sigmas = np.array([values[name] for name in columns.constants])
     for first in range(0, samples.runs, RUNS_AT_ONCE):
         last = min(first + RUNS_AT_ONCE, samples.runs)
         found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
@@ -347,11 +352,36 @@ def run_grams(
     samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
 ) -> RunGrams:
     """Return each run's Gram matrix with what is one value a run integrated out."""
-    keep, shared, of_run = columns.varying, columns.shared, columns.catch_all.of_run
+    rows = whitened_rows(samples, linear, columns, values, speed_variance)
+    lifted = samples.rests.lifted
+    found = grams_of(rows, columns.varying, columns.shared, columns.catch_all.of_run)
+    static = np.zeros((columns.shared, columns.shared))
+    if lifted.any():
+        static, found = found.matrices[-1], found.runs(samples.runs)
+    counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
+    standing = columns.rests_present[:, ~lifted].sum(axis=0)
+    counts += np.bincount(samples.rests.run[~lifted], standing, minlength=samples.runs)
+    measured = measured_of(samples, linear, columns)
+    return replace(found, samples=counts.astype(np.intp), measured=measured, static=static)
+
+
+def grams_of(
+    rows: Iterable[tuple[FloatArray, FloatArray]], keep: int, shared: int, of_run: Sequence[RunShapes]
+) -> RunGrams:
+    """Return the Gram matrices of whitened rows, with what is one value a run integrated out.
+
+    Parameters
+    ----------
+    rows : iterable of (rows, log determinants)
+        Of some runs after the other; see `whitened_rows`.
+    keep, shared : int
+        Columns before the constants, and before the shapes of single runs.
+    of_run : sequence of RunShapes
+    """
     own: list[OwnGram] = []
     matrices, log_determinants, means = [], [], []
-    for rows, log_dets in whitened_rows(samples, linear, columns, values, speed_variance):
-        full = rows.swapaxes(1, 2) @ rows
+    for some, log_dets in rows:
+        full = some.swapaxes(1, 2) @ some
         inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
         across = full[:, keep:, :keep]
         solved = np.asarray(np.linalg.solve(inner, across))
@@ -362,27 +392,19 @@ def run_grams(
         matrices.append(varying[:, :shared, :shared].copy())
         log_determinants.append(log_dets + np.linalg.slogdet(inner)[1])
         means.append(solved)
-    static = np.zeros((shared, shared))
-    lifted = samples.rests.lifted
-    if lifted.any():
-        static = matrices.pop()[0]
-        log_determinants.pop()
-        means.pop()
-    counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
-    standing = columns.rests_present[:, ~lifted].sum(axis=0)
-    counts += np.bincount(samples.rests.run[~lifted], standing, minlength=samples.runs)
+    nothing = np.zeros(0, np.intp)
     return RunGrams(
         np.concatenate(matrices),
         np.concatenate(log_determinants),
-        counts.astype(np.intp),
+        nothing,
         np.concatenate(means),
         tuple(own),
-        _measured(samples, linear, columns),
-        static,
+        nothing,
+        np.zeros((shared, shared)),
     )
 
 
-def _measured(samples: Samples, linear: Linear, columns: Columns) -> IndexArray:
+def measured_of(samples: Samples, linear: Linear, columns: Columns) -> IndexArray:
     """Return which channels each run has, a bit for each, shape (runs,)."""
     found = np.zeros(samples.runs, np.intp)
     for channel, present in zip(linear.channels, columns.present, strict=True):
@@ -416,7 +438,7 @@ def remainder(
     speed_variance: FloatArray,
     coefficients: FloatArray,
 ) -> Remainder:
-    """Return what an estimate leaves of the residual; each of several wheels by itself, with the noise as it is.
+    """Return what an estimate leaves of the residual.
 
     Parameters
     ----------
@@ -424,7 +446,7 @@ def remainder(
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
     at = places_of(samples.run, samples.runs)
-    space = state_space(replace(samples, wheels=1), linear, columns.present, values, speed_variance)
+    space = state_space(samples, linear, columns.present, values, speed_variance)
     return Remainder(at, space, at.padded(np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])))
 
 
@@ -443,88 +465,3 @@ def innovations(left: Remainder) -> FloatArray:
     """Return the largest whitened residual of each sample over its channels, in one-sigma, shape (n,)."""
     found = whiten(left.space, left.values[..., None]).columns.reshape(left.values.shape)
     return np.asarray(np.abs(left.places.flat(found)).max(axis=-1))
-
-
-def joined(parts: Sequence[tuple[Campaign, tuple[str, ...], Columns, RunGrams]]) -> Grams:
-    """Put the Gram matrices of several campaigns into one.
-
-    Parameters
-    ----------
-    parts : sequence of (Campaign, run names, Columns, RunGrams)
-        A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
-        the first campaign that has the cause. The error of form is the same at all wheels of one vehicle: its variance
-        is multiplied as that of the receiver's is (`model.diagnosis.time_series.noise`).
-    """
-    causes: dict[tuple[str, str], CauseColumn] = {}
-    for _, _, columns, _ in parts:
-        for cause in columns.causes:
-            causes.setdefault((cause.key, cause.parameter), cause)
-    several = len(parts) > 1
-    places = soil_places([(campaign.of_vehicle, c.soil) for campaign, _, c, _ in parts])
-    soil = {
-        int(at): _labelled(campaign.name, label, several)
-        for (campaign, _, c, _), own_places in zip(parts, places, strict=True)
-        for at, label in zip(own_places, c.soil, strict=True)
-    }
-    basis = [shape for of, _, c, _ in parts for shape in _of_campaign(of, c.catch_all.shapes, several)]
-    names = [_labelled(of.name, run, several) for of, runs, _, _ in parts for run in runs]
-    width = 1 + len(soil) + len(causes) + len(basis)
-    index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
-    matrices, order, own, form = [], [], [], []
-    static = np.zeros((width, width))
-    basis_at, rank = 1 + len(soil) + len(causes), 0
-    for (campaign, _, columns, grams), own_places in zip(parts, places, strict=True):
-        turn = np.zeros((columns.shared, width))
-        turn[0, 0] = 1.0
-        q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
-        turn[1 + np.arange(q), 1 + own_places] = 1.0
-        for i, cause in enumerate(columns.causes):
-            key = (cause.key, cause.parameter)
-            turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
-        turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
-        basis_at += b
-        matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
-        static += turn.T @ grams.static @ turn
-        order.append(columns.catch_all.order + rank)
-        form.append(columns.catch_all.form * np.sqrt(campaign.of_vehicle.wheels if campaign.of_vehicle else 1))
-        for gram in grams.own:
-            shapes = RunShapes(tuple(_of_campaign(campaign, gram.shapes.shapes, several)), gram.shapes.order + rank)
-            own.append(OwnGram(shapes, gram.across @ turn, gram.inner))
-        rank += b + sum(len(gram.inner) for gram in grams.own)
-    return Grams(
-        matrices=np.concatenate(matrices) if several else matrices[0],
-        log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
-        samples=np.concatenate([g.samples for *_, g in parts]),
-        run_names=tuple(names),
-        soil=tuple(soil[at] for at in sorted(soil)),
-        causes=tuple(causes.values()),
-        basis=tuple(basis),
-        measured=np.concatenate([g.measured for *_, g in parts]),
-        static=static,
-        order=np.concatenate(order),
-        own=tuple(own),
-        form=np.concatenate(form),
-        drive=_drives([(campaign.of_vehicle, runs) for campaign, runs, _, _ in parts]),
-    )
-
-
-def _drives(runs: Sequence[tuple[OfVehicle | None, tuple[str, ...]]]) -> IndexArray:
-    """Return which drive each run is of, shape (runs,): runs of one name of the wheels of one vehicle are one."""
-    known: dict[object, int] = {}
-    keys = [
-        (vehicle.campaign, name) if vehicle else (i, at)
-        for i, (vehicle, names) in enumerate(runs)
-        for at, name in enumerate(names)
-    ]
-    return np.array([known.setdefault(key, len(known)) for key in keys], np.intp)
-
-
-def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
-    """Yield shapes with their campaign's name."""
-    vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
-    yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
-
-
-def _labelled(campaign: str, label: str, several: bool) -> str:
-    """Put the campaign's name before a label."""
-    return f"{campaign}: {label}" if several else label

@@ -1,0 +1,601 @@
+r"""Gram matrices of several campaigns as one; wheels of one vehicle are whitened together.
+
+The wheels of a vehicle are driven together: a run is the drive of all of them. They see one ground speed, so that its
+error is one process, seen by all channels of all wheels; and the soil of a run is one. What is left is of each wheel:
+its transducer's noise, its load, the soil within its track. So the channels of all wheels stand side by side on the
+blocks of one clock, and the filter of `model.diagnosis.time_series.whitening` takes them as it takes those of one.
+Hyper-parameters of what they share are the geometric means of what each wheel says by itself. Where a wheel rolls a
+little faster or slower than its sensor says, or its blocks begin a little later, it has a speed error of its own: the
+share of it is the one of `OWN_SHARES` at which all data are most probable, whatever acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from daq import FloatArray, IndexArray
+from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.shapes import Shape
+from model.diagnosis.time_series.basis import RunShapes
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram, soil_places
+from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.noise import constants, processes, rest_variance
+from model.diagnosis.time_series.samples import Places, Samples, places_of
+from model.diagnosis.time_series.start import CampaignData
+from model.diagnosis.time_series.whitening import (
+    RUNS_AT_ONCE,
+    Neighbours,
+    RunGrams,
+    StateSpace,
+    grams_of,
+    measured_of,
+    run_grams,
+    smoothed,
+    state_space,
+    whiten,
+)
+
+OWN_SPEED = "own_speed_share"
+"""Name among the noise's values."""
+OWN_SHARES = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)
+_OF_A_RUN = "_run_to_run"
+"""End of the names of what is one value a run of the soil."""
+_SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
+"""Fields of `Linear` by which the noise is seen."""
+_CHANNEL_SETS = 8
+"""More than the numbers by which `RunGrams.measured` tells the channels of one wheel."""
+
+
+@dataclass(frozen=True)
+class OfCampaign:
+    """Columns of one campaign and what whitens them.
+
+    Attributes
+    ----------
+    values : mapping
+        Hyper-parameters of the noise.
+    speed_variance : array, shape (n,)
+        Of the ground speed's error about the point.
+    """
+
+    campaign: Campaign
+    samples: Samples
+    linear: Linear
+    columns: Columns
+    values: Mapping[str, float]
+    speed_variance: FloatArray
+
+    @property
+    def whitening(self) -> tuple[Samples, Linear, Columns, Mapping[str, float], FloatArray]:
+        """What `run_grams` takes."""
+        return self.samples, self.linear, self.columns, self.values, self.speed_variance
+
+
+def part_of(data: CampaignData) -> OfCampaign:
+    """Return the columns of a linearised campaign and what whitens them."""
+    return OfCampaign(data.campaign, data.samples, data.linear, data.columns, data.noise.values, data.speed_variance)
+
+
+def groups_of(campaigns: Sequence[Campaign]) -> list[list[int]]:
+    """Return which campaigns are whitened together, by their places: wheels of one vehicle, else each by itself."""
+    groups: dict[object, list[int]] = {}
+    for i, campaign in enumerate(campaigns):
+        groups.setdefault(campaign.of_vehicle.campaign if campaign.of_vehicle else i, []).append(i)
+    return list(groups.values())
+
+
+def drives_of(names: Sequence[tuple[str, ...]]) -> dict[str, list[tuple[int, int]]]:
+    """Return the drives of several wheels: for each name of a run the wheels that have it, and their number of it."""
+    found: dict[str, list[tuple[int, int]]] = {}
+    for wheel, runs in enumerate(names):
+        for i, name in enumerate(runs):
+            found.setdefault(name, []).append((wheel, i))
+    return found
+
+
+def runs_of(campaigns: Sequence[tuple[Campaign, Samples]]) -> list[list[tuple[int, int]]]:
+    """Return what each run of `joined` is of: places of campaigns, and the number of the run in each."""
+    found: list[list[tuple[int, int]]] = []
+    for group in groups_of([campaign for campaign, _ in campaigns]):
+        if campaigns[group[0]][0].of_vehicle:
+            drives = drives_of([campaigns[i][1].run_names for i in group])
+            found += [[(group[wheel], run) for wheel, run in members] for members in drives.values()]
+        else:
+            found += [[(i, run)] for i in group for run in range(campaigns[i][1].runs)]
+    return found
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns of several campaigns: residual, soils, causes, each campaign's shapes.
+
+    Attributes
+    ----------
+    soil : tuple of str
+        Labels.
+    turns : tuple of array, shape (m, width)
+        What takes each campaign's shared columns to these.
+    ranks : tuple of int
+        Shapes of the campaigns before, those of single runs too.
+    """
+
+    soil: tuple[str, ...]
+    causes: tuple[CauseColumn, ...]
+    turns: tuple[FloatArray, ...]
+    ranks: tuple[int, ...]
+
+
+def layout_of(parts: Sequence[OfCampaign]) -> Layout:
+    """Return how the columns of campaigns stand together."""
+    causes: dict[tuple[str, str], CauseColumn] = {}
+    for part in parts:
+        for cause in part.columns.causes:
+            causes.setdefault((cause.key, cause.parameter), cause)
+    places = soil_places([(part.campaign.of_vehicle, part.columns.soil) for part in parts])
+    soil = {
+        int(at): _labelled(part.campaign.name, label, len(parts) > 1)
+        for part, own in zip(parts, places, strict=True)
+        for at, label in zip(own, part.columns.soil, strict=True)
+    }
+    first = 1 + len(soil) + len(causes)
+    width = first + sum(len(part.columns.catch_all.shapes) for part in parts)
+    turns, ranks = [], [0]
+    for part, own in zip(parts, places, strict=True):
+        turns.append(_turn(part.columns, own, causes, (len(soil), first, width)))
+        first += len(part.columns.catch_all.shapes)
+        ranks.append(ranks[-1] + len(part.columns.catch_all.by_rank))
+    labels = tuple(soil[at] for at in sorted(soil))
+    return Layout(labels, tuple(causes.values()), tuple(turns), tuple(ranks))
+
+
+def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None) -> Grams:
+    """Put the Gram matrices of several campaigns into one.
+
+    Parameters
+    ----------
+    parts : sequence of OfCampaign
+        A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
+        the first campaign that has the cause.
+    alone : sequence of RunGrams, optional
+        Of each campaign by itself, where they are known.
+    """
+    several, layout = len(parts) > 1, layout_of(parts)
+    turns, ranks = layout.turns, layout.ranks
+    found: list[RunGrams] = []
+    names: list[str] = []
+    groups = groups_of([part.campaign for part in parts])
+    for group in groups:
+        part = parts[group[0]]
+        if part.campaign.of_vehicle:
+            wheels = [parts[i] for i in group]
+            found.append(_of_vehicle(wheels, [turns[i] for i in group], [ranks[i] for i in group]))
+            runs = tuple(drives_of([wheel.samples.run_names for wheel in wheels]))
+            name = part.campaign.of_vehicle.campaign
+        else:
+            grams = alone[group[0]] if alone else run_grams(*part.whitening)
+            found.append(_turned(grams, part.campaign, turns[group[0]], ranks[group[0]], several))
+            runs, name = part.samples.run_names, part.campaign.name
+        names += [_labelled(name, run, len(groups) > 1) for run in runs]
+    return Grams(
+        matrices=np.concatenate([g.matrices for g in found]) if len(found) > 1 else found[0].matrices,
+        log_determinants=np.concatenate([g.log_determinants for g in found]),
+        samples=np.concatenate([g.samples for g in found]),
+        run_names=tuple(names),
+        soil=layout.soil,
+        causes=layout.causes,
+        basis=tuple(s for part in parts for s in _of_campaign(part.campaign, part.columns.catch_all.shapes, several)),
+        measured=np.concatenate([g.measured for g in found]),
+        static=np.sum([g.static for g in found], axis=0),
+        order=np.concatenate([part.columns.catch_all.order + rank for part, rank in zip(parts, ranks, strict=False)]),
+        own=tuple(own for g in found for own in g.own),
+        form=np.concatenate([part.columns.catch_all.form for part in parts]),
+    )
+
+
+def _turn(
+    columns: Columns,
+    soil: IndexArray,
+    causes: Mapping[tuple[str, str], CauseColumn],
+    layout: tuple[int, int, int],
+) -> FloatArray:
+    """Return what takes a campaign's columns to those of all, shape (m, width).
+
+    Parameters
+    ----------
+    layout : (int, int, int)
+        How many columns the soils have; where the campaign's shapes begin; the width.
+    """
+    soils, shapes, width = layout
+    turn = np.zeros((columns.shared, width))
+    turn[0, 0] = 1.0
+    q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
+    turn[1 + np.arange(q), 1 + soil] = 1.0
+    index = {key: 1 + soils + i for i, key in enumerate(causes)}
+    for i, cause in enumerate(columns.causes):
+        key = (cause.key, cause.parameter)
+        turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
+    turn[1 + q + k :, shapes : shapes + b] = np.eye(b)
+    return turn
+
+
+def _turned(grams: RunGrams, campaign: Campaign, turn: FloatArray, rank: int, several: bool) -> RunGrams:
+    """Return a campaign's Gram matrices in the columns of all."""
+    own = []
+    for gram in grams.own:
+        shapes = RunShapes(tuple(_of_campaign(campaign, gram.shapes.shapes, several)), gram.shapes.order + rank)
+        own.append(OwnGram(shapes, gram.across @ turn, gram.inner))
+    matrices = turn.T @ grams.matrices @ turn if several else grams.matrices
+    return replace(grams, matrices=matrices, own=tuple(own), static=turn.T @ grams.static @ turn)
+
+
+def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
+    """Yield shapes with their campaign's name."""
+    vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
+    yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
+
+
+def _labelled(campaign: str, label: str, several: bool) -> str:
+    """Put the campaign's name before a label."""
+    return f"{campaign}: {label}" if several else label
+
+
+def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
+    """Return the Gram matrices of each drive of the wheels of one vehicle, in the columns of all."""
+    width = turns[0].shape[1]
+    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    found = _integrated(wheels, turns, ranks)
+    counts, measured = np.zeros(len(drives), np.intp), np.zeros(len(drives), np.intp)
+    static = np.zeros((width, width))
+    for i, (wheel, turn) in enumerate(zip(wheels, turns, strict=True)):
+        at = np.array([list(drives).index(name) for name in wheel.samples.run_names], np.intp)
+        rests, lifted = wheel.samples.rests, wheel.samples.rests.lifted
+        np.add.at(counts, at[wheel.samples.run], wheel.columns.present.sum(axis=0))
+        np.add.at(counts, at[rests.run[~lifted]], wheel.columns.rests_present[:, ~lifted].sum(axis=0))
+        measured[at] += measured_of(wheel.samples, wheel.linear, wheel.columns) * _CHANNEL_SETS**i
+        read = _resting(wheel)[0][:, lifted, : len(turn)].reshape(-1, len(turn)) @ turn
+        static += read.T @ read
+    return replace(found, samples=counts, measured=measured, static=static)
+
+
+def _integrated(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
+    """Return the Gram matrices of each drive, without its counts and what the lifted wheels read."""
+    width = turns[0].shape[1]
+    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    of_run = [_shapes_of_drive(wheels, ranks, members) for members in drives.values()]
+    return grams_of(vehicle_rows(wheels, turns), width + sum(map(_own, wheels)), width, of_run)
+
+
+def smoothed_speeds(
+    parts: Sequence[OfCampaign], coefficients: Sequence[FloatArray]
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return the error of the ground speed that all wheels of a vehicle ask for, its slope and variance, at each wheel.
+
+    Parameters
+    ----------
+    parts : sequence of OfCampaign
+        The wheels.
+    coefficients : sequence of array, shape (m,)
+        Of each wheel's shared columns: 1 for the residual, minus the estimate for the others.
+    """
+    layout = layout_of(parts)
+    together = np.zeros(layout.turns[0].shape[1])
+    for turn, own in zip(layout.turns, coefficients, strict=True):
+        row, column = np.nonzero(turn)
+        together[column] = own[row] / turn[row, column]
+    wheels = _with_common_values(parts)
+    constants_of = _integrated(parts, layout.turns, layout.ranks).constants[..., : len(together)] @ together
+    drives = list(drives_of([wheel.samples.run_names for wheel in wheels]))
+    aligned, places = _on_one_clock(wheels, drives)
+    space = _space(aligned)
+    at = places_of(aligned[0].samples.run, len(drives))
+    left = []
+    for i, (wheel, own) in enumerate(zip(aligned, coefficients, strict=True)):
+        columns = wheel.columns
+        value = columns.rows[..., : columns.shared] @ own
+        index = [list(_constants(aligned)).index(label) for label in _labels(wheel, i)]
+        scale = np.array([wheel.values[name] for name in columns.constants])
+        of_runs = -constants_of[:, index] * scale
+        value += np.einsum("cnl,nl->cn", columns.rows[..., columns.varying :], of_runs[wheel.samples.run])
+        left.append(at.padded(value))
+    return _of_wheels(space, np.concatenate(left, axis=2), at, parts, places)
+
+
+def _of_wheels(
+    space: StateSpace, left: FloatArray, at: Places, parts: Sequence[OfCampaign], places: Sequence[IndexArray]
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return what `smoothed_speeds` does from what is left of all channels, shape (drives, blocks, channels)."""
+    near = space.near()
+    count = len(near.now) // (len(parts) + 1)
+    weights = np.zeros((len(parts), 2, len(space.variance)))
+    for i, part in enumerate(parts):
+        for states in (slice(i * count, (i + 1) * count), slice(len(parts) * count, None)):
+            weights[i, 0, near.now[states]] = 1.0
+            weights[i, 1, near.later[states]] = 0.5 / part.samples.block_s
+            weights[i, 1, near.before[states]] = -0.5 / part.samples.block_s
+    found: list[list[FloatArray]] = [[] for _ in parts]
+    for first in range(0, len(left), RUNS_AT_ONCE):
+        last = min(first + RUNS_AT_ONCE, len(left))
+        means, covariances = smoothed(space.runs(first, last), left[first:last])
+        for of, (now, slope) in zip(found, weights, strict=True):
+            of.append(np.stack([means @ now, means @ slope, covariances @ now @ now], axis=-1))
+    flat = [at.flat(np.concatenate(of)) for of in found]
+    return [tuple(x[own].T) for x, own in zip(flat, places, strict=True)]
+
+
+def _space(aligned: Sequence[OfCampaign]) -> StateSpace:
+    """Return the noise of all wheels on one clock."""
+    spaces = [state_space(w.samples, w.linear, w.columns.present, w.values, w.speed_variance) for w in aligned]
+    return side_by_side(spaces, aligned[0].values[OWN_SPEED])
+
+
+def _own(wheel: OfCampaign) -> int:
+    """Return how many columns a wheel's shapes of single runs have."""
+    return wheel.columns.varying - wheel.columns.shared
+
+
+def _shapes_of_drive(
+    wheels: Sequence[OfCampaign], ranks: Sequence[int], members: Sequence[tuple[int, int]]
+) -> RunShapes:
+    """Return the shapes that only one drive may show, of all its wheels."""
+    shapes: list[Shape] = []
+    order = [np.zeros(0, np.intp)]
+    for i, run in members:
+        own = wheels[i].columns.catch_all.of_run[run]
+        shapes += _of_campaign(wheels[i].campaign, own.shapes, several=True)
+        order.append(own.order + ranks[i])
+    return RunShapes(tuple(shapes), np.concatenate(order))
+
+
+def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield whitened rows of some drives of one vehicle after the other, and ln det, as `whitened_rows` does.
+
+    Parameters
+    ----------
+    turns : sequence of array, shape (m, width)
+        What takes each wheel's shared columns to those of all.
+
+    Yields
+    ------
+    rows : array, shape (drives, rows, width + o + l)
+        Behind the columns of all: the shapes of single runs of one wheel after the other, without a gap in each drive;
+        then what is one value a run, scaled to one-sigma 1.
+    log_determinants : array, shape (drives,)
+    """
+    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    aligned, _ = _on_one_clock(_with_common_values(wheels), list(drives))
+    space = _space(aligned)
+    own = [_own(wheel) for wheel in wheels]
+    sizes = np.zeros((len(drives), len(wheels)), np.intp)
+    for drive, members in enumerate(drives.values()):
+        for i, run in members:
+            sizes[drive, i] = len(wheels[i].columns.catch_all.of_run[run].shapes)
+    for first in range(0, len(drives), RUNS_AT_ONCE):
+        last = min(first + RUNS_AT_ONCE, len(drives))
+        rows, rests, log_determinants = [], [], np.zeros(last - first)
+        for i, (wheel, turn) in enumerate(zip(aligned, turns, strict=True)):
+            into = _embedded(aligned, i, turn, own, sizes[first:last])
+            at = places_of(wheel.samples.run, wheel.samples.runs)
+            rows.append(_times(at.padded_runs(wheel.columns.rows, first, last), into))
+            resting, logs = _resting(wheel)
+            standing, of_run = ~wheel.samples.rests.lifted, wheel.samples.rests.run
+            rest_at = places_of(of_run[standing], wheel.samples.runs)
+            padded = _times(rest_at.padded_runs(resting[:, standing], first, last), into)
+            rests.append(padded.reshape(last - first, -1, padded.shape[-1]))
+            inside = standing & (of_run >= first) & (of_run < last)
+            np.add.at(log_determinants, of_run[inside] - first, logs[:, inside].sum(axis=0))
+        found = whiten(space.runs(first, last), np.concatenate(rows, axis=2))
+        yield np.concatenate([found.columns, *rests], axis=1), found.log_determinants + log_determinants
+
+
+def _times(rows: FloatArray, into: FloatArray) -> FloatArray:
+    """Return (drives, n, c, m) times (drives, m, width)."""
+    return np.asarray(np.einsum("dncm,dmw->dncw", rows, into, optimize=True))
+
+
+def _embedded(
+    wheels: Sequence[OfCampaign], i: int, turn: FloatArray, own: Sequence[int], sizes: IndexArray
+) -> FloatArray:
+    """Return what takes all columns of a wheel to those of the vehicle, for each of some drives, shape (d, m, width).
+
+    Parameters
+    ----------
+    turn : array
+        For the shared columns.
+    own : sequence of int
+        Columns for shapes of single runs of each wheel.
+    sizes : int array, shape (d, wheels)
+        How many of these each drive has.
+    """
+    columns, width = wheels[i].columns, turn.shape[1]
+    keep = width + sum(own)
+    at = {name: keep + place for place, name in enumerate(_constants(wheels))}
+    out = np.zeros((len(sizes), columns.varying + len(columns.constants), keep + len(at)))
+    out[:, : columns.shared, :width] = turn
+    for drive, size in enumerate(sizes):
+        begin = width + int(size[:i].sum())
+        out[drive, columns.shared : columns.shared + size[i], begin : begin + size[i]] = np.eye(size[i])
+    for row, label in enumerate(_labels(wheels[i], i), columns.varying):
+        out[:, row, at[label]] = wheels[i].values[columns.constants[row - columns.varying]]
+    return out
+
+
+def _labels(wheel: OfCampaign, i: int) -> list[tuple[str, str]]:
+    """Return what each value of a run is of: the soil's of all wheels, others of the wheel."""
+    return [
+        (name if name.endswith(_OF_A_RUN) else f"{i} {name}", seen) for name, seen in constants(wheel.linear.channels)
+    ]
+
+
+def _constants(wheels: Sequence[OfCampaign]) -> dict[tuple[str, str], None]:
+    """Return the values of a run of all wheels, in their order."""
+    return dict.fromkeys(label for i, wheel in enumerate(wheels) for label in _labels(wheel, i))
+
+
+def _resting(wheel: OfCampaign) -> tuple[FloatArray, FloatArray]:
+    """Return whitened rows at standstill, shape (2, m, columns), and ln of their variances."""
+    columns = wheel.columns
+    variance = np.where(columns.rests_present, rest_variance(wheel.linear, wheel.samples, wheel.values), 1.0)
+    return columns.rests / np.sqrt(variance)[..., None], np.log(variance)
+
+
+def _with_common_values(wheels: Sequence[OfCampaign]) -> list[OfCampaign]:
+    """Return the wheels with one value of each hyper-parameter of what they share."""
+    shared = [p for p in processes(wheels[0].linear.channels) if p.has_slope]
+    names = [name for p in shared for name in (p.deviation, p.time) if name]
+    names += [name for name in wheels[0].values if name.endswith(_OF_A_RUN)]
+    common = {name: float(np.exp(np.mean([np.log(wheel.values[name]) for wheel in wheels]))) for name in names}
+    return [replace(wheel, values={**wheel.values, **common}) for wheel in wheels]
+
+
+def _on_one_clock(wheels: Sequence[OfCampaign], drives: Sequence[str]) -> tuple[list[OfCampaign], list[IndexArray]]:
+    """Return the wheels on the blocks of one clock: a block that another wheel has is a sample without a channel.
+
+    Also which block each of a wheel's samples is.
+    """
+    starts: dict[str, int] = {}
+    for wheel in wheels:
+        for name, run in zip(wheel.samples.run_names, wheel.campaign.runs, strict=True):
+            starts[name] = min(starts.get(name, run.start_ns), run.start_ns)
+    of_drives = [np.array([drives.index(name) for name in wheel.samples.run_names], np.intp) for wheel in wheels]
+    ticks = [_ticks(wheel, starts) for wheel in wheels]
+    span = 1 + max(int(tick.max(initial=0)) for tick in ticks)
+    keys = [of[wheel.samples.run] * span + tick for wheel, of, tick in zip(wheels, of_drives, ticks, strict=True)]
+    every = np.unique(np.concatenate(keys))
+    clock = np.stack([every // span, every % span])
+    places = [np.searchsorted(every, key) for key in keys]
+    each = zip(wheels, places, of_drives, strict=True)
+    return [_at_blocks(wheel, drives, clock, at, of) for wheel, at, of in each], places
+
+
+def _ticks(wheel: OfCampaign, starts: Mapping[str, int]) -> IndexArray:
+    """Return the number of each sample's block since the drive's start, shape (n,); it grows within a run."""
+    samples = wheel.samples
+    late = [
+        1e-9 * (run.start_ns - starts[name]) for name, run in zip(samples.run_names, wheel.campaign.runs, strict=True)
+    ]
+    tick = np.rint((samples.time_s + np.array(late)[samples.run]) / samples.block_s).astype(np.intp)
+    for run in range(samples.runs):
+        own = samples.run == run
+        count = np.arange(int(own.sum()))
+        tick[own] = np.maximum.accumulate(tick[own] - count) + count
+    return np.asarray(tick)
+
+
+def _at_blocks(
+    wheel: OfCampaign, drives: Sequence[str], clock: IndexArray, at: IndexArray, of_drives: IndexArray
+) -> OfCampaign:
+    """Return a wheel at every block of the clock.
+
+    Parameters
+    ----------
+    clock : int array, shape (2, N)
+        Drive and number of every block.
+    at : int array, shape (n,)
+        Block of each of the wheel's samples.
+    of_drives : int array, shape (runs,)
+        Drive of each of its runs.
+    """
+    samples, columns = wheel.samples, wheel.columns
+    blocks = np.arange(clock.shape[1])
+
+    def spread(x: FloatArray) -> FloatArray:
+        out = np.zeros((len(x), len(blocks), *x.shape[2:]))
+        out[:, at] = x
+        return out
+
+    present = np.zeros((len(columns.present), len(blocks)), bool)
+    present[:, at] = columns.present
+    seen: dict[str, Any] = {name: spread(getattr(wheel.linear, name)) for name in _SEEN}
+    return replace(
+        wheel,
+        samples=replace(
+            samples,
+            run=clock[0],
+            run_names=tuple(drives),
+            time_s=np.asarray(clock[1] * samples.block_s, float),
+            distance_m=np.interp(blocks, at, samples.distance_m),
+            wheel_angle_rad=spread(samples.wheel_angle_rad[None])[0],
+            rests=replace(samples.rests, run=of_drives[samples.rests.run]),
+        ),
+        linear=replace(wheel.linear, **seen),
+        columns=replace(columns, rows=spread(columns.rows), present=present),
+        speed_variance=spread(wheel.speed_variance[None])[0],
+    )
+
+
+def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
+    """Return the noise of all wheels: the channels of one after the other, and the ground speed's error that all see.
+
+    Parameters
+    ----------
+    spaces : sequence of StateSpace
+        Of the same samples; the ground speed's error with the same values.
+    own_share : float
+        Of that error's variance, which each wheel has for itself.
+    """
+    first = spaces[0].near()
+    common = np.r_[first.later, first.now, first.before]
+    sizes = [(space.white.shape[2], len(space.variance)) for space in spaces]
+    channels, states = np.cumsum([(0, 0), *sizes], axis=0).T
+    loadings = np.zeros((*spaces[0].decay.shape[:2], channels[-1], states[-1] + len(common)))
+    variances, near = [], []
+    for i, space in enumerate(spaces):
+        of = space.near()
+        places = np.r_[of.later, of.now, of.before]
+        here = slice(channels[i], channels[i + 1])
+        loadings[:, :, here, states[i] : states[i + 1]] = space.loadings
+        loadings[:, :, here, states[-1] :] = space.loadings[..., places]
+        variance = space.variance.copy()
+        variance[places] *= own_share
+        variances.append(variance)
+        near.append(states[i] + places.reshape(3, -1))
+    near.append(states[-1] + np.arange(len(common)).reshape(3, -1))
+    later, now, before = np.concatenate(near, axis=1)
+    return StateSpace(
+        loadings=loadings,
+        decay=np.concatenate([*(space.decay for space in spaces), spaces[0].decay[..., common]], axis=-1),
+        variance=np.concatenate([*variances, (1.0 - own_share) * spaces[0].variance[common]]),
+        white=np.concatenate([space.white for space in spaces], axis=2),
+        neighbours=Neighbours(
+            later,
+            now,
+            before,
+            np.tile(first.shares, len(near)),
+            np.tile(first.block_decay, len(near)),
+        ),
+    )
+
+
+def own_shares(parts: Sequence[OfCampaign]) -> list[float | None]:
+    """Return the share of the speed's error that each campaign's wheel has for itself; None where it is no vehicle's.
+
+    Where it is known already, it is that.
+    """
+    found: list[float | None] = [None] * len(parts)
+    for group in groups_of([part.campaign for part in parts]):
+        wheels = [parts[i] for i in group]
+        if not wheels[0].campaign.of_vehicle:
+            continue
+        share = wheels[0].values.get(OWN_SPEED)
+        if share is None:
+            share = max(OWN_SHARES, key=lambda tried: _saturated([_with_share(w, tried) for w in wheels]))
+        for i in group:
+            found[i] = share
+    return found
+
+
+def _with_share(wheel: OfCampaign, share: float) -> OfCampaign:
+    return replace(wheel, values={**wheel.values, OWN_SPEED: share})
+
+
+def _saturated(wheels: Sequence[OfCampaign]) -> float:
+    """Return the log density of all data, up to a constant, where every cause and every shape may act."""
+    grams = joined(wheels)
+    total = grams.total
+    inner, side = np.eye(len(total) - 1) + total[1:, 1:], total[1:, 0]
+    explained = float(side @ np.linalg.solve(inner, side))
+    return -0.5 * float(total[0, 0] - explained + np.linalg.slogdet(inner)[1] + grams.log_determinants.sum())
