@@ -10,18 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 from shared_results import made_once
 
+from daq import FloatArray, IndexArray
 from model.diagnosis import Campaign, DiagnosisOptions, OfVehicle, diagnose
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.adequacy import kinds_of as kinds_of_shapes
-from model.diagnosis.findings.held_out import bagged, kinds_of, predict_held_out
+from model.diagnosis.findings.held_out import predict_held_out
 from model.diagnosis.findings.set_fit import fit_set, soils_with
-from model.diagnosis.time_series.columns import Grams, soil_places
-from model.diagnosis.time_series.evidence import log_evidence, log_likelihood_of_run
+from model.diagnosis.findings.set_problem import set_problem
+from model.diagnosis.time_series.columns import soil_places
+from model.diagnosis.time_series.joining import OWN_SPEED, joined, layout_of, part_of, runs_of, side_by_side
 from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.noise import Process, constant_sigmas, constants
+from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_grams, whiten
 from model.effects import EFFECTS, parted
 from model.effects.catalogue import at_wheel
 from processing import ProcessOptions
@@ -31,6 +34,7 @@ from wheelsoil.workflows.runs import Files, process_runs
 
 GAIN = 0.12
 WHEELS = ("FL", "RL")
+SPEED = ("speed_noise_mps", "speed_noise_time_s", "speed_white_mps")
 
 
 def test_an_effect_at_one_wheel_is_a_family_of_its_own() -> None:
@@ -72,17 +76,6 @@ def test_wheels_of_a_vehicle_have_one_soil_and_sensors_of_their_own(vehicles: li
         for j, second in enumerate(vehicles[:i]):
             shared = set(places[i].tolist()) & set(places[j].tolist())
             assert shared == (set(places[i][:2].tolist()) if first and first == second else set())
-
-
-def test_errors_that_wheels_share_are_as_uncertain_as_at_one() -> None:
-    names = [name for name, _ in constants(("dp", "t"))]
-    values = {name: 1.0 + i for i, name in enumerate(names)}
-    one, four = (constant_sigmas(("dp", "t"), values, wheels) for wheels in (1, 4))
-    shared = [name.endswith("_run_to_run") for name in names]
-    np.testing.assert_array_equal(one, [values[name] for name in names])
-    np.testing.assert_array_equal(four / one, np.where(shared, 2.0, 1.0))
-    assert Process("speed_white_mps", None, over_distance=False, loading="speed").times(4) == 2.0
-    assert Process("load_noise_n", "load_noise_time_s", over_distance=False, loading="load").times(4) == 1.0
 
 
 def test_what_no_cause_describes_is_asked_of_all_wheels_at_once() -> None:
@@ -139,35 +132,99 @@ def test_the_error_of_one_transducer_is_named_with_its_wheel(wheels: tuple[Campa
     assert not found.next_run and found.information is None
 
 
-def test_a_drive_is_all_wheels_of_it(linearised: LinearisedCampaign) -> None:
+def test_a_run_is_the_drive_of_all_wheels(linearised: LinearisedCampaign) -> None:
     grams = linearised.grams
-    assert grams.drive_count == 4 and len(grams.run_names) == 8
-    np.testing.assert_array_equal(grams.drives, np.tile(np.arange(4), 2))
-    assert len(kinds_of(grams)) == 4
-    left = grams.without(1)
-    others = grams.chosen(grams.drives != 1)
-    np.testing.assert_allclose(left.total, others.total, rtol=1e-9, atol=1e-6)
-    assert int(left.samples.sum()) == int(others.samples.sum())
-    expected = log_evidence(grams) - log_evidence(others)
-    assert log_likelihood_of_run(grams, 1) == pytest.approx(expected, abs=1e-6)
+    assert grams.run_names == ("run-1", "run-2", "run-3", "run-4") and len(grams.own) == 4
+    alone = [data.grams for data in linearised.campaigns]
+    assert grams.samples.tolist() == sum(of.samples for of in alone).tolist()
+    assert grams.matrices.shape[1] == 1 + len(grams.soil) + len(grams.causes) + len(grams.basis)
+    owners = [
+        [wheel for wheel, _ in members] for members in runs_of([(d.campaign, d.samples) for d in linearised.campaigns])
+    ]
+    assert owners == [[0, 1]] * 4
 
 
-def test_resampled_drives_take_all_their_wheels(linearised: LinearisedCampaign) -> None:
-    """One drive stands for its wheels: put together as one run, they have the same probabilities."""
-    grams = linearised.grams
-    summed = replace(
-        grams,
-        matrices=np.stack([grams.matrices[grams.drives == d].sum(axis=0) for d in range(4)]),
-        log_determinants=np.zeros(4),
-        samples=np.ones(4, np.intp),
-        run_names=tuple("abcd"),
-        own=(),
-        measured=None,
-        drive=None,
-    )
-    plain: list[Grams] = [replace(grams, own=()), summed]
-    each = [bagged(g, np.random.default_rng(5), linearised.excluded, 2).families() for g in plain]
-    assert each[0] == pytest.approx(each[1], abs=1e-6)
+def test_wheels_that_share_nothing_are_those_by_themselves(linearised: LinearisedCampaign) -> None:
+    """With a speed error of its own each, and no soil of the run, the filter of both is that of each."""
+    parts = []
+    for data in linearised.campaigns:
+        part = part_of(data)
+        nothing = {name: 1e-12 for name in part.values if name.endswith("_run_to_run")}
+        same = {name: linearised.campaigns[0].noise.values[name] for name in SPEED}
+        parts.append(replace(part, values={**part.values, **nothing, **same, OWN_SPEED: 1.0}))
+    together = joined(parts)
+    single = [replace(part, campaign=replace(part.campaign, of_vehicle=None)) for part in parts]
+    layout, alone = layout_of(parts), [run_grams(*part.whitening) for part in single]
+    expected = sum(turn.T @ grams.matrices.sum(axis=0) @ turn for turn, grams in zip(layout.turns, alone, strict=True))
+    assert_close(together.matrices.sum(axis=0), expected)
+    assert together.log_determinants.sum() == pytest.approx(sum(g.log_determinants.sum() for g in alone), rel=1e-5)
+    for of_drive, first, second in zip(together.own, *(grams.own for grams in alone), strict=True):
+        assert_close(of_drive.inner, block_diag(first.inner, second.inner))
+        across = [gram.across @ turn for gram, turn in zip((first, second), layout.turns, strict=True)]
+        assert_close(of_drive.across, np.concatenate(across))
+
+
+def assert_close(found: FloatArray, expected: FloatArray) -> None:
+    """Steps of one clock are whole blocks, so that they differ a little from those of each wheel's."""
+    np.testing.assert_allclose(found, expected, atol=1e-4 * float(np.abs(expected).max()))
+
+
+def test_the_density_of_both_wheels_is_that_of_the_whole_covariance() -> None:
+    """Of two wheels on offset blocks, by the filter and by the matrix of the model's definition."""
+    rng = np.random.default_rng(1)
+    count, block, memory = 7, 0.2, 0.8
+    times = [np.array([0.0, 0.2, 0.4, 1.0, 1.2]), np.array([0.2, 0.4, 0.6, 1.0])]
+    slopes = [rng.uniform(-3.0, 3.0, (1, len(t))) for t in times]
+    white, speed, share = (0.3, 0.5), 0.7, 0.2
+    blocks = np.arange(count) * block
+    lag = np.abs(blocks[:, None] - blocks)
+    shared, own = (part * speed**2 * np.exp(-lag / memory) for part in (1.0 - share, share))
+    places = [np.rint(t / block).astype(int) for t in times]
+    seen = [np.zeros((len(p), count)) for p in places]
+    for at, p, slope in zip(seen, places, slopes, strict=True):
+        at[np.arange(len(p)), p] = slope[0]
+    whole = np.concatenate(seen)
+    expected = whole @ shared @ whole.T + block_diag(*(at @ own @ at.T for at in seen))
+    expected += np.diag(np.repeat(np.square(white), [len(t) for t in times]))
+    spaces = [
+        _one_channel(p, s, w, count, (speed, memory, block)) for p, s, w in zip(places, slopes, white, strict=True)
+    ]
+    data = np.zeros((1, count, 2, 1))
+    residual = [rng.standard_normal(len(t)) for t in times]
+    for wheel, (p, r) in enumerate(zip(places, residual, strict=True)):
+        data[0, p, wheel, 0] = r
+    found = whiten(side_by_side(spaces, share), data)
+    every = np.concatenate(residual)
+    assert float((found.columns**2).sum()) == pytest.approx(every @ np.linalg.solve(expected, every), rel=1e-9)
+    assert found.log_determinants[0] == pytest.approx(np.linalg.slogdet(expected)[1], rel=1e-9)
+
+
+def _one_channel(
+    places: IndexArray, slopes: FloatArray, white: float, count: int, speed: tuple[float, float, float]
+) -> StateSpace:
+    """Return the noise of one wheel with one channel that sees the speed's error and none of its slope."""
+    sigma, memory, block = speed
+    decay = np.exp(-block / memory)
+    loadings = np.zeros((1, count, 1, 3))
+    loadings[0, places, 0, 1] = slopes[0]
+    noise = np.ones((1, count, 1))
+    noise[0, places, 0] = white**2
+    shares = np.zeros((1, count, 3, 1))
+    shares[:, :, 0], shares[:, :, 2] = 1.0, 1.0
+    steps = np.full((1, count, 3), [decay, 0.0, 0.0])
+    near = Neighbours(*(np.array([i]) for i in range(3)), shares, np.array([decay]))
+    return StateSpace(loadings, steps, np.full(3, sigma**2), noise, near)
+
+
+def test_blocks_that_one_wheel_lacks_are_no_samples(wheels: tuple[Campaign, ...]) -> None:
+    """The second run of the rear wheel is missing, its first begins later: the others stay where they are."""
+    front, rear = wheels
+    late = replace(rear.runs[0], start_ns=rear.runs[0].start_ns + 400_000_000)
+    fewer = replace(rear, runs=(late, *rear.runs[2:]))
+    linearised = linearise_campaigns((front, fewer))
+    assert linearised.grams.run_names == ("run-1", "run-2", "run-3", "run-4")
+    alone = sum(int(data.grams.samples.sum()) for data in linearised.campaigns)
+    assert int(linearised.grams.samples.sum()) == alone
 
 
 def test_a_held_out_drive_is_predicted_at_every_wheel(linearised: LinearisedCampaign) -> None:
@@ -179,4 +236,21 @@ def test_a_held_out_drive_is_predicted_at_every_wheel(linearised: LinearisedCamp
     assert np.isfinite(found.predicted["dp"]).mean() > 0.95
     [soil] = soils_with(fit, linearised, np.eye(len(fit.estimate)))
     assert soil.campaign == "campaign"
-    assert fit.problem.drives.max() == 3
+    rows = fit.problem.runs(fit.estimate)
+    assert len(rows) == 4 and all(np.isfinite(run).all() for run in rows)
+
+
+def test_the_fitted_problem_is_whitened_as_the_evidence_is(linearised: LinearisedCampaign) -> None:
+    """At the point about which was linearised the set's Gram matrix is that of the whole, of both wheels."""
+    keys = linearised.best.keys
+    problem = set_problem(linearised.campaigns, linearised.grams, keys)
+    found = problem.runs(np.zeros(problem.size))
+    own = [position for key in keys for position in linearised.grams.columns_of(key)]
+    at = np.r_[0, linearised.grams.soil_columns, own]
+    expected = linearised.grams.matrices[:, at[:, None], at]
+    point = np.r_[linearised.best.soil, linearised.best.coefficients[list(linearised.best.columns)]]
+    rows = problem.runs(point)
+    jacobian = sum(run[:, 1:].T @ run[:, 1:] for run in rows)
+    net = expected.sum(axis=0)[1:, 1:]
+    np.testing.assert_allclose(jacobian, net, atol=0.05 * float(np.abs(net).max()))
+    assert len(found) == len(rows) == 4
