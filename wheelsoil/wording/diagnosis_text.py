@@ -19,6 +19,7 @@ from wheelsoil.wording.names import (
     parameter_name,
     place_text,
     plain_name,
+    plain_names,
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
@@ -379,9 +380,11 @@ def notes_by_text(title: str, texts: dict[str, str], width: int) -> list[str]:
     """Return the lines of a title and texts, each text once with all its names."""
     about: dict[str, list[str]] = {}
     for name, text in texts.items():
-        about.setdefault(text, []).append(plain_name(name))
+        about.setdefault(text, []).append(name)
     lines = [
-        line for text, names in about.items() for line in wrapped(f"{', '.join(names)}: {text}", width, "  ", "    ")
+        line
+        for text, names in about.items()
+        for line in wrapped(f"{', '.join(plain_names(names))}: {text}", width, "  ", "    ")
     ]
     return [title, *lines] if lines else []
 

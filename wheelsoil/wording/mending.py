@@ -9,7 +9,7 @@ from daq import VehicleConfig, number
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
-from wheelsoil.wording.names import listed, plain_name, upper
+from wheelsoil.wording.names import listed, plain_name, plain_names, upper
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
 from wheelsoil.wording.verdict import deciding_runs, findings_text, groups_of_runs, several_terrains, terrains_step
 
@@ -124,7 +124,8 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
 
 def missing_step(found: Diagnosis) -> Step | None:
     """Return what would make the causes identifiable that the verdict says are not; None where no run does."""
-    lacking = [plain_name(f) for f, why in found.not_identifiable.items() if why.code is LackCode.NOT_AT_STANDSTILL]
+    wanting = [f for f, why in found.not_identifiable.items() if why.code is LackCode.NOT_AT_STANDSTILL]
+    lacking = plain_names(dict.fromkeys(parted(family)[0] for family in wanting))
     if not lacking or found.grounds.table_channels:
         return None
     why = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from math import floor, isfinite
 
 from daq import OUTPUTS, Quantity, unit_suffix, unit_text
@@ -111,6 +111,18 @@ def plain_name(name: str) -> str:
     """Return the name of a family or a channel as people write it."""
     plain, wheel = parted(name)
     return plain.replace("_", " ") + (f" of wheel {wheel}" if wheel else "")
+
+
+def plain_names(names: Iterable[str]) -> list[str]:
+    """Return families as people write them, each once: with the wheels at which it may act alone."""
+    wheels: dict[str, list[str]] = {}
+    for name in names:
+        plain, wheel = parted(name)
+        wheels.setdefault(plain, []).append(wheel)
+    return [
+        plain_name(plain) + (f" ({', '.join(wheel or 'all wheels' for wheel in own)})" if any(own) else "")
+        for plain, own in wheels.items()
+    ]
 
 
 def effect_name(key: str) -> str:

@@ -6,7 +6,7 @@ its transducer's noise, its load, the soil within its track. So the channels of 
 blocks of one clock, and the filter of `model.diagnosis.time_series.whitening` takes them as it takes those of one.
 Hyper-parameters of what they share are the geometric means of what each wheel says by itself. Where a wheel rolls a
 little faster or slower than its sensor says, or its blocks begin a little later, it has a speed error of its own: the
-share of it is the one of `OWN_SHARES` at which all data are most probable, whatever acts.
+share of it is the least of `OWN_SHARES` beyond which all data get less probable, whatever acts.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from model.diagnosis.time_series.whitening import (
 
 OWN_SPEED = "own_speed_share"
 """Name among the noise's values."""
-OWN_SHARES = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)
+OWN_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 _OF_A_RUN = "_run_to_run"
 """End of the names of what is one value a run of the soil."""
 _SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
@@ -309,10 +309,11 @@ def _of_wheels(
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return what `smoothed_speeds` does from what is left of all channels, shape (drives, blocks, channels)."""
     near = space.near()
-    count = len(near.now) // (len(parts) + 1)
+    own = len(parts) if parts[0].values[OWN_SPEED] else 0
+    count = len(near.now) // (own + 1)
     weights = np.zeros((len(parts), 2, len(space.variance)))
     for i, part in enumerate(parts):
-        for states in (slice(i * count, (i + 1) * count), slice(len(parts) * count, None)):
+        for states in ([slice(i * count, (i + 1) * count)] if own else []) + [slice(own * count, None)]:
             weights[i, 0, near.now[states]] = 1.0
             weights[i, 1, near.later[states]] = 0.5 / part.samples.block_s
             weights[i, 1, near.before[states]] = -0.5 / part.samples.block_s
@@ -539,33 +540,32 @@ def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
     """
     first = spaces[0].near()
     common = np.r_[first.later, first.now, first.before]
-    sizes = [(space.white.shape[2], len(space.variance)) for space in spaces]
-    channels, states = np.cumsum([(0, 0), *sizes], axis=0).T
-    loadings = np.zeros((*spaces[0].decay.shape[:2], channels[-1], states[-1] + len(common)))
-    variances, near = [], []
-    for i, space in enumerate(spaces):
+    channels = np.cumsum([0, *(space.white.shape[2] for space in spaces)])
+    loadings, decays, variances, near = [], [], [], []
+    state = 0
+    for space, begin in zip(spaces, channels, strict=False):
         of = space.near()
         places = np.r_[of.later, of.now, of.before]
-        here = slice(channels[i], channels[i + 1])
-        loadings[:, :, here, states[i] : states[i + 1]] = space.loadings
-        loadings[:, :, here, states[-1] :] = space.loadings[..., places]
         variance = space.variance.copy()
         variance[places] *= own_share
-        variances.append(variance)
-        near.append(states[i] + places.reshape(3, -1))
-    near.append(states[-1] + np.arange(len(common)).reshape(3, -1))
+        kept = np.arange(len(variance)) if own_share else np.setdiff1d(np.arange(len(variance)), places)
+        own = np.zeros((*space.decay.shape[:2], channels[-1], len(kept)))
+        own[:, :, begin : begin + space.white.shape[2]] = space.loadings[..., kept]
+        loadings.append(own)
+        decays.append(space.decay[..., kept])
+        variances.append(variance[kept])
+        near += [state + places.reshape(3, -1)] if own_share else []
+        state += len(kept)
+    near.append(state + np.arange(len(common)).reshape(3, -1))
+    seen = [space.loadings[..., np.r_[of.later, of.now, of.before]] for space in spaces for of in [space.near()]]
     later, now, before = np.concatenate(near, axis=1)
     return StateSpace(
-        loadings=loadings,
-        decay=np.concatenate([*(space.decay for space in spaces), spaces[0].decay[..., common]], axis=-1),
+        loadings=np.concatenate([*loadings, np.concatenate(seen, axis=2)], axis=-1),
+        decay=np.concatenate([*decays, spaces[0].decay[..., common]], axis=-1),
         variance=np.concatenate([*variances, (1.0 - own_share) * spaces[0].variance[common]]),
         white=np.concatenate([space.white for space in spaces], axis=2),
         neighbours=Neighbours(
-            later,
-            now,
-            before,
-            np.tile(first.shares, len(near)),
-            np.tile(first.block_decay, len(near)),
+            later, now, before, np.tile(first.shares, len(near)), np.tile(first.block_decay, len(near))
         ),
     )
 
@@ -582,10 +582,20 @@ def own_shares(parts: Sequence[OfCampaign]) -> list[float | None]:
             continue
         share = wheels[0].values.get(OWN_SPEED)
         if share is None:
-            share = max(OWN_SHARES, key=lambda tried: _saturated([_with_share(w, tried) for w in wheels]))
+            share = _most_probable_share(wheels)
         for i in group:
             found[i] = share
     return found
+
+
+def _most_probable_share(wheels: Sequence[OfCampaign]) -> float:
+    best, highest = OWN_SHARES[0], -np.inf
+    for share in OWN_SHARES:
+        found = _saturated([_with_share(wheel, share) for wheel in wheels])
+        if found < highest:
+            break
+        best, highest = share, found
+    return best
 
 
 def _with_share(wheel: OfCampaign, share: float) -> OfCampaign:
