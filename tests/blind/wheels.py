@@ -286,7 +286,7 @@ def page(lines: Sequence[Line]) -> str:
         "",
         f"Written by `python -m blind.wheels --report`. {len(lines)} campaigns of `wheelsoil simulate --wheels 4`",
         f"({RUNS} runs of {DURATION_S:g} s), seeds 0 to {COUNT - 1}, each diagnosed by its front left wheel and by all",
-        "wheels together. An error of one transducer has a size at which that wheel alone leaves several families open.",
+        "wheels together. An error of one transducer has a size at which that wheel leaves several families open.",
         "",
         f"Engine: {'; '.join(engines) or 'none'}.",
         "",
