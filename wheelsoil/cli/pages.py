@@ -267,7 +267,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 def view_command(
     runs: options.Runs,
     vehicle: options.Vehicle = None,
-    wheel: options.OneWheel = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
