@@ -45,7 +45,7 @@ _COLUMNS = {
 _LOOKS = ("model", "base", "alt", "second")
 _PAIRED, _HERO, _ALONE = (560, 320, 100), (720, 440, 40), (1060, 320, 40)
 _BINS, _LEAST, _MIDDLE, _LEAST_SCALE = 16, 3, (0.5, 99.5), np.array([-0.02, 0.02])
-_VERDICTS = ("named", "one_of", "unexplained", "nothing_detectable")
+_VERDICTS = ("named", "one_of", "unexplained", "nothing_detectable", "")
 _POINTS = "Points: median and middle half."
 _READING_SLIP = (
     "A difference that stays at all slips may be one of rolling radius: 1 % of it is 0.01 of slip at small slip. In a "
@@ -107,8 +107,8 @@ def line_of(wheel: WheelReport) -> str:
     """Return the verdict of a wheel in one line, or why there is none."""
     if wheel.report is None:
         return f"No report: {wheel.why}."
-    headline = str(wheel.report.sections[0].numbers["headline"])
-    return f"Not diagnosed: {wheel.diagnosed.why_not}." if wheel.diagnosed.why_not else headline
+    why_not, shown = wheel.diagnosed.why_not, wheel.report.sections[0].numbers
+    return f"Not diagnosed: {why_not}." if why_not else str(shown["headline"])
 
 
 def vehicle_lines(report: Report) -> list[tuple[str, str]]:
@@ -131,8 +131,9 @@ def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tu
     if joint is not None:
         return headline_of(joint), details_of(joint), [sentence_of(joint)]
     found = {wheel.wheel: wheel.diagnosed.diagnosis for wheel in wheels}
-    ranked = sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict) if each else len(_VERDICTS))
-    findings = dict.fromkeys(map(_finding, ranked))
+    findings = dict.fromkeys(
+        map(_finding, sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict if each else "")))
+    )
     parts = [f"{listed([name for name, each in found.items() if _finding(each) == said])}: {said}" for said in findings]
     return f"{'; '.join(parts)}.", ["Each wheel is diagnosed by itself."] * any(found.values()), []
 
@@ -164,10 +165,10 @@ def _summary(
     tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
-        share = f"where the samples of all are used ({100 * vehicle.share:.1f} % of those used at any)"
         details = [
             *details,
-            f"Sums are of the instrumented wheels {listed(list(vehicle.places))}, {share}; loads as driven.",
+            f"Sums are of the instrumented wheels {listed(list(vehicle.places))}, where the samples of all are used "
+            f"({100 * vehicle.share:.1f} % of those used at any); loads as driven.",
         ]
         drawing = _against(
             "hero",
@@ -257,7 +258,7 @@ def _wheels(given: Sequence[WheelReport], figures: Mapping[str, KeyFigure]) -> S
         "Of the same samples: pulls and loads add up. The pull of a wheel at its own slip is in its report.",
         strong=len(given),
     )
-    pairs = [Pair(drawings[i : i + 2]) for i in range(0, len(given), 2)]
+    pairs = (Pair(drawings[i : i + 2]) for i in range(0, len(given), 2))
     return Section("wheels", "Wheels side by side", [*pairs, table])
 
 
@@ -303,12 +304,11 @@ def _of_axles(key: str, name: str, means: FloatArray, unit: str, level: Mapping[
         curves.append(Curve(axle, centres, matched(centres, found), look))
         curves.append(Curve("", found.centre, found.median, look, found.lower, found.upper, points=True))
     scale = reach(*(curve.y for curve in curves), zero=False)
-    plane = Plane((edges[0], edges[-1]), scale, f"{upper(name)} ({unit})", "Load of the axle (kN)")
     return drawn(
         f"axles-{key}",
         f"Load of each axle against {name}",
         f"Means over 1 s, the runs at one mean load. {_POINTS}",
-        plane,
+        Plane((edges[0], edges[-1]), scale, f"{upper(name)} ({unit})", "Load of the axle (kN)"),
         curves,
         reading=_READING_TRANSFER,
         wide=_PAIRED,

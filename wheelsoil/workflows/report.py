@@ -74,8 +74,16 @@ def report_of(
     """
     files, aside = files or Files(), list[SetAsideRun]()
     opened = files.open_runs(paths, noted_in(aside))
-    given = (opened, paths, choice or Choice(), files)
-    return report_of_opened(*given, extended=extended, diagnose=diagnose, last=last, set_aside=aside)[0]
+    return report_of_opened(
+        opened,
+        paths,
+        choice or Choice(),
+        files,
+        extended=extended,
+        diagnose=diagnose,
+        last=last,
+        set_aside=aside,
+    )[0]
 
 
 @dataclass(frozen=True)

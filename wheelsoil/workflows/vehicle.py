@@ -186,8 +186,11 @@ def vehicle_of(processed: Mapping[str, Processed]) -> Vehicle:
     found = [(wheels, *_rows_used_by_all(wheels)) for wheels in runs]
     there = [(wheels, rows) for wheels, rows, _ in found if len(rows[0])]
     if not there:
-        step = "look at the exclusion reasons of each wheel in its own report"
-        raise DataError.of("at no time are the samples of all wheels used", found=", ".join(processed), next_step=step)
+        raise DataError.of(
+            "at no time are the samples of all wheels used",
+            found=", ".join(processed),
+            next_step="look at the exclusion reasons of each wheel in its own report",
+        )
 
     def stacked(values: Callable[[ProcessedRun], FloatArray]) -> FloatArray:
         pieces = [np.stack([values(run)[i] for run, i in zip(wheels, rows, strict=True)]) for wheels, rows in there]
@@ -211,9 +214,8 @@ def vehicle_of(processed: Mapping[str, Processed]) -> Vehicle:
 
 def _rows_used_by_all(runs: Sequence[ProcessedRun]) -> tuple[list[IntArray], int]:
     """Return the rows of each wheel's run at the times at which all are used, and at how many times any is."""
-    origin_ns = runs[0].start_ns
     steps = [
-        np.round(((run.start_ns - origin_ns) * 1e-9 + run.time_s[run.used]) * run.rate_hz).astype(np.int64)
+        np.round(((run.start_ns - runs[0].start_ns) * 1e-9 + run.time_s[run.used]) * run.rate_hz).astype(np.int64)
         for run in runs
     ]
     common = reduce(np.intersect1d, steps)
