@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from math import isfinite
 from urllib.parse import quote
 
 import numpy as np
@@ -76,7 +77,6 @@ def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None 
     except DataError as error:
         omitted["vehicle"] = "; ".join(fault.what for fault in error.faults)
     glance = _summary(wheels, vehicle, figures, joint, omitted.get("vehicle", ""))
-    others = (_against_slip, _transfer, _sides) if vehicle else ()
     level, sign = ("good", "✓") if len(given) == len(wheels) else ("fair", "▲")
     return Report(
         head=Head(
@@ -85,7 +85,11 @@ def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None 
             [fact for fact in first.facts if not fact[0]],
             (level, f"{sign} {len(given)} of {len(wheels)} wheels reported"),
         ),
-        sections=(glance, _wheels(given, figures), *(build(vehicle, figures) for build in others if vehicle)),
+        sections=(
+            glance,
+            _wheels(given, figures),
+            *(build(vehicle, figures) for build in (_against_slip, _transfer, _sides) if vehicle),
+        ),
         left_out=omitted,
         made_at=datetime.now(UTC),
         failed=tuple(dict.fromkeys(part for _, report in there for part in report.failed)),
@@ -116,7 +120,7 @@ def vehicle_lines(report: Report) -> list[tuple[str, str]]:
     figures: Mapping[str, KeyFigure] = report.sections[0].numbers["key_figures"]
     wheels = listed([entry["wheel"] for entry in report.wheels if entry["report"]])
     lines = [
-        (name, f"{figure_text(figure)} ({figure_interval(figure)})".removesuffix(" (–)"))
+        (name, f"{figure_text(figure)}{f' ({figure_interval(figure)})' if isfinite(figure.interval95[0]) else ''}")
         for key, name in _NAMES.items()
         if (figure := figures.get(f"vehicle.{key}")) is not None
     ]
@@ -200,7 +204,7 @@ def _tile(key: str, figures: Mapping[str, KeyFigure]) -> Tile:
     if figure is None:
         return Tile(title, "–", "", "not measured at every wheel, or not known from these samples")
     value, unit = figure_value(figure).removesuffix(" %"), "%" if figure.digits == "percent" else figure.unit
-    note = f"95 % interval {figure_interval(figure)}".removesuffix("95 % interval –")
+    note = f"95 % interval {figure_interval(figure)}" if isfinite(figure.interval95[0]) else ""
     return Tile(title, value, unit, note, keys=(None, figure))
 
 
@@ -272,8 +276,8 @@ def _against_slip(vehicle: Vehicle, figures: Mapping[str, KeyFigure]) -> Section
         )
         if np.isfinite(values).any()
     ]
-    tiles = Tiles([_tile(key, figures) for key in ("drawbar_coefficient", "tractive_efficiency")], small=True)
-    return Section("vehicle", "Drawbar coefficient and efficiency", [Pair(drawings), tiles])
+    tiles = [_tile(key, figures) for key in ("drawbar_coefficient", "tractive_efficiency")]
+    return Section("vehicle", "Drawbar coefficient and efficiency", [Pair(drawings), Tiles(tiles, small=True)])
 
 
 def _transfer(vehicle: Vehicle, figures: Mapping[str, KeyFigure]) -> Section:
