@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -146,7 +147,11 @@ def test_wheels_without_a_common_sample_are_no_vehicle(four: Path) -> None:
     [first, second] = processed["RL"]
     with pytest.raises(DataError, match="at no time are the samples of all wheels used"):
         vehicle_of({"FL": processed["FL"][:1], "RL": [second]})
-    assert vehicle_of({"FL": processed["FL"], "RL": [first]}).runs == ("run-1",)
+    alone = vehicle_of({"FL": processed["FL"], "RL": [first]})
+    assert alone.runs == ("run-1",)
+    counted_anew = replace(first[1], start_ns=first[1].start_ns + 10**9, time_s=first[1].time_s - 1.0)
+    same = vehicle_of({"FL": processed["FL"], "RL": [(first[0], counted_anew)]})
+    np.testing.assert_array_equal(same.slip, alone.slip, "times are those of the clock, not of the run")
 
 
 @pytest.fixture(scope="module")
