@@ -24,7 +24,7 @@ from wheelsoil.report.vehicle import verdict_of_all
 from wheelsoil.simulation.campaign import setup_of_wheel, simulate_campaign, simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.wording.verdict import headline_of, sentence_of
+from wheelsoil.wording.verdict import headline_of
 from wheelsoil.workflows.last_report import load_last
 from wheelsoil.workflows.report import Diagnosed, WheelReport
 from wheelsoil.workflows.runs import Files, process_runs
@@ -220,8 +220,8 @@ def test_the_json_of_the_command_lists_the_wheels(four: Path, tmp_path: Path) ->
 def test_a_joint_diagnosis_takes_the_headline() -> None:
     joint = diagnosis("named")
     alone = [WheelReport("FL", diagnosed=Diagnosed(diagnosis("nothing_detectable"))), WheelReport("FR")]
-    headline, _, above = verdict_of_all(joint, alone)
-    assert headline == headline_of(joint) and above == [sentence_of(joint)]
+    headline, details = verdict_of_all(joint, alone)
+    assert headline == headline_of(joint) and details[0] == "All wheels together, on one soil."
     assert verdict_of_all(None, alone)[0] == "FL: no cause is detected; FR: not diagnosed."
 
 

@@ -127,19 +127,19 @@ def vehicle_lines(report: Report) -> list[tuple[str, str]]:
     return [("Of the instrumented wheels", wheels), *lines]
 
 
-def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tuple[str, list[str], list[str]]:
-    """Return headline, further sentences, and the lines above those of the wheels.
+def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tuple[str, list[str]]:
+    """Return the headline and further sentences.
 
     The joint diagnosis of all wheels gives them, where there is one; else the wheels' own findings side by side.
     """
     if joint is not None:
-        return headline_of(joint), details_of(joint), [sentence_of(joint)]
+        return headline_of(joint), ["All wheels together, on one soil.", *details_of(joint)]
     found = {wheel.wheel: wheel.diagnosed.diagnosis for wheel in wheels}
     findings = dict.fromkeys(
         map(_finding, sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict if each else "")))
     )
     parts = [f"{listed([name for name, each in found.items() if _finding(each) == said])}: {said}" for said in findings]
-    return f"{'; '.join(parts)}.", ["Each wheel is diagnosed by itself."] * any(found.values()), []
+    return f"{'; '.join(parts)}.", []
 
 
 def _finding(found: Diagnosis | None) -> str:
@@ -165,7 +165,7 @@ def _summary(
     why: str,
 ) -> Section:
     """Return the first screen: verdict, three numbers, sum of pulls against slip, and a line for each wheel."""
-    headline, details, above = verdict_of_all(joint, wheels)
+    headline, details = verdict_of_all(joint, wheels)
     tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
@@ -182,7 +182,7 @@ def _summary(
             "Sum of drawbar pulls (N)",
             size=_HERO,
         )
-    lines = [("All wheels", line, "") for line in above] + [(w.wheel, line_of(w), quote(w.page)) for w in wheels]
+    lines = [(wheel.wheel, line_of(wheel), quote(wheel.page)) for wheel in wheels]
     numbers = {
         "headline": headline,
         "sentence": sentence_of(joint) if joint else headline,
@@ -193,7 +193,13 @@ def _summary(
     return Section(
         "glance",
         "Summary",
-        [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles, drawing, Links("Wheels", lines)],
+        [
+            Text(headline, "verdict"),
+            Text(" ".join(details), "lead"),
+            tiles,
+            drawing,
+            Links("Each wheel by itself", lines),
+        ],
         numbers,
     )
 
