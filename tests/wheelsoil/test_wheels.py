@@ -20,7 +20,8 @@ from daq.runs import open_runs
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
-from wheelsoil.workflows.runs import Files, open_and_process, process_runs
+from wheelsoil.view.messages import commands_of
+from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
 
 IDS = ("FL", "RL")
 QUICK = ("--effects", "torque_zero", "--most-causes", 1)
@@ -132,9 +133,8 @@ def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:
     assert "all wheels together" not in alone
 
 
-@pytest.mark.parametrize("command", ["report", "zero"])
-def test_a_command_of_one_wheel_asks_which(two: Path, tmp_path: Path, command: str) -> None:
-    result = invoke(command, two / "run-1.mcap", "-o", tmp_path / ("r.html" if command == "report" else "z.toml"))
+def test_a_command_of_one_wheel_asks_which(two: Path, tmp_path: Path) -> None:
+    result = invoke("zero", two / "run-1.mcap", "-o", tmp_path / "z.toml")
     assert result.code == 2
     assert "FL, RL" in result.err and "--wheel FL" in result.err and "Traceback" not in result.err
 
@@ -167,13 +167,24 @@ def test_a_logged_recording_carries_all_wheels_and_their_zeros(two: Path, tmp_pa
     assert run.vehicle.wheel_ids == IDS and "zero-RL.toml" in run.attachments
 
 
-def test_the_page_and_python_ask_too(two: Path) -> None:
-    with pytest.raises(ConfigError, match="--wheel FL"):
-        open_campaigns([two], Files())
+def test_python_asks_too(two: Path) -> None:
     with pytest.raises(ConfigError, match="--wheel FL"):
         process_runs(open_runs([two]), ProcessOptions())
+
+
+def test_the_page_has_a_campaign_for_each_wheel(two: Path, tmp_path: Path) -> None:
+    campaigns, remarks = open_campaigns([two], Files())
+    assert [campaign.name for campaign in campaigns] == ["two, wheel FL", "two, wheel RL"] and not remarks
     [campaign], remarks = open_campaigns([two], Files(wheel="RL"))
     assert campaign.first.vehicle.transducer == campaign.first.for_wheel("RL").vehicle.transducer and not remarks
+    _, rear = campaigns
+    assert not rear.others, "the other wheel is in the same recording, which a saved choice must not switch off"
+    rear.saved_at = tmp_path / "choice.toml"
+    assert all("--wheel RL" in command for command in commands_of(rear, Files()))
+    loose, _ = open_campaigns([two / "run-1.mcap"], Files())
+    assert [wheel_id(campaign.first) for campaign in loose] == list(IDS)
+    with pytest.raises(ConfigError, match="one zero file for several wheels"):
+        open_campaigns([two], Files(zero=two / "zero.toml"))
 
 
 def test_an_unknown_wheel_is_refused_with_the_known_ones(two: Path) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,8 +14,11 @@ from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
 
 if TYPE_CHECKING:
+    from daq.runs import SetAsideRun
+    from wheelsoil.report import Report
     from wheelsoil.workflows.diagnosis import Processed
     from wheelsoil.workflows.last_report import LastReport
+    from wheelsoil.workflows.report import Diagnosed
 
 
 class Format(StrEnum):
@@ -49,7 +52,7 @@ def report_command(
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.WheelFiles = None,
-    wheel: options.OneWheel = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -72,19 +75,19 @@ def report_command(
 ) -> None:
     """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
 
-    With --table the page is of single-wheel tests.
+    With --table the page is of single-wheel tests. Of a vehicle with several wheels each has a page (report-FL.html),
+    and the page of the vehicle leads to them.
 
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
     fault has cost a section or the diagnosis.
     """
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.report import report_of, report_of_tables
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.report import report_of_opened, report_of_tables
+    from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
     options.refuse_wheel_of_a_table(tables, wheel)
-    last = _last(against) if against else None
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = options.chosen(
@@ -113,34 +116,104 @@ def report_command(
             accept_implausible=accept_implausible,
             wheel=wheel,
         )
-        report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose, last=last)
+        unreadable: list[SetAsideRun] = []
+        opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
+        last = {name: _last(against, name) if against else None for name in opened}
+
+        def report_on(name: str) -> tuple[Report, Processed, Diagnosed]:
+            return report_of_opened(
+                opened[name],
+                runs or (),
+                by_hand,
+                files,
+                extended=extended,
+                diagnose=diagnose,
+                last=last[name],
+                set_aside=unreadable,
+            )
+
+        if len(opened) > 1:
+            _report_vehicle(list(opened), report_on, target, browser, force=force, json=json)
+            return
+        report, *_ = report_on(next(iter(opened)))
+    entry = _written(report, target, browser)
+    if json:
+        print_json(entry)
+    else:
+        print_pairs([("report", str(entry["report"])), ("numbers", str(entry["numbers"]))])
+        say(report.sentence)
+    _stop_if_failed(report)
+
+
+def _written(report: Report, target: Path, browser: str) -> dict[str, Any]:
+    """Write a report, print what it lacks (stderr), and return what JSON says of it."""
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} omitted: {why}")
     if report.not_fitted:
         say_folded(f"not fitted because a signal is missing (the page names it): {report.not_fitted}")
-    if json:
-        print_json(
-            {
-                "report": page,
-                "numbers": numbers,
-                "left_out": report.left_out,
-                "not_fitted": report.not_fitted,
-                "failed": report.failed,
-                "runs_set_aside": [run.facts() for run in report.set_aside],
-                "result": report.sentence,
-            }
-        )
-    else:
-        print_pairs([("report", str(page)), ("numbers", str(numbers))])
-        say(report.sentence)
+    return {
+        "report": page,
+        "numbers": numbers,
+        "left_out": report.left_out,
+        "not_fitted": report.not_fitted,
+        "failed": report.failed,
+        "runs_set_aside": [run.facts() for run in report.set_aside],
+        "result": report.sentence,
+    }
+
+
+def _stop_if_failed(report: Report) -> None:
     if report.failed:
         say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
         raise typer.Exit(1)
 
 
-def _last(place: str) -> LastReport | Callable[[Processed], LastReport]:
-    """Return the last report, or what finds the last campaign in a store.
+def _report_vehicle(
+    wheels: Sequence[str],
+    report_on: Callable[[str], tuple[Report, Processed, Diagnosed]],
+    target: Path,
+    browser: str,
+    *,
+    force: bool,
+    json: bool,
+) -> None:
+    """Write a report of each wheel and the vehicle's page; what is wrong with a wheel is raised when all is written."""
+    from daq.runs import Collected
+    from wheelsoil.report.vehicle import build_vehicle_report, line_of, vehicle_lines
+    from wheelsoil.workflows.report import WheelReport
+
+    targets = {wheel: target.with_stem(f"{target.stem}-{wheel}") for wheel in wheels}
+    for path in targets.values():
+        check_output(check_output(path, force=force).with_suffix(".json"), force=force)
+    collected, made, entries = Collected(), list[WheelReport](), list[dict[str, Any]]()
+    for wheel, path in targets.items():
+        say(f"wheel {wheel}")
+        with collected.catch(f"wheel {wheel}"):
+            report, processed, found = report_on(wheel)
+            entries.append({"wheel": wheel, **_written(report, path, browser)})
+            made.append(WheelReport(wheel, processed, report, found, path.name))
+            continue
+        made.append(WheelReport(wheel, why="; ".join(fault.what for fault in collected.errors[-1].faults)))
+    if not entries:
+        collected.stop_if_any()
+    whole = build_vehicle_report(made)
+    entry = _written(whole, target, browser)
+    if json:
+        print_json({**entry, "wheels": entries, "vehicle": whole.sections[0].numbers["key_figures"]})
+    else:
+        pages = [(f"wheel {each['wheel']}", str(each["report"])) for each in entries]
+        print_pairs([("report", str(entry["report"])), ("numbers", str(entry["numbers"])), *pages])
+        print()
+        print_pairs(vehicle_lines(whole))
+        print()
+        print_pairs((f"wheel {each.wheel}", line_of(each)) for each in made)
+    collected.stop_if_any()
+    _stop_if_failed(whole)
+
+
+def _last(place: str, wheel: str = "") -> LastReport | Callable[[Processed], LastReport]:
+    """Return the last report, of one of several wheels, or what finds the last campaign in a store.
 
     Raises
     ------
@@ -151,7 +224,7 @@ def _last(place: str) -> LastReport | Callable[[Processed], LastReport]:
 
     url = store_meant(place)
     if url is None:
-        return load_last(Path(place))
+        return load_last(Path(place), wheel)
 
     from wheelsoil.fleet import last_campaign, open_store
     from wheelsoil.wording.store_text import damage_lines
@@ -194,7 +267,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 def view_command(
     runs: options.Runs,
     vehicle: options.Vehicle = None,
-    wheel: options.OneWheel = None,
+    wheel: options.Wheel = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -224,7 +297,7 @@ def view_command(
     if soil is not None:
         known_soil(soil, None)
     if against:
-        _last(against)
+        _last(against, wheel or "")
     files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, wheel=wheel)
     token = options.page_token(token_file)
     serve(runs, files, host=host, port=port, token=token, browser=browser, say=say, against=against or "")

@@ -25,7 +25,7 @@ from daq.series import write_whole
 from wheelsoil import __version__
 from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections import EVIDENCE, GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.report.sections import GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
@@ -45,7 +45,7 @@ _OPTIONS = (
 )
 _PATIENCE_S = 180
 
-SCHEMA = "wheelsoil/report/2"
+SCHEMA, SCHEMA_OF_A_VEHICLE = "wheelsoil/report/2", "wheelsoil/vehicle/1"
 """A cell of a table that is a number."""
 
 _log = logging.getLogger(__name__)
@@ -74,17 +74,17 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     environment = Environment(
         loader=PackageLoader("wheelsoil.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    scripts = (get_plotlyjs(), folder.joinpath("page.js").read_text(encoding="utf-8"))
     tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
     summary, *others = sections
-    evidence = {builder.key for builder in EVIDENCE}
     keys = {name: {builder.key for builder in group} for name, group in GROUPS.items()}
     groups = {name: [section for section in others if section.key in of_group] for name, of_group in keys.items()}
+    appendix = {name: sections for name, sections in groups.items() if sections}
+    scripts = (get_plotlyjs() if appendix else "", folder.joinpath("page.js").read_text(encoding="utf-8"))
     page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
-        evidence=[section for section in others if section.key in evidence],
-        appendix={name: sections for name, sections in groups.items() if sections},
+        evidence=[section for section in others if not any(section.key in of_group for of_group in keys.values())],
+        appendix=appendix,
         made_at=made_at,
         json_name=json_name,
         version=__version__,
@@ -190,6 +190,8 @@ class Report:
         What a fault has cost, and not the measurement: keys of sections, "diagnosis".
     set_aside : tuple of SetAsideRun
         Runs that were given and are not used.
+    wheels : tuple of mapping
+        Of a vehicle's page: each wheel with its report.
     """
 
     head: Head
@@ -199,11 +201,13 @@ class Report:
     not_fitted: str = ""
     failed: tuple[str, ...] = ()
     set_aside: tuple[SetAsideRun, ...] = ()
+    wheels: tuple[dict[str, Any], ...] = ()
 
     def numbers(self) -> dict[str, Any]:
         """Return every number of the report as JSON values: those of tables, texts and figures."""
         return {
-            "schema": SCHEMA,
+            "schema": SCHEMA if not self.wheels else SCHEMA_OF_A_VEHICLE,
+            **({"wheels": plain(self.wheels)} if self.wheels else {}),
             "title": self.head.title,
             "head": vars(self.head),
             "made_at": self.made_at.isoformat(timespec="seconds"),
@@ -224,7 +228,8 @@ class Report:
     @property
     def sentence(self) -> str:
         """The result in one sentence, or why there is none."""
-        verdict = self.numbers()["sections"].get("verdict", {})
+        sections = self.numbers()["sections"]
+        verdict = sections["glance"] if self.wheels else sections.get("verdict", {})
         return str(verdict.get("sentence") or f"no result: {self.left_out.get('verdict', 'there is no verdict')}")
 
     def write(self, path: Path) -> tuple[Path, Path]:

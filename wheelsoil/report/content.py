@@ -186,7 +186,15 @@ class Checks:
     checks: Sequence[Check]
 
 
-Block = Text | Table | Lights | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks
+@dataclass(frozen=True)
+class Links:
+    """Lines below each other: name, text, and the page beside this one to which the name leads; empty: none."""
+
+    title: str
+    lines: Sequence[tuple[str, str, str]]
+
+
+Block = Text | Table | Lights | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks | Links
 
 
 @dataclass(frozen=True)
@@ -258,6 +266,8 @@ def texts_of(section: Section) -> list[str]:
             texts += [block.title, *(f"{bar.name}: {bar.text}" for bar in block.bars)]
         elif isinstance(block, Checks):
             texts += [check.text for check in block.checks]
+        elif isinstance(block, Links):
+            texts += [f"{name}: {text}" for name, text, _ in block.lines]
     return [text for text in texts if text]
 
 

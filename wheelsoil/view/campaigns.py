@@ -23,7 +23,7 @@ from wheelsoil.workflows.choice import CHOICE_FILE, Choice, ChosenRun, is_called
 from wheelsoil.workflows.diagnosis import Together, together
 from wheelsoil.workflows.fit import known_soil, wheel_of
 from wheelsoil.workflows.grading import Grade, grade_of, plausibility_of
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.runs import Files, wheel_id
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
 Keeps = tuple[tuple[PlotData, tuple[Interval, ...] | None], ...]
@@ -127,7 +127,7 @@ class ViewedCampaign:
     folder : Path
         Where the choice is saved.
     others : tuple of Run
-        Runs of the same folder with another terrain or wheel.
+        Recordings of the same folder with another terrain or wheel, and not with this one.
     soil_name : str or None
         A preset instead of terrain.toml.
     whole : bool
@@ -355,19 +355,20 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     opened: list[Run] = []
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
-            opened += files.open_runs(part, lambda run: remarks.extend([run.message] * bool(run.message)))
+            opened += files.each_run(part, lambda run: remarks.extend([run.message] * bool(run.message)))
     if not opened:
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)
     remarks += [f"{fault.where} is skipped: {fault.what}" for fault in faults]
     groups: dict[Together, list[ViewedRun]] = {}
-    once = {run.path.resolve(): run for run in opened}
+    once = {(run.path.resolve(), wheel_id(run)): run for run in opened}
     for number, run in enumerate(once.values(), 1):
         groups.setdefault(together(run, folders, files.soil), []).append(ViewedRun(f"r{number}", run))
     loose_groups = [group for shared, group in groups.items() if not shared.folder]
     if len(loose_groups) > 1:
         for group in loose_groups:
-            alone = files.open_runs([viewed.run.path for viewed in group], left_out=lambda _: None)
+            of_wheel = replace(files, wheel=wheel_id(group[0].run) or files.wheel)
+            alone = of_wheel.open_runs([viewed.run.path for viewed in group], left_out=lambda _: None)
             for viewed, run in zip(group, alone, strict=True):
                 viewed.run = run
     campaigns = [
@@ -383,10 +384,11 @@ def _campaign(
     key: str, folder: str, runs: list[ViewedRun], all_runs: Sequence[ViewedRun], files: Files
 ) -> ViewedCampaign:
     place = Path(folder).resolve() if folder else runs[0].run.path.resolve().parent
-    others = tuple(run.run for run in all_runs if folder and run not in runs)
-    terrain = runs[0].run.terrain
-    name = f"{place.name}, {terrain.soil.name}" if others and terrain else place.name
-    return ViewedCampaign(key, name, place, runs, others, files.soil, whole=bool(folder))
+    own = {run.run.path for run in runs}
+    others = tuple(run.run for run in all_runs if folder and run.run.path not in own)
+    terrain, wheel = runs[0].run.terrain, wheel_id(runs[0].run)
+    parts = (place.name, terrain.soil.name if others and terrain else "", f"wheel {wheel}" if wheel else "")
+    return ViewedCampaign(key, ", ".join(filter(None, parts)), place, runs, others, files.soil, whole=bool(folder))
 
 
 def _load_choice(campaign: ViewedCampaign) -> list[str]:

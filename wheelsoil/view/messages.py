@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from daq import ConfigError, Fault, parse_mapping
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
 from wheelsoil.workflows.grading import short_runs
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.runs import Files, wheel_id
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Key = Annotated[str, Field(strict=True, max_length=64)]
@@ -112,7 +112,12 @@ def commands_of(campaign: ViewedCampaign, files: Files) -> list[str]:
     if campaign.saved_at is None:
         return []
     runs = [campaign.folder] if campaign.whole else [run.run.path.resolve() for run in campaign.runs]
-    given = [*map(str, runs), *_options(files), "--choice", str(campaign.saved_at)]
+    given = [
+        *map(str, runs),
+        *_options(replace(files, wheel=wheel_id(campaign.first) or files.wheel)),
+        "--choice",
+        str(campaign.saved_at),
+    ]
     return [shlex.join(["wheelsoil", verb, *given, *more]) for verb, more in _VERBS]
 
 

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from wheelsoil.wording.names import chance
-from wheelsoil.wording.numbers import measured, number
+from wheelsoil.wording.numbers import measured, number, signed
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.key_figures import KeyFigure
@@ -44,9 +44,9 @@ def _written_as(figure: KeyFigure, value: float) -> str:
         text = number(100 * value if figure.digits == "percent change" else value, 2)
         return f"+{text}" if value > 0 and text != "0" else text
     if figure.digits == "percent":
-        return f"{100 * value:.1f} %".replace("-", "−") if isfinite(value) else "–"
+        return f"{signed(100 * value, '.1f')} %" if isfinite(value) else "–"
     if figure.digits == "three decimals":
-        return f"{value:.3f}".replace("-", "−") if isfinite(value) else "–"
+        return signed(value, ".3f") if isfinite(value) else "–"
     return measured(value, figure.sigma) if figure.digits == "by sigma" else number(value)
 
 

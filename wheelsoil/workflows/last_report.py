@@ -112,13 +112,15 @@ def store_meant(place: str) -> str | None:
     return place if (path / _STORE_HEAD).is_file() and not _reports_in(path) else None
 
 
-def load_last(path: Path) -> LastReport:
+def load_last(path: Path, wheel: str = "") -> LastReport:
     """Read the numbers of an earlier report.
 
     Parameters
     ----------
     path : Path
         report.json, the page that it belongs to, or the folder that holds it.
+    wheel : str
+        Which one, where it is the report of a vehicle: report-FL.json is beside that.
 
     Raises
     ------
@@ -126,6 +128,8 @@ def load_last(path: Path) -> LastReport:
         There is none, or it is of another program or an older schema.
     """
     file = _file_of(path)
+    of_wheel = file.with_stem(f"{file.stem}-{wheel}")
+    file = of_wheel if wheel and of_wheel.is_file() else file
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from daq import DataError, VehicleConfig, WheelsoilError
-from daq.runs import SetAsideRun
+from daq.runs import Run, SetAsideRun
 from model import ExtendedModel
 from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
@@ -27,7 +27,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
-from wheelsoil.workflows.runs import Files, noted_in, open_and_process
+from wheelsoil.workflows.runs import Files, noted_in, process_runs
 from wheelsoil.workflows.tables import BenchFiles
 
 
@@ -72,17 +72,68 @@ def report_of(
         The runs cannot be opened or processed, or are of different soils. Runs that cannot be fitted give a report
         that says why.
     """
-    choice, files = choice or Choice(), files or Files()
-    choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
-    aside: list[SetAsideRun] = []
-    processed = open_and_process(paths, options, files, choice=choice, check=one_terrain, set_aside=noted_in(aside))
+    files, aside = files or Files(), list[SetAsideRun]()
+    opened = files.open_runs(paths, noted_in(aside))
+    return report_of_opened(
+        opened,
+        paths,
+        choice or Choice(),
+        files,
+        extended=extended,
+        diagnose=diagnose,
+        last=last,
+        set_aside=aside,
+    )[0]
+
+
+@dataclass(frozen=True)
+class WheelReport:
+    """The report of one wheel of a vehicle, and what it was made of; without a report why there is none.
+
+    `page` is the name of its file.
+    """
+
+    wheel: str
+    processed: Processed = ()
+    report: Report | None = None
+    diagnosed: Diagnosed = NOT_DIAGNOSED
+    page: str = ""
+    why: str = ""
+
+
+def report_of_opened(
+    opened: Sequence[Run],
+    paths: Sequence[Path],
+    choice: Choice,
+    files: Files,
+    *,
+    extended: ExtendedModel | None = None,
+    diagnose: bool = True,
+    last: LastReport | Callable[[Processed], LastReport] | None = None,
+    set_aside: Sequence[SetAsideRun] = (),
+) -> tuple[Report, Processed, Diagnosed]:
+    """Process, diagnose and fit open runs of one wheel; return their report, and what it is made of.
+
+    `set_aside` could not be opened; see `report_of` for the rest.
+    """
+    choices, options, aside = choice.fit_choices(extended), choice.process_options(LOOK), [*set_aside]
+    processed = process_runs(
+        opened,
+        options,
+        zero=files.zero,
+        choice=choice,
+        accept_implausible=files.accept_implausible,
+        check=one_terrain,
+        set_aside=noted_in(aside),
+    )
     if callable(last):
         last = last(processed)
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
-    return report_of_processed(
+    report = report_of_processed(
         processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last, set_aside=aside
     )
+    return report, processed, found
 
 
 def report_of_processed(

@@ -53,6 +53,11 @@ _PROBED = 64
 SetAside = Callable[[SetAsideRun], None]
 
 
+def wheel_id(run: Run) -> str:
+    """Return the id of the one wheel of a run; empty where it has none."""
+    return " ".join(run.vehicle.wheel_ids)
+
+
 def say_set_aside(run: SetAsideRun) -> None:
     """Print why a run is not used (stderr), unless whoever is there switched it off."""
     if run.message:
@@ -96,33 +101,50 @@ class Files:
         """
         return one_wheel(self._open(paths, left_out), self.wheel)
 
+    def each_run(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
+        """Open runs, each once for every wheel of its vehicle, or for `wheel` alone.
+
+        Raises
+        ------
+        ConfigError
+            As `open_runs`; also where one zero file is given for several wheels.
+        """
+        collected, found = Collected(), list[Run]()
+        for run in self._open(paths, left_out):
+            with collected.catch():
+                found += run.by_wheel().values() if self.wheel is None else one_wheel([run], self.wheel)
+        collected.stop_if_any()
+        wheels = list(dict.fromkeys(wheel_id(run) for run in found))
+        if len(wheels) > 1 and self.zero:
+            raise ConfigError.of(
+                "one zero file for several wheels",
+                self.zero,
+                ", ".join(wheels),
+                next_step=f"name the wheel: --wheel {wheels[0]}",
+            )
+        return found
+
     def runs_of_wheels(self, paths: Sequence[Path], left_out: SetAside) -> dict[str, list[Run]]:
         """Open the runs of each wheel, or of `wheel` alone, by its id; a single ``[wheel]`` without an id has none.
 
         Raises
         ------
         ConfigError
-            As `open_runs`; also where the runs are of different wheels, or one zero file is given for several.
+            As `each_run`; also where the runs are of different wheels.
         """
-        if self.wheel is not None:
-            return {self.wheel: self.open_runs(paths, left_out)}
-        opened = self._open(paths, left_out)
-        collected = Collected()
-        found: dict[str, list[Run]] = {}
-        for run in opened:
-            with collected.catch():
-                for wheel, of_wheel in run.by_wheel().items():
-                    found.setdefault(wheel, []).append(of_wheel)
-        collected.stop_if_any()
-        for runs in found.values():
-            if len(runs) < len(opened):
-                others = ", ".join(f"{run.id} {' '.join(run.vehicle.wheel_ids) or 'one [wheel]'}" for run in opened)
-                step = "name a wheel that all have by --wheel, or give the runs of each vehicle by themselves"
-                raise ConfigError.of("the runs are of vehicles with different wheels", found=others, next_step=step)
-        if len(found) > 1 and self.zero:
-            step = f"name the wheel: --wheel {next(iter(found))}"
-            raise ConfigError.of("one zero file for several wheels", self.zero, ", ".join(found), next_step=step)
-        return found
+        by_wheel: dict[str, list[Run]] = {}
+        by_run: dict[str, list[str]] = {}
+        for run in self.each_run(paths, left_out):
+            by_wheel.setdefault(wheel_id(run), []).append(run)
+            by_run.setdefault(run.id, []).append(wheel_id(run))
+        if any(len(runs) < len(by_run) for runs in by_wheel.values()):
+            others = ", ".join(f"{run} {' '.join(wheels) or 'one [wheel]'}" for run, wheels in by_run.items())
+            raise ConfigError.of(
+                "the runs are of vehicles with different wheels",
+                found=others,
+                next_step="name a wheel that all have by --wheel, or give the runs of each vehicle by themselves",
+            )
+        return by_wheel
 
     def _open(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
         self._say_misspelt(paths)

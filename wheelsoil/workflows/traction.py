@@ -75,13 +75,13 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
         coefficient = np.where(load > 0, pull / load, np.nan)
         efficiency = pull * radius * (1 - slip) / pooled("driving_torque_nm")
     return Traction(
-        _pull_at(slip, pull, load, pooled("time_s"), number), *_highest(slip, coefficient), *_highest(slip, efficiency)
+        pull_at(slip, pull, load, pooled("time_s"), number), *highest(slip, coefficient), *highest(slip, efficiency)
     )
 
 
 def value_at_slip(runs: Sequence[ProcessedRun], field: str) -> tuple[float, tuple[float, float]]:
     """Return a channel at slip 0.2 with its 95 % interval, by the estimator of `traction_of`; NaN where unknown."""
-    found = _pull_at(*_pooled(runs, [np.asarray(getattr(run, field), np.float64) for run in runs]))
+    found = pull_at(*_pooled(runs, [np.asarray(getattr(run, field), np.float64) for run in runs]))
     return (found.pull_n, found.interval95) if found else (nan, (nan, nan))
 
 
@@ -138,9 +138,13 @@ def _passes(time_s: FloatArray, run: IntArray) -> IntArray:
     return np.cumsum(begins) - 1
 
 
-def _pull_at(
+def pull_at(
     slip: FloatArray, pull: FloatArray, load: FloatArray, time_s: FloatArray, run: IntArray
 ) -> PullAtSlip | None:
+    """Return the value at slip 0.2 of a line through samples within 0.1 of it, each of shape (n,); see `traction_of`.
+
+    It is linear in `pull`: the values of parts add up to that of their sum. None with fewer than 20 samples.
+    """
     rows = np.flatnonzero(near_usual_slip(slip) & np.isfinite(pull))
     if len(rows) < _LEAST:
         return None
@@ -164,7 +168,7 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if len(known) else float("nan")
 
 
-def _highest(slip: FloatArray, values: FloatArray) -> tuple[float, float]:
+def highest(slip: FloatArray, values: FloatArray) -> tuple[float, float]:
     """Return the highest median in bins of positive slip, and the middle of its bin."""
     best = (float("nan"), float("nan"))
     for start in np.arange(0.0, 1.0, _WIDTH):
