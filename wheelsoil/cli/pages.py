@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from wheelsoil.report import Report
     from wheelsoil.workflows.diagnosis import Processed
     from wheelsoil.workflows.last_report import LastReport
-    from wheelsoil.workflows.report import Diagnosed
+    from wheelsoil.workflows.report import Diagnosed, WheelReport
 
 
 class Format(StrEnum):
@@ -82,7 +82,7 @@ def report_command(
     fault has cost a section or the diagnosis.
     """
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.report import report_of_opened, report_of_tables
+    from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened, report_of_tables
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.tables import TableFiles, read_benches
 
@@ -133,7 +133,11 @@ def report_command(
             )
 
         if len(opened) > 1:
-            _report_vehicle(list(opened), report_on, target, browser, force=force, json=json)
+
+            def together(made: Sequence[WheelReport]) -> Diagnosed:
+                return diagnosed_vehicle(runs or (), made, by_hand.fit_choices(extended), soil)
+
+            _report_vehicle(list(opened), report_on, together, target, browser, force=force, json=json)
             return
         report, *_ = report_on(next(iter(opened)))
     entry = _written(report, target, browser)
@@ -172,6 +176,7 @@ def _stop_if_failed(report: Report) -> None:
 def _report_vehicle(
     wheels: Sequence[str],
     report_on: Callable[[str], tuple[Report, Processed, Diagnosed]],
+    together: Callable[[Sequence[WheelReport]], Diagnosed],
     target: Path,
     browser: str,
     *,
@@ -197,7 +202,7 @@ def _report_vehicle(
         made.append(WheelReport(wheel, why="; ".join(fault.what for fault in collected.errors[-1].faults)))
     if not entries:
         collected.stop_if_any()
-    whole = build_vehicle_report(made)
+    whole = build_vehicle_report(made, together(made).diagnosis)
     entry = _written(whole, target, browser)
     if json:
         print_json({**entry, "wheels": entries, "vehicle": whole.sections[0].numbers["key_figures"]})

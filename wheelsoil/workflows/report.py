@@ -10,7 +10,7 @@ from pathlib import Path
 from daq import DataError, VehicleConfig, WheelsoilError
 from daq.runs import Run, SetAsideRun
 from model import ExtendedModel
-from model.diagnosis import Diagnosis, DiagnosisOptions
+from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
 from wheelsoil.console import computing
@@ -24,6 +24,7 @@ from wheelsoil.workflows.diagnosis import (
     diagnose_benches,
     diagnose_campaigns,
     diagnosis_options,
+    vehicles_of,
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
@@ -250,9 +251,25 @@ def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoi
     """
     if missing := nothing_whole([run for _, run in processed]):
         return Diagnosed(why_not=missing)
+    return _diagnosed(lambda: campaigns_of(paths, processed, soil), choices)
+
+
+def diagnosed_vehicle(
+    paths: Sequence[Path], wheels: Sequence[WheelReport], choices: FitChoices, soil: str | None
+) -> Diagnosed:
+    """Diagnose all wheels of a vehicle together, where more than one is diagnosed; see `diagnosed_runs`."""
+    given = [wheel for wheel in wheels if wheel.diagnosed.diagnosis]
+    if len(given) < 2:
+        return NOT_DIAGNOSED
+    with computing("diagnosing all wheels together"):
+        return _diagnosed(
+            lambda: vehicles_of({wheel.wheel: campaigns_of(paths, wheel.processed, soil) for wheel in given}), choices
+        )
+
+
+def _diagnosed(campaigns: Callable[[], Sequence[Campaign]], choices: FitChoices) -> Diagnosed:
     try:
-        options = diagnosis_options(choices.reading)
-        return Diagnosed(diagnose_campaigns(campaigns_of(paths, processed, soil), options))
+        return Diagnosed(diagnose_campaigns(campaigns(), diagnosis_options(choices.reading)))
     except WheelsoilError as error:
         why = "; ".join(fault.what for fault in error.faults)
         return Diagnosed(why_not=why, failed=not isinstance(error, DataError))
