@@ -74,8 +74,8 @@ def report_command(
 
     With --table the page is of single-wheel tests.
 
-    A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
-    fault has cost a section or the diagnosis.
+    A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: there
+    is no result, neither fit nor diagnosis, or a fault has cost a section or the diagnosis.
     """
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of, report_of_tables
@@ -136,6 +136,7 @@ def report_command(
         say(report.sentence)
     if report.failed:
         say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
+    if report.failed or not report.has_result:
         raise typer.Exit(1)
 
 
