@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from itertools import combinations, pairwise
 from math import degrees, hypot
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -56,6 +57,8 @@ Brakes = Literal["held", "released", "unknown"]
 
 ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
+# in a line of its own, where TOML takes no comma
+_DECIMAL_COMMA = re.compile(r"(?m)=[ \t]*([-+]?\d+),(\d+)[ \t]*(?:#.*)?\r?$")
 _DEEP_KEY = re.compile(rf"""(?<![\w.-])(?:["']?[\w-]+["']?[ \t]*\.[ \t]*){{{DEEPEST_KEY}}}""")
 
 
@@ -273,6 +276,11 @@ class VehicleConfig(Section):
     def named(self, role: str) -> str:
         """Return a role with the id of its wheel, where that has one: ``vertical_load of FL``."""
         return f"{role} of {self.wheel.id}" if self.wheel and self.wheel.id and ROLES[role].of_wheel else role
+
+    @property
+    def wheel_option(self) -> str:
+        """The option that chooses this wheel, behind a command: `` --wheel FL``; empty for a wheel without an id."""
+        return f" --wheel {quote(self.wheel.id)}" if self.wheel and self.wheel.id else ""
 
     def latency_s(self, role: str) -> float:
         """Return the declared delay of a role's sensor, 0 where none is declared."""
@@ -523,7 +531,14 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
         try:
             return tomllib.loads(text.removeprefix("\ufeff"))  # Windows' editors may begin a file with it
         except tomllib.TOMLDecodeError as error:
-            raise ConfigError.of("not valid TOML", where, str(error), "", "correct the line named above") from None
+            step = _with_point(text, "correct the line named above")
+            raise ConfigError.of("not valid TOML", where, str(error), "", step) from None
+
+
+def _with_point(text: str, step: str) -> str:
+    """Return what to do about a value that has a decimal comma; `step` where none has."""
+    comma = _DECIMAL_COMMA.search(text)
+    return f"write a decimal point, without quotes: {comma[1]}.{comma[2]}" if comma else step
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
@@ -556,7 +571,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise ConfigError.of("the file is not UTF-8", path, str(error), next_step="save it as UTF-8") from None
     except OSError as error:
-        raise ConfigError.of("the file cannot be read", path, str(error)) from None
+        raise ConfigError.of("the file cannot be read", path, str(error), "", "check the path and its rights") from None
     return _toml_mapping(text, str(path))
 
 
@@ -579,7 +594,8 @@ def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> list[Fa
             faults.append(Fault(message, where))
         else:
             found = "" if isinstance(item["input"], Mapping | list) else shortened(repr(item["input"]))
-            faults.append(Fault(f"{location}: {message}", where, found, next_step="correct it"))
+            step = _with_point("=" + found.strip("'"), "correct it")
+            faults.append(Fault(f"{location}: {message}", where, found, next_step=step))
     if error.error_count() > MOST_FAULTS:
         faults.append(Fault(f"{error.error_count() - MOST_FAULTS} more faults", file))
     return faults

@@ -128,7 +128,9 @@ def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tupl
     start_ns = -(-first_ns // step_ns) * step_ns
     count = int((last_ns - start_ns) * rate_hz / 1e9) + 1
     if last_ns < start_ns or count < 2:
-        raise DataError.of("the run is too short for one slip value", found=shown, expected="a second or more")
+        raise DataError.of(
+            "the run is too short for one slip value", "", shown, "a second or more", "drive it again, longer"
+        )
     if count > _MAX_SAMPLES:
         raise DataError.of(
             f"the run would span {(last_ns - first_ns) / 3.6e12:.4g} hours",

@@ -266,7 +266,9 @@ def _read(path: Path) -> bytes:
         known = nearest(path.name, (p.name for p in path.parent.glob("*.dbc"))) if path.parent.is_dir() else ""
         raise DatabaseError.of("no such DBC file", path, expected=known, next_step="check the path") from None
     except OSError as error:
-        raise DatabaseError.of("the DBC file cannot be read", path, str(error)) from None
+        raise DatabaseError.of(
+            "the DBC file cannot be read", path, str(error), "", "check the path and its permissions"
+        ) from None
 
 
 def _parse(text: str, kind: str = "dbc") -> tuple[Any, str]:
@@ -325,7 +327,7 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
         parsed, complaint = _parse(text)
     if parsed is None or (excluded and not parsed.messages):
         what = f"{len(excluded)} faults, the first: {excluded[0]}" if excluded else "an empty file"
-        raise DatabaseError.of("nothing is left of this DBC", where, what)
+        raise DatabaseError.of("nothing is left of this DBC", where, what, "", "export it again from its program")
     notes = [f"excluded {line}" for line in sorted(excluded, key=lambda line: line.number)]
     return parsed, [*notes, *(f"let pass: {told.rstrip('.')}" for told in _misplaced(parsed))]
 

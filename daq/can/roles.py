@@ -377,7 +377,13 @@ def _find_signal(role: str, name: SignalName, messages: Mapping[str, Mapping[str
     where = f"vehicle.toml [signals] {role}"
     bus_name, _, path = name.signal.rpartition(":")
     if bus_name and bus_name not in messages:
-        return Fault(f"no [[bus]] has the channel {bus_name!r}", where, repr(str(name)), nearest(bus_name, messages))
+        return Fault(
+            f"no [[bus]] has the channel {bus_name!r}",
+            where,
+            repr(str(name)),
+            nearest(bus_name, messages),
+            "correct the bus before the colon, or add it as [[bus]]",
+        )
     message_name, _, signal_name = path.partition(".")
     hits = [
         (bus, known[message_name])
@@ -394,4 +400,10 @@ def _find_signal(role: str, name: SignalName, messages: Mapping[str, Mapping[str
         return Fault(f"{path} is on several buses", where, repr(str(name)), choices, "name the bus")
     searched = [known for bus, known in messages.items() if bus_name in ("", bus)]
     names = [f"{message}.{signal}" for known in searched for message, m in known.items() for signal in m.by_name]
-    return Fault(f"no DBC has a signal {path!r}", where, repr(str(name)), nearest(path, names))
+    return Fault(
+        f"no DBC has a signal {path!r}",
+        where,
+        repr(str(name)),
+        nearest(path, names),
+        "correct the name, or add its DBC to [[bus]] dbc",
+    )

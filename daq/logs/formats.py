@@ -97,7 +97,7 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
         return detected
     if detected is None:
         what = "neither its suffix nor its content is of a known log format"
-        faults = [Fault(what, str(path), f"begins with {head[:40]!r}")]
+        faults = [Fault(what, str(path), f"begins with {head[:40]!r}", next_step="export it in one of these formats")]
         faults += [Fault(f"it is not {known.name}", expected=" or ".join(known.suffixes)) for known in LOG_FORMATS]
         raise RecordingError(*faults)
     if isinstance(detected, LogFormat):
@@ -119,7 +119,9 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
     except FileNotFoundError:
         raise no_such_file(path) from None
     except OSError as error:
-        raise RecordingError.of("the log cannot be read", path, error.strerror or str(error)) from None
+        raise RecordingError.of(
+            "the log cannot be read", path, error.strerror or str(error), "", "check the path and its permissions"
+        ) from None
     try:
         if not head:
             raise RecordingError.of("the log is empty", path, next_step="record it again")

@@ -119,10 +119,12 @@ def parse_columns(text: str) -> FrameColumns:
         key, sign, value = (piece.strip() for piece in part.partition("="))
         if not sign or not value or key not in ("time", "id", "data", *_OTHERS):
             expected = nearest(key, ("time", "id", "data", *_OTHERS)) if sign else f"e.g. {_EXAMPLE}"
-            faults.append(Fault(f"--columns {part.strip()}: not understood", expected=expected))
+            faults.append(
+                Fault(f"--columns {part.strip()}: not understood", expected=expected, next_step="correct this part")
+            )
         found[key] = value
     faults += [
-        Fault(f"--columns has no {key}=", expected=f"e.g. {_EXAMPLE}")
+        Fault(f"--columns has no {key}=", expected=f"e.g. {_EXAMPLE}", next_step="add it")
         for key in ("time", "id", "data")
         if key not in found
     ]
@@ -210,7 +212,13 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
     absent = [name for name in chosen.names if name.lower() not in places]
     optional = {column.name for column in chosen.data[1:]} | (set() if columns else set(chosen.others.values()))
     faults = [
-        Fault(f"no column is called {n!r}", report.path, ", ".join(header[:16]), nearest(n, header))
+        Fault(
+            f"no column is called {n!r}",
+            report.path,
+            ", ".join(header[:16]),
+            nearest(n, header),
+            "correct the name in --columns",
+        )
         for n in absent
         if n not in optional
     ]

@@ -124,7 +124,9 @@ def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
     """Return what to raise where the file is gone, or the disk fails."""
-    return RecordingError.of("the recording cannot be read", path, error.strerror or str(error))
+    return RecordingError.of(
+        "the recording cannot be read", path, error.strerror or str(error), "", "check the path and its permissions"
+    )
 
 
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:

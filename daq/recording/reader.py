@@ -326,7 +326,9 @@ class Recording:
         if not self._raw and RUN_START not in self.metadata:
             raise self._no_raw_topics()
         if bus is not None and bus not in self.buses:
-            raise DataError.of(f"no bus is called {bus!r}", self.path, expected=nearest(bus, self.buses))
+            raise DataError.of(
+                f"no bus is called {bus!r}", self.path, "", nearest(bus, self.buses), "`wheelsoil info` lists the buses"
+            )
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns

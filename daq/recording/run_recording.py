@@ -241,7 +241,9 @@ class RunRecording:
             If there is no such bus.
         """
         if bus is not None and self.has_raw_frames and bus not in self.buses:
-            raise DataError.of(f"no bus is called {bus!r}", self.path, expected=nearest(bus, self.buses))
+            raise DataError.of(
+                f"no bus is called {bus!r}", self.path, "", nearest(bus, self.buses), "`wheelsoil info` lists the buses"
+            )
         if not self.has_raw_frames:
             return self.parts[0].frame_batches(bus)
         return self._chained(bus, start_ns, end_ns)

@@ -336,7 +336,7 @@ def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False
     if recording.is_bare:
         size = sum(file.stat().st_size for file in recording.files)
         what = "there is nothing in it: the file ends just after it was begun"
-        raise RecordingError.of(what, path, f"{size:,} bytes")
+        raise RecordingError.of(what, path, f"{size:,} bytes", "", "drive it again, or take the file away")
     known = given.over(from_recording(recording, given, lenient_dbc=lenient_dbc))
     return _run(recording.path, known, recording.run, recording)
 

@@ -131,11 +131,6 @@ def read_series(path: Path, layout: SeriesSection | None = None) -> Series:
         return known.read(path, layout or SeriesSection(), SeriesReport(str(path), known.name))
 
 
-def _stem(path: Path) -> str:
-    """Return the name of a file without its suffixes, as a topic: a dot would part it from a signal."""
-    return Path(path.name.removesuffix(".gz")).stem.replace(".", "_")
-
-
 def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tuple[Series, list[SeriesReport]]:
     """Open several files of one run as one series; a topic is called after its file.
 
@@ -144,7 +139,9 @@ def read_all(paths: Sequence[Path], layout: SeriesSection | None = None) -> tupl
     if len(paths) == 1:
         single = read_series(paths[0], layout)
         return single, [single.report]
-    opened = [(_stem(path), read_series(path, layout)) for path in paths]
+    # a dot would part the name of a file, as a topic, from a signal
+    stems = [Path(path.name.removesuffix(".gz")).stem.replace(".", "_") for path in paths]
+    opened = [(stem, read_series(path, layout)) for stem, path in zip(stems, paths, strict=True)]
     topics = {_joined(stem, topic): units for stem, series in opened for topic, units in series.topics.items()}
 
     report = SeriesReport(", ".join(map(str, paths)), "files")

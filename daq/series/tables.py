@@ -104,7 +104,11 @@ class SharedOptions:
         wanted = [("--rename", source.column, self._columns) for source in self._rename.values()]
         wanted += [("--where", name, known) for name in self._where]
         faults = [
-            Fault(f"{option}: no table has a column {column!r}", expected=nearest(column, names))
+            Fault(
+                f"{option}: no table has a column {column!r}",
+                expected=nearest(column, names),
+                next_step="correct the name",
+            )
             for option, column, names in wanted
             if column not in names
         ]
@@ -120,7 +124,7 @@ def _assignments(
         if sign and left and right:
             yield text, left, right
         elif text.strip():
-            faults.append(Fault(f"{option} {text.strip()}: not understood", expected=expected))
+            faults.append(Fault(f"{option} {text.strip()}: not understood", expected=expected, next_step="write it so"))
 
 
 def number_of(cell: str) -> float | None:
@@ -270,7 +274,11 @@ def _read(path: Path) -> Table:
     except (OSError, UnicodeDecodeError) as error:
         fault = Fault("the file cannot be read as text", str(path), str(error), next_step="save it as CSV, UTF-8")
         raise ConfigError(fault) from None
-    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if _has_cells(line)]
+    numbered = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip(" ,;\t") and not line.lstrip().startswith("#")
+    ]
     if not numbered:
         raise DataError.of("the table is empty", path, next_step="give a CSV file with a line of column names")
     delimiter = max(",;\t", key=numbered[0][1].count)
@@ -281,27 +289,39 @@ def _read(path: Path) -> Table:
     try:
         rows = [next(csv.reader([line], delimiter=delimiter, strict=True)) for _, line in numbered]
     except csv.Error as error:
-        raise DataError.of("not a CSV file", path, str(error)) from None
+        raise DataError.of(
+            "not a CSV file", path, str(error), "", "correct the quotation marks, or export it again"
+        ) from None
     rows = [[cell.strip() for cell in row] for row in rows]
     return _squared(str(path), rows, [i for i, _ in numbered])
-
-
-def _has_cells(line: str) -> bool:
-    return bool(line.strip(" ,;\t")) and not line.lstrip().startswith("#")
 
 
 def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
     head, body = rows[0], rows[1:]
     while head and not head[-1]:  # a delimiter at the end of each line
         head.pop()
-    faults = [Fault(f"column {n!r} is there twice", source) for n, count in sorted(Counter(head).items()) if count > 1]
+    faults = [
+        Fault(f"column {name!r} is there twice", source, next_step="rename or remove one")
+        for name, count in sorted(Counter(head).items())
+        if count > 1
+    ]
     for row, line in zip(body, lines[1:], strict=True):
         while len(row) > len(head) and not row[-1]:
             row.pop()
         if len(row) != len(head):
-            faults.append(Fault(f"{len(row)} cells in a table of {len(head)} columns", f"{source}, line {line}"))
+            faults.append(
+                Fault(
+                    f"{len(row)} cells in a table of {len(head)} columns",
+                    f"{source}, line {line}",
+                    next_step="correct the line",
+                )
+            )
     if not body:
-        faults.append(Fault("the table has no rows", source, found=f"columns {', '.join(head)}"))
+        faults.append(
+            Fault(
+                "the table has no rows", source, found=f"columns {', '.join(head)}", next_step="export it with its rows"
+            )
+        )
     if faults:
         raise DataError(*faults[:_LISTED])
     return Table(source, dict(zip(head, zip(*body, strict=True), strict=True)), tuple(lines[1:]), {})
@@ -310,7 +330,9 @@ def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
 def _refuse_unknown(table: Table, columns: Mapping[str, str]) -> None:
     """Raise ConfigError for columns, by the option that names them, that the table does not have."""
     faults = [
-        Fault(f"{option}: there is no column {name!r}", table.source, expected=nearest(name, table.columns))
+        Fault(
+            f"{option}: there is no column {name!r}", table.source, "", nearest(name, table.columns), "correct the name"
+        )
         for option, name in columns.items()
         if name not in table
     ]

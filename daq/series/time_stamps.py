@@ -77,7 +77,13 @@ def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesS
     absent = [name for name in layout.times if name not in columns]
     if absent:
         faults = [
-            Fault(f"no column is called {n!r}", "vehicle.toml [series] time", source, nearest(n, columns))
+            Fault(
+                f"no column is called {n!r}",
+                "vehicle.toml [series] time",
+                source,
+                nearest(n, columns),
+                "correct the name",
+            )
             for n in absent
         ]
         raise DataError(*faults)
@@ -175,7 +181,13 @@ class TimeStamps:
             unit = find_unit(text, (Quantity.TIME,))
             if unit is None:
                 where = f"{self._report.path}, column {self._column!r}"
-                raise DataError.of("the unit of time is not known", where, repr(text), "s, ms, us, ns, min or h")
+                raise DataError.of(
+                    "the unit of time is not known",
+                    where,
+                    repr(text),
+                    "s, ms, us, ns, min or h",
+                    'write it behind the column: "time [s]"',
+                )
             self._factor_ns = float(round(unit.factor * 1e9))
         return self._factor_ns
 

@@ -295,7 +295,16 @@ def replay(
     opened = _opened(Path(recording))
     names = {bus: bus for bus in opened.buses} if channels is None else dict(channels)
     if unknown := [bus for bus in names if bus not in opened.buses]:
-        faults = (Fault(f"no bus is called {b!r}", str(recording), expected=nearest(b, opened.buses)) for b in unknown)
+        faults = (
+            Fault(
+                f"no bus is called {b!r}",
+                str(recording),
+                "",
+                nearest(b, opened.buses),
+                "`wheelsoil info` lists the buses",
+            )
+            for b in unknown
+        )
         raise ConfigError(*faults)
     low = opened.start_ns + round(from_s * 1e9)
     high = None if to_s is None else opened.start_ns + round(to_s * 1e9)
@@ -368,7 +377,9 @@ def _opened(path: Path) -> _Opened:
         recording = RunRecording.open(path)
         span = recording.time_range_ns
         if span is None:
-            raise DataError.of("the recording holds no frames", path)
+            raise DataError.of(
+                "the recording holds no frames", path, next_step="give another one; `wheelsoil info` lists frames"
+            )
         return _Opened(lambda low, high: recording.frame_batches(None, low, high), recording.buses, span[0])
     buses: set[str] = set()
     first: int | None = None

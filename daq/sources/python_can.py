@@ -174,7 +174,13 @@ def open_bus(bus: BusSection) -> can.BusABC:
     interface = bus.interface or "socketcan"
     if interface not in can.VALID_INTERFACES:
         known = nearest(interface, can.VALID_INTERFACES)
-        raise ConfigError.of(f"python-can knows no interface {interface!r}", f"bus {bus.channel}", expected=known)
+        raise ConfigError.of(
+            f"python-can knows no interface {interface!r}",
+            f"bus {bus.channel}",
+            "",
+            known,
+            "correct interface under [[bus]]",
+        )
     options: dict[str, Any] = {"fd": True} if bus.fd else {}
     if bus.bitrate is not None:
         options["bitrate"] = bus.bitrate

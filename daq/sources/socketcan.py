@@ -314,7 +314,8 @@ class SocketCanSource:
             return FrameBatch.empty((self.name,))
         frames = parts[0] if len(parts) == 1 else joined(parts)
         if not self._received:
-            frames["time_ns"] = _not_after_the_next(frames["time_ns"])
+            # the kernel starts stamping late, and stamps earlier frames when they are read
+            frames["time_ns"] = np.minimum.accumulate(frames["time_ns"][::-1])[::-1]
         self._received += len(frames)
         self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
         return FrameBatch(frames, (self.name,))
@@ -371,11 +372,6 @@ class SocketCanSink:
         raw["flags"] *= is_fd
         raw["data"][:, : frames["data"].shape[1]] = frames["data"]
         self._batch.iov["size"][: len(frames)] = np.where(is_fd, _FD_BYTES, _CLASSIC_BYTES)
-
-
-def _not_after_the_next(stamps: IntArray) -> IntArray:
-    """Correct the first stamps: the kernel starts stamping late, and stamps earlier frames when they are read."""
-    return np.minimum.accumulate(stamps[::-1])[::-1]
 
 
 def _first_words(frames: NDArray[np.void], data_at: int) -> NDArray[np.uint64]:

@@ -150,7 +150,7 @@ class ZeroRemoval:
             raise ConfigError.of(
                 f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
                 f"{zeros.source}, {others[0].recording}",
-                next_step="determine the zero with this vehicle.toml: wheelsoil zero",
+                next_step=f"determine it anew: wheelsoil zero RECORDING --vehicle vehicle.toml{vehicle.wheel_option}",
             )
         self._zeros = zeros
         self._vehicle = vehicle

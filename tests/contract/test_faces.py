@@ -30,6 +30,10 @@ MOST_FILES, MOST_STATEMENTS = 426, 50_450
 """What the rooms may hold, 3 % more than on 2026-11-27. A commit that raises one says what the user gets for it."""
 
 
+MOST_WITHOUT_STEP = 124
+"""Faults without a next step: most name what was expected, or are for who writes a program."""
+
+
 @cache
 def exports(package: str) -> dict[str, str]:
     """Name -> module behind the face, as the stub says."""
@@ -121,3 +125,24 @@ def test_a_face_is_in_the_docs_as_it_is(stub: Path) -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     assert entry(stub) in page, f"docs/api.md should have\n\n{entry(stub)}"
     assert page.count("\n### ") == len(STUBS)
+
+
+def test_no_more_faults_without_a_next_step() -> None:
+    """A fault says what to do, but where what was expected already says it; a new one has its step."""
+    without = [
+        f"{name}:{node.lineno}"
+        for name in FILES
+        for node in ast.walk(parsed(name))
+        if isinstance(node, ast.Call) and _is_fault(node) and not _has_step(node)
+    ]
+    assert len(without) <= MOST_WITHOUT_STEP, "\n".join(without)
+
+
+def _is_fault(call: ast.Call) -> bool:
+    of = isinstance(call.func, ast.Attribute) and call.func.attr == "of" and isinstance(call.func.value, ast.Name)
+    return ast.unparse(call.func) == "Fault" or (of and ast.unparse(call.func.value).endswith("Error"))
+
+
+def _has_step(call: ast.Call) -> bool:
+    starred = any(isinstance(arg, ast.Starred) for arg in call.args)
+    return starred or len(call.args) >= 5 or any(keyword.arg in ("next_step", None) for keyword in call.keywords)

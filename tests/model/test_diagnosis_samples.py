@@ -18,6 +18,7 @@ from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
 from model.wheel_soil.run_conditions import campaign_times, conditions_of, line_positions
 from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.wording.notes import note_text
 
 RUNS = 2
 
@@ -142,9 +143,16 @@ def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:
     covered = coverage_of(smooth, samples_of(smooth))
     assert "grouser" not in {effect.name for effect in considered(covered, tuple(EFFECTS), "balanced")}
     assert not_identifiable(covered)["grouser"].code == LackCode.SMOOTH_TYRE
+    commanded = replace(campaign, commanded_slip=True)
+    ordered = coverage_of(commanded, samples_of(commanded))
+    of_speeds = {"wheel_radius", "speed_latency", "speed_bias"}
+    assert not of_speeds & {effect.name for effect in considered(ordered, tuple(EFFECTS), "balanced")}
+    assert {not_identifiable(ordered)[name] for name in of_speeds} == {Note(LackCode.SLIP_COMMANDED)}
     only_one = replace(campaign, runs=campaign.runs[:1])
     said = not_identifiable(coverage_of(only_one, samples_of(only_one)))
-    assert said["crosstalk"].code == LackCode.ONE_LOAD
+    assert note_text(said["crosstalk"]).startswith("one load only: drive")
+    near = replace(ordered, load_spread=0.043)
+    assert "only (loads differ by 4.3 %, two by 8 % or more): drive" in note_text(not_identifiable(near)["crosstalk"])
     assert said["zero_drift"].code == LackCode.ONE_RUN_NO_DRIFT
 
 

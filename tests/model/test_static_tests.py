@@ -14,10 +14,13 @@ from daq import ConfigError, RunsConfig, StaticTest, parse_mapping
 from model.diagnosis import DiagnosisOptions, diagnose, samples_of
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.findings.agreement import static_disputes
 from model.diagnosis.planning.static_tests import hard_ground
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
+from model.notes import DiagnosisCode
 from processing.processed_run import AppliedZero
+from wheelsoil.wording.notes import note_text
 
 
 def lifted(campaign: Campaign, sigma: float = 0.5, names: tuple[str, ...] = ("before.mcap", "after.mcap")) -> Campaign:
@@ -100,6 +103,22 @@ def test_a_known_force_tells_a_gain(reading: dict, key: str) -> None:
         told = estimate(grams, (key,))
         found.append((told.coefficients[told.columns[0]] * grams.causes[told.columns[0]].scale, told.sigmas[0]))
     assert found[1][0] == pytest.approx(0.02, abs=0.004) and found[1][1] < 0.6 * found[0][1]
+
+
+@pytest.mark.parametrize(("gain", "contradicts"), [(1.1, True), (1.01, False)])
+def test_a_static_test_that_contradicts_the_runs_is_named_with_both_values(gain: float, contradicts: bool) -> None:
+    reading = StaticTest.model_validate(TORQUE | {"driving_torque_nm": 10000.0 * gain})
+    campaign = replace(lifted(driven(), 0.0), static=(reading,))
+    notes = list(static_disputes(looked(campaign, "drawbar_pull_gain", "torque_gain", "torque_zero")))
+    assert [note.code for note in notes] == [DiagnosisCode.STATIC_CONTRADICTS] * contradicts
+    for note in notes:
+        assert note.values["runs"] == pytest.approx(10000.0, abs=4.0 * note.values["runs_sigma"])
+        text = note_text(note)
+        assert (
+            "under 10,000 N m reads 11,000 ± 10 N m" in text
+            and "by the runs it would read" in text
+            and "repeat" in text
+        )
 
 
 def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> None:

@@ -344,6 +344,15 @@ CASES = (
     ),
     Case("broken TOML", lambda b: ["process", b.respelled("[wheel]", "[wheel")], 2, ("not valid TOML",)),
     Case(
+        "decimal comma", lambda b: ["process", b.respelled("= 0.47", "= 0,47 # m")], 2, ("point, without quotes: 0.47",)
+    ),
+    Case(
+        "quoted comma",
+        lambda b: ["process", b.respelled("= 0.47", '= "0,47"')],
+        2,
+        ("without quotes: 0.47", "radius_m"),
+    ),
+    Case(
         "unknown key",
         lambda b: ["process", b.respelled("radius_m", "radius_mm")],
         2,

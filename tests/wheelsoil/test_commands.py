@@ -180,7 +180,8 @@ def test_a_real_drive_goes_through_import_info_process_and_report(drive, tmp_pat
     shares = done["quality"]["shares"]
     assert shares.get("GAP", 0) > 0, "GNSS has missing seconds"
     page = tmp_path / "drive.html"
-    result = ok("report", target, "-o", page, "--soil", "sandy", "--json")
+    result = invoke("report", target, "-o", page, "--soil", "sandy", "--json")
+    assert result.code == 1, "the page is written, without a fit: there is no force"
     assert {"coefficients", "torque"} <= set(result.json["left_out"])
     assert page.stat().st_size > 1_500_000
 

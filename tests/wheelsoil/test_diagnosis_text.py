@@ -12,7 +12,7 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import Note, VehicleConfig
+from daq import Note, VehicleConfig, WheelSection
 from model.diagnosis.core.result import (
     Adequacy,
     BarredCause,
@@ -31,7 +31,7 @@ from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.effects import EFFECTS
 from model.notes import LackCode, StepCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, stages_lines, wrapped
+from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
 from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
@@ -123,6 +123,21 @@ def test_a_lifted_zero_is_a_command_to_paste() -> None:
     assert "`" not in f"{step.what}{step.why}{text_of(found)}" and step.paste.startswith("wheelsoil zero")
 
 
+def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
+    vehicle = VehicleConfig(wheel=WheelSection(id="FL", radius_m=0.5, width_m=0.3))
+    zero = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
+    size = ParameterEstimate("relative", "", 0.02, (0.01, 0.03), 0.005)
+    radius = Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 0.99, (size,))
+    named = replace(diagnosis("named"), causes=(radius,))
+    assert next_steps(zero, vehicle)[0].paste.splitlines() == [
+        "wheelsoil zero spin.mcap --vehicle vehicle.toml --wheel FL",
+        "# then:",
+        "[wheel.transducer]  # of wheel FL",
+        'zero_file = "zero-FL.toml"',
+    ]
+    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nradius_m = 0.5100"
+
+
 def test_in_how_many_campaigns_an_interval_is_right_is_said_of_few_runs_only() -> None:
     found = diagnosis("named")
     assert found.gain is not None and covered(found)
@@ -171,7 +186,6 @@ def test_everything_is_said():
         "the usual laboratory's is taken",
     ):
         assert words in text, words
-    assert stages_lines(diagnosis()) == ["diagnosis: 1.0 s (look 0.80, evidence 0.20)"]
 
 
 def test_under_one_of_the_causes_are_a_set():

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 from cli_support import invoke
+from view_client import taken_from
 
 from daq.errors import ConfigError, DatabaseError, DataError, HardwareError, RecordingError, WheelsoilError
 from wheelsoil.cli.app import _from_system
+
+CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 
 
 @pytest.mark.parametrize(
@@ -41,3 +44,16 @@ def test_a_fault_is_a_message_on_stderr(tmp_path: Path) -> None:
     assert "Traceback" not in found.err
     usage = invoke("info", tmp_path / "absent.mcap")
     assert (usage.code, usage.out) == (2, "") or usage.code == 3
+
+
+@pytest.mark.parametrize("command", ["process", "fit", "sinkage", "diagnose", "info"])
+def test_a_run_that_only_runs_toml_names_costs_no_other(command: str, tmp_path: Path) -> None:
+    folder = taken_from(CLAY, tmp_path / "clay", 2)
+    (folder / "runs.toml").write_text('[[run]]\nfile = "run-1.mcap"\n[[run]]\nfile = "run-2.mcap"\n')
+    (folder / "run-2.mcap").unlink()
+    options = ("--effects", "torque_zero") if command == "diagnose" else ()
+    found = invoke(command, folder, *options, "--json")
+    assert found.code == 0 and "run-2.mcap: skipped: no such file; next: copy it there" in found.err
+    assert command == "info" or '"cause": "missing"' in found.out
+    (folder / "run-1.mcap").unlink()
+    assert invoke(command, folder).code == 3

@@ -47,7 +47,8 @@ def test_a_copy_of_a_run_is_set_aside(folder: Path, copied: Callable[[Path, Path
     copied(folder / "run-1.mcap", folder / "another name.mcap")
     found = invoke("process", folder, "--json")
     assert found.code == 0
-    assert len(found.json) == 2
+    assert [entry.get("set_aside", {}).get("cause") for entry in found.json] == [None, None, "repeated"]
+    assert found.json[2]["samples"] == found.json[2]["used"] == 0
     [said] = [line for line in found.err.splitlines() if line.startswith("set aside")]
     assert "the same measurement as run" in said and "run-1.mcap" in said and "another name.mcap" in said
 
@@ -64,7 +65,7 @@ def test_who_processes_is_told_of_a_run_given_twice(folder: Path) -> None:
 
 
 def test_two_runs_of_a_bench_may_share_speed_and_load(folder: Path) -> None:
-    """Only what is measured anew has noise of its own; what was not measured tells nothing."""
+    """Only what is measured anew has noise of its own; without forces, all else must be the same."""
     [(_, run), _] = process_runs(Files().open_runs([folder], print), Choice().process_options())
     noise = np.random.default_rng(0).normal(size=(2, len(run)))
     pull = run.drawbar_pull_n + noise[0] * run.drawbar_pull_sigma_n
@@ -73,7 +74,8 @@ def test_two_runs_of_a_bench_may_share_speed_and_load(folder: Path) -> None:
     assert repetitions([run, run, anew]) == {1: 0}
     unknown = np.full(len(run), np.nan)
     bare = replace(run, drawbar_pull_n=unknown, driving_torque_nm=unknown)
-    assert repetitions([bare, bare]) == {}
+    other = replace(bare, ground_speed_mps=run.ground_speed_mps + 1e-3 * noise[0])
+    assert repetitions([bare, bare, other]) == {1: 0}
 
 
 def test_the_page_names_the_run_to_switch_off(folder: Path, tmp_path: Path) -> None:

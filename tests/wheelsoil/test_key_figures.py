@@ -21,10 +21,11 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.to_json import plain
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.view.medians import compared
+from wheelsoil.wording import figures
 from wheelsoil.wording.cost_text import cost_meaning, cost_rows
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
-from wheelsoil.wording.figures import figure_value, recording_figures
+from wheelsoil.wording.figures import figure_value
 from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
@@ -96,7 +97,15 @@ def test_every_surface_shows_the_same(material: ReportInputs, verdict: Verdict) 
         for key, shown in surface.items():
             value, text = expected[key]
             assert shown == {(value, text.removesuffix(" %"))}, key
-    with recording_figures() as terminal:
+    terminal: dict[str, float] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        written_as = figures._written_as
+
+        def noted(one: KeyFigure, value: float) -> str:
+            terminal.update({one.key: value} if value == one.value else {})
+            return written_as(one, value)
+
+        patch.setattr(figures, "_written_as", noted)
         diagnosis_lines(found, material.vehicle, verbose=True)
     assert all(value == expected[key][0] for key, value in terminal.items())
     viewed = {key: (one["value"], one["text"]) for key, one in shown_of(found, found_cost)["figures"].items()}

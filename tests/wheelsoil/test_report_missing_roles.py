@@ -49,8 +49,10 @@ def rewritten(campaign: Path, folder: Path, runs: int = 1, **signals: str) -> Pa
 
 
 def reported(folder: Path, page: Path, *options: str) -> tuple[dict[str, Any], str]:
-    """Return the numbers of a report and its page's text."""
-    numbers = ok("report", folder, "-o", page, "--json", *options).json["numbers"]
+    """Return the numbers of a report and its page's text; without a result its exit code is 1, and it is written."""
+    found = invoke("report", folder, "-o", page, "--json", *options)
+    numbers = found.json["numbers"]
+    assert found.code == ("verdict" in json.loads(Path(numbers).read_text(encoding="utf-8"))["left_out"])
     return json.loads(Path(numbers).read_text(encoding="utf-8")), unescape(page.read_text(encoding="utf-8"))
 
 
@@ -149,7 +151,8 @@ def test_the_terminal_tells_what_was_not_fitted(campaign, tmp_path):
     shown = ok("report", poor / "run-1.mcap", whole / "run-2.mcap", *page)
     assert "not fitted because a signal is missing (the page names it): run-1" in shown.err
     assert shown.json["not_fitted"] == "run-1"
-    alone = ok("report", poor, *page, "--force")
+    alone = invoke("report", poor, *page, "--force")
+    assert alone.code == 1 and "no result: ground_speed is missing; name it under [signals]" in alone.json["result"]
     assert "not fitted" not in alone.err and alone.json["not_fitted"] == ""
 
 

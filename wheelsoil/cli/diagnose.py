@@ -232,7 +232,7 @@ def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: 
     def show(diagnosis: Diagnosis) -> None:
         from model.effects import parted
         from wheelsoil.wording.diagnosis_json import diagnosis_json
-        from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
+        from wheelsoil.wording.diagnosis_text import diagnosis_lines
         from wheelsoil.wording.verdict import headline_of
 
         width = terminal_width()
@@ -249,7 +249,5 @@ def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: 
             print("\n".join(lines))
 
         wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))
-        for line in stages_lines(diagnosis, width):
-            say(line)
 
     return show

@@ -405,7 +405,9 @@ def page_token(file: Path | None) -> str | None:
     try:
         text = file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError.of("the token cannot be read", file, str(error)) from None
+        raise ConfigError.of(
+            "the token cannot be read", file, str(error), next_step="check the path and its permissions"
+        ) from None
     if not text:
         raise ConfigError.of("the file contains no token", file, next_step="write the token into it as one line")
     return text

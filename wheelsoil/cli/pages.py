@@ -78,8 +78,8 @@ def report_command(
     With --table the page is of single-wheel tests. Of a vehicle with several wheels each has a page (report-FL.html),
     and the page of the vehicle leads to them.
 
-    A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: a
-    fault has cost a section or the diagnosis.
+    A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: there
+    is no result, neither fit nor diagnosis, or a fault has cost a section or the diagnosis.
     """
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened, report_of_tables
@@ -170,6 +170,7 @@ def _written(report: Report, target: Path, browser: str) -> dict[str, Any]:
 def _stop_if_failed(report: Report) -> None:
     if report.failed:
         say_folded(f"a fault has cost a part of this report, and the page says why: {', '.join(report.failed)}")
+    if report.failed or not report.has_result:
         raise typer.Exit(1)
 
 

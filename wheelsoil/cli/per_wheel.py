@@ -15,6 +15,13 @@ ALL = "all"
 """In JSON in place of a wheel's id: of all of them together."""
 
 
+def print_set_aside(runs: Sequence[SetAsideRun]) -> None:
+    """Print the runs that are not used below a result: name and text."""
+    if runs:
+        print()
+        print_pairs([("set aside", f"{run.run}: {run.reason}") for run in runs])
+
+
 class PerWheel:
     """Does the work of a command for each wheel: texts under headings, JSON of several wheels as one list.
 
@@ -28,12 +35,12 @@ class PerWheel:
 
     def __init__(self, opened: Mapping[str, list[Run]], *, json: bool, unreadable: Sequence[SetAsideRun] = ()) -> None:
         self._opened, self._json, self._unreadable = opened, json, unreadable
-        self._set_aside: list[SetAsideRun] = []
+        self.set_aside_runs: list[SetAsideRun] = []
         self._found: list[dict[str, Any]] = []
         self._shown = 0
         self._said: dict[str, str] = {}
         self.wheel = ""
-        """Of which the work is done now."""
+        """Of which the work is done now; `set_aside_runs` are not used of it."""
 
     @property
     def several(self) -> bool:
@@ -50,7 +57,7 @@ class PerWheel:
         collected = Collected()
         try:
             for wheel, runs in self._opened.items():
-                self.wheel, self._set_aside = wheel, [*self._unreadable]
+                self.wheel, self.set_aside_runs = wheel, [*self._unreadable]
                 if self.several:
                     say(self._heading)
                 with collected.catch(self._heading if wheel else ""):
@@ -72,25 +79,19 @@ class PerWheel:
         """Print why a run of this wheel is not used (stderr), and list it below the result."""
         from wheelsoil.workflows.runs import noted_in
 
-        noted_in(self._set_aside)(run)
-
-    def set_aside_lines(self) -> list[tuple[str, str]]:
-        """Return the runs of this wheel that are not used: name and text."""
-        return [("set aside", f"{run.run}: {run.reason}") for run in self._set_aside]
+        noted_in(self.set_aside_runs)(run)
 
     def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
         """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
-            listed = [run.facts() for run in self._set_aside]
+            listed = [run.facts() for run in self.set_aside_runs]
             self._found.append(self._with_wheel(as_json() | ({"runs_set_aside": listed} if listed else {})))
             return
         if self.several:
             print(f"\n{self._heading}" if self._shown else self._heading)
         self._shown += 1
         print_text()
-        if lines := self.set_aside_lines():
-            print()
-            print_pairs(lines)
+        print_set_aside(self.set_aside_runs)
         if sentence:
             self._said[self._heading] = sentence
 

@@ -10,7 +10,7 @@ import typer
 
 from daq import OUTPUTS, number
 from wheelsoil.cli import options
-from wheelsoil.cli.per_wheel import PerWheel
+from wheelsoil.cli.per_wheel import PerWheel, print_set_aside
 from wheelsoil.console import (
     check_output,
     computing,
@@ -72,7 +72,7 @@ def process_command(
     )
     unreadable: list[SetAsideRun] = []
     found: list[tuple[str, ProcessedRun]] = []
-    aside: list[tuple[str, str]] = []
+    aside: list[tuple[str, SetAsideRun]] = []
     wheels = PerWheel(files.runs_of_wheels(runs, noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
@@ -85,26 +85,31 @@ def process_command(
             set_aside=wheels.set_aside,
         )
         found.extend((wheels.wheel, run) for _, run in done)
-        aside.extend(wheels.set_aside_lines())
+        aside.extend((wheels.wheel, run) for run in wheels.set_aside_runs)
 
     try:
         wheels.each(work)
     finally:
         if found:
-            _show_processed(found, target, json=json)
-            if aside and not json:
-                print()
-                print_pairs(aside)
+            _show_processed(found, aside, target, json=json)
 
 
-def _show_processed(found: Sequence[tuple[str, ProcessedRun]], target: Path | None, *, json: bool) -> None:
+def _show_processed(
+    found: Sequence[tuple[str, ProcessedRun]],
+    aside: Sequence[tuple[str, SetAsideRun]],
+    target: Path | None,
+    *,
+    json: bool,
+) -> None:
     from wheelsoil.wording.notes import texts_of
     from wheelsoil.wording.run_summary import summary_table
 
     if target:
         _write(target, found)
     if json:
-        print_json([({"wheel": wheel} if wheel else {}) | _as_json(run) for wheel, run in found])
+        entries = [(wheel, _as_json(run)) for wheel, run in found]
+        entries += [(w, {"run": {"id": r.run}, "samples": 0, "used": 0, "set_aside": r.facts()}) for w, r in aside]
+        print_json([({"wheel": wheel} if wheel else {}) | entry for wheel, entry in entries])
         return
     for i, (wheel, run) in enumerate(found):
         if i:
@@ -113,6 +118,7 @@ def _show_processed(found: Sequence[tuple[str, ProcessedRun]], target: Path | No
         name = f"{run.run.id}, wheel {wheel}" if wheel else run.run.id
         for text in texts_of(run.quality.notes):
             say_folded(f"{name}: {text}")
+    print_set_aside([run for _, run in aside])
 
 
 def _as_json(run: ProcessedRun) -> dict[str, Any]:

@@ -166,7 +166,14 @@ def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
         print_table(
             ["drift", "part", "unit", "change", "sigma", ""],
             [
-                [row.channel, row.part, row.unit, f"{row.change:+.2f}", f"{row.sigma:.2f}", _verdict(row)]
+                [
+                    row.channel,
+                    row.part,
+                    row.unit,
+                    f"{row.change:+.2f}",
+                    f"{row.sigma:.2f}",
+                    "significant" if row.significant else "within 3 sigma",
+                ]
                 for row in rows
             ],
             left=3,
@@ -201,7 +208,3 @@ def _facts(result: Found) -> list[tuple[str, str]]:
 
 def _or_dash(value: float | None) -> str:
     return "-" if value is None else number(value) if abs(value) >= 1e4 else f"{value:.2f}"
-
-
-def _verdict(row: Drift) -> str:
-    return "significant" if row.significant else "within 3 sigma"

@@ -74,7 +74,7 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
     pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
     shown = {row["campaign"] for _, *pair in pairs for row in pair}
     stated = _causes(holdings, shown)
-    causes = {name: tuple(dict.fromkeys(map(_family, rows))) for name, rows in stated.items()}
+    causes = {name: tuple(dict.fromkeys(str(row["family"]) for row in rows)) for name, rows in stated.items()}
     known = (manifest for part in holdings.parts for manifest in part.manifests)
     verdicts = {manifest.campaign: manifest.verdict for manifest in known if manifest.campaign in shown}
     found = []
@@ -119,10 +119,6 @@ def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, list[dict
     for row in holdings.where("causes", ("campaign", *OF_A_CAUSE), wanted).to_pylist():
         found.setdefault(row["campaign"], []).append(row)
     return found
-
-
-def _family(row: Mapping[str, Any]) -> str:
-    return str(row["family"])
 
 
 def _pull(before: Mapping[str, Any], now: Mapping[str, Any]) -> PullChange | None:

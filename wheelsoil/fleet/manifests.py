@@ -106,18 +106,6 @@ def _are_sources(value: object) -> bool:
     )
 
 
-def _is_state(value: object) -> bool:
-    return value in ("done", "failed")
-
-
-def _is_seconds(value: object) -> bool:
-    return isinstance(value, int | float) and value >= 0
-
-
-def _is_count_or_none(value: object) -> bool:
-    return value is None or _is_count(value)
-
-
 def _are_files(value: object) -> bool:
     return isinstance(value, dict) and all(
         isinstance(own, list) and len(own) in (2, 3) and _is_count(own[0]) and all(map(_is_text, own[1:]))
@@ -131,11 +119,11 @@ def _is_rows(value: object) -> bool:
 
 _KINDS: dict[str, Any] = {
     **dict.fromkeys(("campaign", "content", "fault", "verdict", "version"), _is_text),
-    "state": _is_state,
+    "state": lambda value: value in ("done", "failed"),
     "files": _are_sources,
     "rows": _is_rows,
     "options": lambda value: isinstance(value, dict),
-    "cpu_s": _is_seconds,
+    "cpu_s": lambda value: isinstance(value, int | float) and value >= 0,
     "peak_bytes": _is_count,
     "made_at_ns": _is_count,
     "parts": _are_files,
@@ -320,7 +308,7 @@ def _manifests_of(columns: Any, count: int) -> list[Manifest]:
     flat = {key: column for key, column in columns.items() if key != "rows"}
     if not _NEEDED <= flat.keys() <= _KINDS.keys() or not rows.keys() <= COLUMNS.keys():
         raise ValueError("a key is missing or unknown")
-    checks = [_KINDS[key] for key in flat] + [_is_count_or_none] * len(rows)
+    checks = [_KINDS[key] for key in flat] + [lambda value: value is None or _is_count(value)] * len(rows)
     if not all(map(_is_column, (*flat.values(), *rows.values()), checks, repeat(count))):
         raise ValueError("a value is of another kind")
     counted = zip(*rows.values(), strict=True) if rows else repeat((), count)

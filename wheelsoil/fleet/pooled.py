@@ -223,16 +223,14 @@ def pooled_values(found: Pooled) -> dict[str, Any]:
     return {
         "schema": "wheelsoil/fleet-diagnosis/1",
         "soils_off_laboratory": [vars(soil) for soil in found.soils],
-        "named_by_campaigns": [_named_json(error) for error in found.named],
+        "named_by_campaigns": [
+            {**vars(error), "start": error.start.isoformat() if error.start else None} for error in found.named
+        ],
         "changes": [_change_json(change) for change in found.changes],
         "without_serial": list(found.nameless),
         "without_date": list(found.dateless),
         "damaged": [vars(damage) for damage in found.damaged],
     }
-
-
-def _named_json(error: NamedError) -> dict[str, Any]:
-    return {**vars(error), "start": error.start.isoformat() if error.start else None}
 
 
 def _change_json(change: Change) -> dict[str, Any]:

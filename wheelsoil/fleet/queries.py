@@ -78,7 +78,9 @@ def ask(store: Store, sql: str) -> Answer:
     try:
         return Answer(_answer(found, tables, sql), found.damaged)
     except duckdb.Error as error:
-        raise ConfigError.of("the store cannot be read", store.url, _first(error)) from None
+        raise ConfigError.of(
+            "the store cannot be read", store.url, _first(error), "", "`wheelsoil fleet check` names what is damaged"
+        ) from None
 
 
 def _answer(holdings: Holdings, tables: Iterable[str], sql: str) -> pa.Table:
@@ -169,7 +171,13 @@ def write_answer(answer: pa.Table, target: Path) -> None:
 
     write = {".parquet": pyarrow.parquet.write_table, ".csv": pyarrow.csv.write_csv}.get(target.suffix)
     if write is None:
-        raise ConfigError.of("tables cannot be written so", target, target.suffix, " or ".join(FORMATS))
+        raise ConfigError.of(
+            "tables cannot be written so",
+            target,
+            target.suffix,
+            " or ".join(FORMATS),
+            "give the file one of these suffixes",
+        )
     with draft_of(target) as draft:
         write(answer, draft)
 

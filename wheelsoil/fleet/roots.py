@@ -169,7 +169,8 @@ def _sources_in(root: str, not_read: list[str]) -> Iterator[tuple[Source, Beside
             if name.endswith(".csv") and _is_table(Path(folder, name)):
                 stem = name.removesuffix(".csv")
                 yield Source(f"{below}/{stem}" if below else stem, str(Path(folder, name))), None
-        if VEHICLE_FILE not in names and any(map(_may_be_series, names)):
+        # Parquet may be of a store below a root
+        if VEHICLE_FILE not in names and any(may_be_series(n) and not n.endswith(".parquet") for n in names):
             undescribed[folder] = source.name
     # beside folders with recordings a table with times is no campaign
     yield from (found for found in of_series if found[0].path not in above)
@@ -197,11 +198,6 @@ def _holds_series(folder: str, files: Iterable[os.DirEntry[str]]) -> bool:
         return holds_runs(Path(folder))
     except OSError:
         return False
-
-
-def _may_be_series(name: str) -> bool:
-    """Return whether a name is one of decoded series, but of Parquet: a store below a root has that."""
-    return may_be_series(name) and not name.endswith(".parquet")
 
 
 def _has_series(folder: str) -> bool:

@@ -364,7 +364,9 @@ def open_store(url: str, *, create: bool = False) -> Store:
         except ImportError as error:
             if url.startswith("s3:"):
                 raise not_installed("S3 buckets", "s3fs", url, "s3") from None
-            raise ConfigError.of("the store's file system is not installed", url, str(error)) from None
+            raise ConfigError.of(
+                "the store's file system is not installed", url, str(error), "", "install the package named above"
+            ) from None
         except ValueError as error:
             raise ConfigError.of("the store's address is not known", url, str(error), "a folder, or s3://...") from None
         store = Store(files, root.rstrip("/"), url)

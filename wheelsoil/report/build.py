@@ -90,7 +90,9 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         version=__version__,
         plotly=b64encode(gzip.compress(scripts[0].encode(), mtime=0)).decode(),
         script=scripts[1],
-        script_hashes=" ".join(_hash_of(script) for script in scripts),
+        script_hashes=" ".join(
+            f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'" for script in scripts
+        ),
         text_columns=_text_columns,
         figure_value=figure_value,
         unbroken=_unbroken,
@@ -114,11 +116,6 @@ def _unbroken(code: str) -> str:
     whole = Markup('<span class="whole">{}</span>')
     parts = re.split(r"((?<!\S)-[\w-]+)", code)
     return Markup("").join(whole.format(part) if i % 2 else escape(part) for i, part in enumerate(parts))
-
-
-def _hash_of(script: str) -> str:
-    """Return a script as the page's policy names it, so that no other script runs."""
-    return f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"
 
 
 def _json(values: Any) -> str:
@@ -192,6 +189,8 @@ class Report:
         Runs that were given and are not used.
     wheels : tuple of mapping
         Of a vehicle's page: each wheel with its report.
+    has_result : bool
+        There is a fit, a diagnosis or a table.
     """
 
     head: Head
@@ -202,6 +201,7 @@ class Report:
     failed: tuple[str, ...] = ()
     set_aside: tuple[SetAsideRun, ...] = ()
     wheels: tuple[dict[str, Any], ...] = ()
+    has_result: bool = True
 
     def numbers(self) -> dict[str, Any]:
         """Return every number of the report as JSON values: those of tables, texts and figures."""
@@ -287,6 +287,7 @@ def build_report(inputs: ReportInputs) -> Report:
         not_fitted=inputs.not_fitted,
         failed=tuple(failed),
         set_aside=inputs.set_aside,
+        has_result=bool(inputs.tables or inputs.campaign or inputs.diagnosed),
     )
 
 

@@ -123,7 +123,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     if driven_only:  # braking is so steep that the driven part would look flat
         left, across = (np.where(recommendation.slip > 0, values, np.nan) for values in (left, across))
     line = np.where(np.isfinite(left), line, np.nan)  # of the same samples as the points
-    edges = EDGES if over_slip else _edges(across)
+    edges = EDGES if over_slip else np.linspace(*_span(across), _BINS + 1)
     points, correction = binned(across, factor * left, edges), binned(across, factor * line, edges)
     curves = [
         Curve("Correction", correction.centre, correction.median, "model", note=plain_name(cause.name)),
@@ -182,10 +182,6 @@ def _rate(values: FloatArray, recommendation: Recommendation) -> FloatArray:
     within = (recommendation.run[2:] == recommendation.run[:-2]) & (step > 0) & (step <= 2 * _LONGEST_STEP_S)
     inner = np.where(within, (values[2:] - values[:-2]) / np.where(step > 0, step, 1.0), np.nan)
     return np.concatenate([[np.nan], inner, [np.nan]]) if len(values) > 1 else np.full(len(values), np.nan)
-
-
-def _edges(across: FloatArray) -> FloatArray:
-    return np.linspace(*_span(across), _BINS + 1)
 
 
 def driven_slips(slip: FloatArray) -> tuple[float, float]:

@@ -27,10 +27,6 @@ _CONDITIONS = {
 }
 
 
-def _inputs(v: Values) -> str:
-    return f"{' and '.join(_CONDITIONS.get(name, name) for name in v['conditions'])} is not known everywhere"
-
-
 def _no_trace(v: Values) -> str:
     rows = "s < 0" if v["braked"] else "s > 0"
     return f"it changes nothing that was measured ({', '.join(v['channels'])}; rows with {rows} only)"
@@ -60,13 +56,6 @@ def _of_campaign(v: Values) -> str:
     return f"{v['campaign']}: " if "campaign" in v else ""
 
 
-def _outliers(v: Values) -> str:
-    return (
-        f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "
-        "sigma, are excluded: check the ground speed and the forces there"
-    )
-
-
 def _wheel_order(v: Values) -> str:
     channel = v["channel"]
     why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
@@ -93,6 +82,18 @@ def _disagreement(v: Values) -> str:
     return (
         f"the campaigns disagree about {v['parameter']}: {own} ({test}): a shared value is not theirs, diagnose each "
         "by itself"
+    )
+
+
+def _static_contradicts(v: Values) -> str:
+    channel = OUTPUTS[v["channel"]]
+    (reading, sigma), (runs, own) = ((v[name], v[of]) for name, of in (("reading", "sigma"), ("runs", "runs_sigma")))
+    known = f" under {v['applied']:.4g} {channel.unit_text}" if v["applied"] else ""
+    less = ", less the zero of zero_file" if v["zeroed"] else ""
+    return (
+        f"the lifted wheel's {channel.name}{known} reads {reading:.4g} ± {sigma:.2g} {channel.unit_text}{less}, but by "
+        f"the runs it would read {runs:.4g} ± {own:.2g} ({v['sigmas']:.0f} sigma apart): check the unit and sign of "
+        "reading and applied force, repeat the test, or take it out"
     )
 
 
@@ -131,15 +132,6 @@ def _mixed_repeats(v: Values) -> str:
     return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
 
 
-def _likeliest(v: Values) -> str:
-    return f"most probable set: {' and '.join(map(effect_name, v['keys']))} ({chance(v['probability'])})"
-
-
-def _without_gate(v: Values) -> str:
-    families: Mapping[str, float] = v["families"]
-    return f"without the gate of adequacy: {', '.join(f'{plain_name(f)} {chance(p)}' for f, p in families.items())}"
-
-
 def _unseen(v: Values) -> str:
     factor, unit = page_unit(v["channel"])
     errors: Mapping[str, Any] = v["errors"]
@@ -147,14 +139,6 @@ def _unseen(v: Values) -> str:
     return (
         f"{v['table']}: the {OUTPUTS[v['channel']].name} that each candidate implies misses the measured one, which it "
         f"has not seen, by (rms, {unit}): {words}"
-    )
-
-
-def _skid(v: Values) -> str:
-    return (
-        f"{v['table']}: {v['rows']} rows with s <= 0 have a law of their own, Z = {1e3 * v['static_sinkage_m']:.1f} mm "
-        f"+ ({1e3 * v['H2_m']:.1f} ± {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
-        f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
     )
 
 
@@ -167,13 +151,6 @@ def _terrains(v: Values) -> str:
         f"tan phi differs by {100 * v['share']:.0f} % between {runs}"
         + (f": pull over load at slip 0.2 is {' and '.join(pulls)}" if pulls else "")
         + ". Nothing is said of a cause that one part of these runs has and the other has not"
-    )
-
-
-def _no_better(v: Values) -> str:
-    return (
-        f"held-out runs or conditions are not predicted well enough: the log score rises by {v['nats']:.2g} nats, "
-        f"less than {v['least']:g}, and no error falls for certain"
     )
 
 
@@ -198,17 +175,15 @@ def _cancel(v: Values) -> str:
     return f"{families} cancel each other, and what remains is explained as well without {plain_name(v['without'])}"
 
 
-def _peak(v: Values) -> str:
-    return (
-        f"its probability is only {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
-        "bottom, as on most soils"
-    )
-
-
 def _load(v: Values) -> str:
     added = v["added_kg"]
     change = f"{float(f'{abs(added):.2g}'):g} kg {'more' if added > 0 else 'less'}"
     return f"about {v['load_n'] / 1e3:.1f} kN on the wheel, {change} there than so far"
+
+
+def _loads(v: Values) -> str:
+    apart, two = 100.0 * v["spread"], 100.0 * v["least"]
+    return f" (loads differ by {apart:.2g} %, two by {two:g} % or more)" if apart else ""
 
 
 def _tests(v: Values) -> str:
@@ -232,7 +207,7 @@ STEP_KEYS: dict[str, str] = {
     StepCode.TORQUE: "the role driving_torque in vehicle.toml",
     StepCode.KNOWN_PULL: "[[static]] in runs.toml",
     StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
-    StepCode.LIFTED_ZERO: "zero_file in vehicle.toml, by wheelsoil zero RECORDING",
+    StepCode.LIFTED_ZERO: "zero_file in vehicle.toml, by the command zero",
 }
 """Key of a file under which the result of a step is written."""
 
@@ -260,12 +235,15 @@ SENTENCES: dict[str, Sentence] = {
     ),
     StepCode.HARD_GROUND: "coasting on hard ground for {duration_s:.0f} s, speeding up and slowing down",
     StepCode.TABLE: _tests,
-    LackCode.INPUT_UNKNOWN: _inputs,
+    LackCode.INPUT_UNKNOWN: lambda v: (
+        f"{' and '.join(_CONDITIONS.get(name, name) for name in v['conditions'])} is not known everywhere"
+    ),
     LackCode.SMOOTH_TYRE: "the tyre is declared smooth",
+    LackCode.SLIP_COMMANDED: "the slip is a commanded one: no measured speed is in it",
     LackCode.ONE_DIRECTION: "all runs go one way: drive some back",
     LackCode.SAME_PASS: "every run is on the same pass: drive a second one in the rut of the first",
     LackCode.PRESSURE_UNKNOWN: "the inflation pressure is not known: taken as the same in every run",
-    LackCode.ONE_LOAD: "one load only: drive with another added mass",
+    LackCode.ONE_LOAD: lambda v: f"one load only{_loads(v)}: drive with another added mass",
     LackCode.ONE_RUN_NO_DRIFT: "one run only: a drift over the campaign does not show",
     LackCode.HARDLY_BRAKED: "the wheel was hardly ever braked",
     LackCode.HARDLY_DRIVEN: "the wheel was hardly ever driven",
@@ -281,10 +259,16 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.NOTHING_JUDGED: "the model has no answer for these samples, so that there is nothing to judge a cause by",
     LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
-    LackCode.NO_BETTER: _no_better,
+    LackCode.NO_BETTER: (
+        "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "
+        "{least:g}, and no error falls for certain"
+    ),
     LackCode.CHANNEL_WORSE: _worse,
     LackCode.PARTS_CANCEL: _cancel,
-    LackCode.PEAK_MAY_SHIFT: _peak,
+    LackCode.PEAK_MAY_SHIFT: lambda v: (
+        f"its probability is only {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
+        "bottom, as on most soils"
+    ),
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,
@@ -303,10 +287,14 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.POSITIONS_STILL: (
         "the positions do not change: where on the line a run lies is taken from its distance"
     ),
-    DiagnosisCode.OUTLIERS: _outliers,
+    DiagnosisCode.OUTLIERS: lambda v: (
+        f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "
+        "sigma, are excluded: check the ground speed and the forces there"
+    ),
     DiagnosisCode.WHEEL_ORDER: _wheel_order,
     DiagnosisCode.ZEROS_DIFFER: _zeros,
     DiagnosisCode.DISAGREEMENT: _disagreement,
+    DiagnosisCode.STATIC_CONTRADICTS: _static_contradicts,
     DiagnosisCode.OTHER_FORM: _other_form,
     DiagnosisCode.BRAKED_ROWS_EXCLUDED: (
         "{table}: {rows} rows with s < 0 excluded from the diagnosis of a driven wheel"
@@ -321,10 +309,18 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.REPEATS_SCATTER: lambda v: _scatter(v, "repeats scatter by {}"),
     DiagnosisCode.SCATTER_STATED: lambda v: _scatter(v, "one-sigma {} by the table"),
     DiagnosisCode.REPEATS_MIXED: _mixed_repeats,
-    DiagnosisCode.LIKELIEST_SET: _likeliest,
-    DiagnosisCode.WITHOUT_GATE: _without_gate,
+    DiagnosisCode.LIKELIEST_SET: lambda v: (
+        f"most probable set: {' and '.join(map(effect_name, v['keys']))} ({chance(v['probability'])})"
+    ),
+    DiagnosisCode.WITHOUT_GATE: lambda v: (
+        f"without the gate of adequacy: {', '.join(f'{plain_name(f)} {chance(p)}' for f, p in v['families'].items())}"
+    ),
     DiagnosisCode.UNSEEN_CHANNEL: _unseen,
-    DiagnosisCode.SKID_LAW: _skid,
+    DiagnosisCode.SKID_LAW: lambda v: (
+        f"{v['table']}: {v['rows']} rows with s <= 0 have a law of their own, Z = {1e3 * v['static_sinkage_m']:.1f} mm "
+        f"+ ({1e3 * v['H2_m']:.1f} ± {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
+        f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
+    ),
     DiagnosisCode.SOIL_SIGMA_ASSUMED: lambda v: (
         f"{', '.join(v['campaigns'])}: no uncertainty of the soil is stated, the usual laboratory's is taken"
     ),

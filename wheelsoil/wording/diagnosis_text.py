@@ -176,13 +176,6 @@ def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig | None, width: int)
     return [*text, *_indented(step.paste.splitlines() if vehicle is not None else ())]
 
 
-def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
-    """Return the duration of each stage."""
-    stages = ", ".join(f"{plain_name(name)} {seconds:.2f}" for name, seconds in diagnosis.stages_s.items())
-    text = f"diagnosis: {sum(diagnosis.stages_s.values()):.1f} s" + (f" ({stages})" if stages else "")
-    return wrapped(text, limited(width), "", "  ")
-
-
 def limited(width: int) -> int:
     """Return a width that a person reads well."""
     return min(max(width, _LEAST_WIDTH), _MOST_WIDTH)

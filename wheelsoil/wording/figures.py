@@ -1,10 +1,7 @@
-"""The one renderer of quantities that several surfaces show; it can record which ones it wrote."""
+"""The one renderer of quantities that several surfaces show."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from html import escape
 from math import isfinite
 from typing import TYPE_CHECKING
@@ -15,24 +12,9 @@ from wheelsoil.wording.numbers import measured, number, signed
 if TYPE_CHECKING:
     from wheelsoil.workflows.key_figures import KeyFigure
 
-_written: ContextVar[dict[str, float] | None] = ContextVar("written", default=None)
-
-
-@contextmanager
-def recording_figures() -> Iterator[dict[str, float]]:
-    """Record the keys and unrounded values of all figures that are written within."""
-    keys: dict[str, float] = {}
-    token = _written.set(keys)
-    try:
-        yield keys
-    finally:
-        _written.reset(token)
-
 
 def figure_value(figure: KeyFigure) -> str:
     """Return the value of a figure as text, without its unit; a percentage has its sign, a change in percent none."""
-    if (keys := _written.get()) is not None:
-        keys[figure.key] = figure.value
     return _written_as(figure, figure.value)
 
 
@@ -48,11 +30,6 @@ def _written_as(figure: KeyFigure, value: float) -> str:
     if figure.digits == "three decimals":
         return signed(value, ".3f") if isfinite(value) else "–"
     return measured(value, figure.sigma) if figure.digits == "by sigma" else number(value)
-
-
-def figure_text(figure: KeyFigure) -> str:
-    """Return the value of a figure with its unit."""
-    return f"{figure_value(figure)} {figure.unit}".rstrip()
 
 
 def figure_interval(figure: KeyFigure, joint: str = " to ") -> str:

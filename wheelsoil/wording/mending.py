@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 
-from daq import VehicleConfig, number
+from daq import VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
@@ -48,7 +49,21 @@ def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
     if named and not steps and not runs:
         steps = [step_of(found)]
     steps += [missing] if missing is not None else []
-    return [*steps, *map(_step_of_run, runs)]
+    return [replace(step, paste=_of_wheel(step.paste, vehicle)) for step in (*steps, *map(_step_of_run, runs))]
+
+
+def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
+    """Return commands and lines as they are for one of several `[[wheel]]`, where it is one."""
+    if not vehicle.wheel_option:
+        return paste
+    of = f"  # of wheel {vehicle.wheel_ids[0]}"
+    texts = {
+        "[wheel]": f"[[wheel]]{of}",
+        "[transducer]": f"[wheel.transducer]{of}",
+        "vehicle.toml\n": f"vehicle.toml{vehicle.wheel_option}\n",
+        '"zero.toml"': f'"{zero_file_name(vehicle)}"',
+    }
+    return reduce(lambda text, part: text.replace(*part), texts.items(), f"{paste}\n").removesuffix("\n")
 
 
 def parting_step(found: Diagnosis) -> Step:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from daq import FloatArray, number, table_lines
+from model import LackCode
 from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
 from model.effects import EFFECTS
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
-from wheelsoil.wording.names import effect_name, plain_name
-from wheelsoil.wording.notes import step_text, worth_text
+from wheelsoil.wording.names import effect_name, listed, plain_name
+from wheelsoil.wording.notes import note_text, step_text, worth_text
 from wheelsoil.wording.verdict import undetectable
 
 _FAINT = 0.3
@@ -40,12 +41,24 @@ def _sentence(plan: Plan) -> str:
         for f, d in zip(found.families, found.separation, strict=True)
         if d >= DETECTABLE_D and f not in plan.not_identifiable
     )
-    library = {effect.name for effect in EFFECTS.values() if not effect.needs.roles} | families.keys()
+    library = dict.fromkeys(effect.name for effect in EFFECTS.values())
+    reasons = {family: _why_omitted(plan, family) for family in library if family not in families}
+    omitted = [f"{plain_name(family)} ({why})" for family, why in reasons.items() if why]
+    omitted += [f"{others} that --effects or --without omits"] if (others := len(reasons) - len(omitted)) else []
     return (
-        f"Of the {len(families)} families considered (the library has {len(library)}), {len(seen)} are detectable in "
-        f"these runs at a plausible size; {len(apart)} of them are separable from every other (d_sep of 5 or more, on "
-        "average)."
+        f"{len(families)} of the library's {len(library)} families are considered. {len(seen)} are detectable in these "
+        f"runs at a plausible size; {len(apart)} of them are separable from every other (d_sep of 5 or more, on "
+        "average)." + (f" Not considered: {', '.join(omitted)}." if omitted else "")
     )
+
+
+def _why_omitted(plan: Plan, family: str) -> str:
+    if (why := plan.not_identifiable.get(family)) and why.code in (LackCode.SMOOTH_TYRE, LackCode.INPUT_UNKNOWN):
+        return note_text(why)
+    effects = [effect for effect in EFFECTS.values() if effect.name == family]
+    if roles := [role for effect in effects for role in effect.needs.roles]:
+        return f"needs the role {listed(roles)}"
+    return "" if any(e.reading == "any" for e in effects) else f"of --sinkage {effects[0].reading} only"
 
 
 def _effects(plan: Plan, width: int) -> list[str]:

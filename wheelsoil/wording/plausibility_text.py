@@ -38,12 +38,10 @@ def refusal(v: Values, where: str) -> Fault:
 
 def _what(v: Values) -> str:
     return (
-        f"the run is {'impossible' if v['sound'] < 1e-3 else 'improbable'} as it is declared ({_percent(v['sound'])})"
+        "the run is impossible as it is declared (sound with less than 0.1 %)"
+        if v["sound"] < 1e-3
+        else f"the run is improbable as it is declared (sound with {100 * v['sound']:.2g} %)"
     )
-
-
-def _percent(sound: float) -> str:
-    return "sound with less than 0.1 %" if sound < 1e-3 else f"sound with {100 * sound:.2g} %"
 
 
 def _found(v: Values) -> str:

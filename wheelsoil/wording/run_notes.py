@@ -131,10 +131,6 @@ def _direction(v: Values) -> str:
     return f"the outboard weight points {v['angle_deg']:+.2f} ± {v['sigma_deg']:.2f} deg off the vertical: {cure}"
 
 
-def _not_comparable(v: Values) -> str:
-    return f"{_determination(v['before'])} and {_determination(v['after'])} cannot be compared"
-
-
 def _determination(values: Values) -> str:
     where = ", on the ground" if values["on_ground"] else ""
     axes = f"{values['method']}, {values['frame']} axes{where}, angle offset {values['angle_offset_deg']:g} deg"
@@ -258,7 +254,9 @@ SENTENCES: dict[str, Sentence] = {
         "weigh the parts, or check the transducer's zero and gain"
     ),
     ZeroCode.OUTBOARD_DIRECTION: _direction,
-    ZeroCode.NOT_COMPARABLE: _not_comparable,
+    ZeroCode.NOT_COMPARABLE: lambda v: (
+        f"{_determination(v['before'])} and {_determination(v['after'])} cannot be compared"
+    ),
     ZeroCode.STOOD_ELSEWHERE: "the wheel stood {apart_deg:.0f} deg further on: a rotating zero looks like drift",
     ZeroCode.NOT_IN_BOTH: "{channel}: not in both, or in another unit",
     ZeroCode.DISTRUSTED: "{count:,} samples excluded because the transducer's status is not 0",

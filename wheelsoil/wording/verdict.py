@@ -19,7 +19,6 @@ from model.diagnosis import (
     Gain,
     Grounds,
     NextRun,
-    ParameterEstimate,
     Reduction,
 )
 from model.effects import EFFECTS
@@ -304,7 +303,10 @@ def finding_of(found: Diagnosis) -> str:
 def size_text(cause: Cause) -> str:
     """Return the parameters of a cause with their intervals, those without one only where no other is known."""
     known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
-    return ", ".join(_estimate(p, letter(parameter_name(cause.key, p.name))) for p in known or cause.parameters)
+    return ", ".join(
+        f"{letter(parameter_name(cause.key, p.name))} = {estimate(p.value, p.sigma, p.interval95, p.unit)}"
+        for p in known or cause.parameters
+    )
 
 
 def _form_and_size(cause: Cause) -> str:
@@ -671,7 +673,7 @@ def nothing_words(
             Statement("Next: drive another run", "next"),
         ]
     shown = [
-        f"{_with_article(plain_name(name))} of {letter(d.parameter)} = {_number(d.value)}{_unit(d.unit)}"
+        f"{_with_article(plain_name(name))} of {letter(d.parameter)} = {d.value:.3g}{_unit(d.unit)}"
         for name, d in sizes.items()
     ]
     if shown:
@@ -712,10 +714,6 @@ def _cause_named(cause: Cause, explains: bool) -> str:
     form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
     verb = "explains the misfit" if explains else "acts"
     return f"{plain_name(cause.name)} {verb} ({chance(cause.probability)}{form})"
-
-
-def _estimate(p: ParameterEstimate, name: str) -> str:
-    return f"{name} = {estimate(p.value, p.sigma, p.interval95, p.unit)}"
 
 
 def reduction_in(gain: Gain, channel: str) -> Reduction:
@@ -787,10 +785,6 @@ def adequacy_words(judged: Adequacy) -> str:
     if judged.measure == "probability":
         return f"an unknown cause acts with a probability of {chance(judged.statistic)}"
     return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
-
-
-def _number(x: float) -> str:
-    return f"{x:.3g}"
 
 
 def _unit(unit: str) -> str:

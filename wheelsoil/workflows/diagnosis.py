@@ -132,7 +132,11 @@ def _keys(name: str) -> tuple[str, ...]:
 
 def _unknown(name: str) -> Fault:
     known = {*EFFECTS, *(effect.name for effect in EFFECTS.values()), *_KINDS}
-    return Fault(f"no effect or family is called {name!r}", expected=nearest(name, known))
+    return Fault(
+        f"no effect or family is called {name!r}",
+        expected=nearest(name, known),
+        next_step="correct the name; docs/effects lists all",
+    )
 
 
 def _nothing_left(reading: Reading) -> Fault:
@@ -223,6 +227,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
         static=first.static,
+        commanded_slip="slip" in first.vehicle.signals,
     )
 
 
@@ -432,7 +437,11 @@ def _planned(folder: Path | None, files: Files, run_count: int | None, duration_
 
     if folder is not None and not folder.is_dir():
         raise ConfigError.of(
-            "a plan takes no recording", folder, expected="a folder with vehicle.toml and terrain.toml"
+            "a plan takes no recording",
+            folder,
+            "",
+            "a folder with vehicle.toml and terrain.toml",
+            "give that folder, or omit --plan",
         )
     vehicle_file = files.vehicle or _in(folder, VEHICLE_FILE)
     if vehicle_file is None:

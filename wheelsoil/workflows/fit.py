@@ -94,7 +94,11 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """
     if name is not None:
         if name not in SOILS:
-            raise ConfigError.of(f"no soil is called {name!r}", expected=presets_near(name))
+            raise ConfigError.of(
+                f"no soil is called {name!r}",
+                expected=presets_near(name),
+                next_step="correct --soil, or give --terrain FILE",
+            )
         return SOILS[name]
     if terrain is None:
         raise ConfigError.of(

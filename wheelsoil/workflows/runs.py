@@ -45,6 +45,8 @@ _LISTED_BYTES = 64 << 20
 _NOISY = tuple(ROLES[role] for role in ("drawbar_pull", "driving_torque"))
 _MAY_BE_EVEN = tuple(ROLES[role] for role in ("wheel_speed", "vertical_load"))
 """On a test bench two runs may have the same."""
+_OF_A_COPY = (*_MAY_BE_EVEN, *(ROLES[role] for role in ("ground_speed", "sinkage")))
+"""The same to the last bit in a copy of a run without forces."""
 _SAME_NOISE = 0.1
 """In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
 _PROBED = 64
@@ -269,7 +271,8 @@ def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
     """Return the place of each run that measures nothing new, with that of the run that has all of it.
 
     It is the same measurement where pull, torque, load and wheel speed have the same noise, from the begin on over half
-    of the shorter run: a copy, a cut one, or what `recover` or `import` made of it. Without pull and torque none is.
+    of the shorter run: a copy, a cut one, or what `recover` or `import` made of it. Without pull and torque it is where
+    all else that was measured is the same.
     """
     whole: list[int] = []
     found: dict[int, int] = {}
@@ -287,7 +290,10 @@ def _repeats(run: ProcessedRun, other: ProcessedRun) -> bool:
         noisy, even = (
             [_apart(run, other, channel, rows) for channel in channels] for channels in (_NOISY, _MAY_BE_EVEN)
         )
-        return bool(np.isfinite(noisy).any()) and bool(np.nanmax([*noisy, *even]) < _SAME_NOISE)
+        if np.isfinite(noisy).any():
+            return bool(np.nanmax([*noisy, *even]) < _SAME_NOISE)
+        pairs = [(run.column(c.field)[rows], other.column(c.field)[rows]) for c in _OF_A_COPY]
+        return len(run) == len(other) and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
     half = len(run) // 2
     return agree(slice(0, half, half // _PROBED + 1)) and agree(slice(half))

@@ -16,7 +16,6 @@ from model.sinkage_from_forces import (
     LEAST_SLIP,
     WITHOUT_FORCES,
     Agreement,
-    Estimate,
     ForceCells,
     Growth,
     ShapeRanges,
@@ -135,7 +134,15 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
             )
         )
     if not (table.slip > 0).any():
-        faults.append(Fault("no row is driven", table.name, found="no slip above 0", expected="slips from 0 to 1"))
+        faults.append(
+            Fault(
+                "no row is driven",
+                table.name,
+                found="no slip above 0",
+                expected="slips from 0 to 1",
+                next_step="check the column slip and its sign",
+            )
+        )
     if faults:
         raise DataError(*faults)
     cells = cells_of_table(table, wheel.radius_m, _lug_height(wheel))
@@ -274,15 +281,15 @@ def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:
         ("if its peak moves forward with slip", growth.if_peak_moves),
         ("measured", growth.measured),
     )[3 if growth.contradicted else 0 :]
-    return [(what, _signed(found.value), _ends(found)) for what, found in named if np.isfinite(found.value)]
+    return [
+        (what, _signed(found.value), " .. ".join(map(_signed, found.interval95)))
+        for what, found in named
+        if np.isfinite(found.value)
+    ]
 
 
 def _signed(metres: float) -> str:
     return f"{1e3 * metres:+.3g}"
-
-
-def _ends(estimate: Estimate) -> str:
-    return " .. ".join(_signed(end) for end in estimate.interval95)
 
 
 def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:

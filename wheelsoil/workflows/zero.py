@@ -438,7 +438,8 @@ def stated_zeros(run: Run, given: Path | None = None) -> RunZeros:
         raise ConfigError.of(
             f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
             run.vehicle_source,
-            next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
+            next_step=f"determine it (wheelsoil zero RECORDING{run.vehicle.wheel_option}), give --zero FILE, or take "
+            "zero_file out of [transducer]",
         )
     return RunZeros(zeros.zero, source)
 

@@ -11,7 +11,6 @@ import numpy as np
 from daq.can.databases import messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
 from daq.can.identify import coverage
-from daq.can.roles import SignalRef
 from daq.channels import Channel
 from daq.config import LEAST_LOAD_SHARE
 from daq.errors import nearest
@@ -284,7 +283,8 @@ def role_values(now: Situation) -> Iterator[Line]:
             label = now.channels[role].labels.get(int(values[-1]), "not 0")
             yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are excluded")
         else:
-            yield passed(role, f"{_value_text(values[-1], reference)} ({name}, {len(values)} samples)")
+            value = f"{(values[-1] - reference.si_offset) / reference.si_factor:.6g} {reference.unit}".strip()
+            yield passed(role, f"{value} ({name}, {len(values)} samples)")
 
 
 def wheel_load(now: Situation) -> Iterator[Line]:
@@ -305,11 +305,6 @@ def _load_of(role: str, channel: Channel, mass_kg: float | None) -> Iterator[Lin
     else:
         step = "check its unit, its sign and mass_kg in vehicle.toml, unless the wheel is lifted"
         yield warned(role, found, step)
-
-
-def _value_text(value_si: float, reference: SignalRef) -> str:
-    """Return a value in the DBC's unit, as the status page shows it."""
-    return f"{(value_si - reference.si_offset) / reference.si_factor:.6g} {reference.unit}".strip()
 
 
 def _opened(now: Situation) -> Iterator[tuple[str, Reception]]:

@@ -75,9 +75,7 @@ def zero(now: Situation) -> Iterator[Line]:
 def _zero_of(vehicle: VehicleConfig, folder: Path) -> Iterator[Line]:
     named = vehicle.transducer.zero_file
     path = folder / zero_file_name(vehicle)
-    wheel = vehicle.wheel.id if vehicle.wheel else ""
-    of_wheel = f" --wheel {wheel}" if wheel else ""
-    step = f"lift the wheel or spin it, record that, then: wheelsoil zero RECORDING{of_wheel}"
+    step = f"lift the wheel or spin it, record that, then: wheelsoil zero RECORDING{vehicle.wheel_option}"
     if not path.is_file():
         if named:
             found = (
@@ -100,7 +98,7 @@ def _zero_of(vehicle: VehicleConfig, folder: Path) -> Iterator[Line]:
     age_h = (time.time_ns() - zeros[-1].time_ns) / 3.6e12
     found = f"zero of {zeros[-1].time_utc:%Y-%m-%d %H:%M} UTC, {age_h:.1f} h old"
     if not named:
-        section = f"[wheel.transducer] of wheel {wheel} in" if wheel else "[transducer] of"
+        section = f"[wheel.transducer] of wheel {vehicle.wheel_ids[0]} in" if vehicle.wheel_ids else "[transducer] of"
         line = f'add under {section} vehicle.toml: zero_file = "{path.name}"'
         yield warned(str(path), f"{found}, but vehicle.toml does not name it: `log` will not carry it", line)
     elif 0 <= age_h <= _FRESH_ZERO_H:

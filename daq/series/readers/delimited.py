@@ -153,7 +153,13 @@ def _blocks(
         done += count
         yield tuple(blocks)
     if not any(report.rows.values()):
-        raise DataError.of("no row could be read", path, "; ".join(report.remarks()), "rows under the header")
+        raise DataError.of(
+            "no row could be read",
+            path,
+            "; ".join(report.remarks()),
+            "rows under the header",
+            "check separator, decimal sign and header under [series]",
+        )
 
 
 class _Reader:

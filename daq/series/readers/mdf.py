@@ -54,7 +54,9 @@ def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     except WheelsoilError:
         raise
     except Exception as error:  # noqa: BLE001  # asammdf raises whatever it meets in a damaged file
-        raise RecordingError.of("asammdf cannot read this MF4 file", path, str(error)) from None
+        raise RecordingError.of(
+            "asammdf cannot read this MF4 file", path, str(error), "", "export it again, or as CSV"
+        ) from None
 
     def stream(topic: str, index: int, names: dict[str, str]) -> Iterator[SeriesBlock]:
         total = mdf.groups[index].channel_group.cycles_nr

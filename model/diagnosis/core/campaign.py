@@ -63,6 +63,8 @@ class Campaign:
         Readings of the lifted wheel, alone or under known forces.
     of_vehicle : OfVehicle, optional
         Where it is diagnosed together with the vehicle's other wheels.
+    commanded_slip : bool
+        The slip is a test rig's, in place of one of the speeds.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Campaign:
     outboard_inertia_kgm2: float = 0.0
     static: tuple[StaticTest, ...] = ()
     of_vehicle: OfVehicle | None = None
+    commanded_slip: bool = False
 
 
 _WEDGE = 3.0**0.5
@@ -186,18 +189,22 @@ class Coverage:
         Fields of `Conditions` that are known in every row.
     channels, unused_channels : set of str
         Measured forces ("drawbar_pull", "driving_torque") that are used; that were measured and are not used.
+    load_spread : float
+        Of the loads, over their mean.
     tyre : "smooth", "lugged" or ""
         As declared.
     lifted : set of str
         Forces that were read of the lifted wheel.
     roles : set of str
         Of channels that no model takes and every run carries.
+    commanded_slip : bool
+        No error of a speed is in the slip.
     """
 
     conditions: frozenset[str]
     channels: frozenset[str]
     unused_channels: frozenset[str]
-    several_loads: bool
+    load_spread: float
     both_directions: bool
     several_passes: bool
     several_runs: bool
@@ -209,6 +216,10 @@ class Coverage:
     tyre: str
     lifted: frozenset[str] = frozenset()
     roles: frozenset[str] = frozenset()
+    commanded_slip: bool = False
+
+
+_SPEEDS = frozenset(("wheel_speed", "ground_speed"))
 
 
 def hypotheses_of(coverage: Coverage, keys: Iterable[str], reading: Reading) -> list[type[Effect]]:
@@ -224,7 +235,7 @@ def considered(
 
     Of one of several wheels also those that may act there alone.
     """
-    found = [e for e in hypotheses_of(coverage, keys, reading) if not ruled_out(e.needs, coverage)]
+    found = [e for e in hypotheses_of(coverage, keys, reading) if not ruled_out(e, coverage)]
     return (*found, *(at_wheel(e, vehicle.wheel) for e in found if vehicle and e.goes_with_a_wheel()))
 
 
@@ -234,17 +245,19 @@ def not_identifiable(coverage: Coverage) -> dict[str, Note]:
     for effect in EFFECTS.values():
         if not coverage.roles.issuperset(effect.needs.roles):
             continue
-        why = ruled_out(effect.needs, coverage) or next(_unmet(effect.needs, coverage), None)
+        why = ruled_out(effect, coverage) or next(_unmet(effect.needs, coverage), None)
         reasons.setdefault(effect.name, []).append(why if effect.reading == "any" else None)
     return {family: each[0] for family, each in reasons.items() if each[0] is not None and None not in each}
 
 
-def ruled_out(needs: Needs, coverage: Coverage) -> Note | None:
+def ruled_out(effect: type[Effect], coverage: Coverage) -> Note | None:
     """Return why an effect is not considered; None where it is."""
-    missing = tuple(name for name in needs.conditions if name not in coverage.conditions)
+    if coverage.commanded_slip and _SPEEDS.intersection(effect.shows):
+        return Note(LackCode.SLIP_COMMANDED)
+    missing = tuple(name for name in effect.needs.conditions if name not in coverage.conditions)
     if missing:
         return Note(LackCode.INPUT_UNKNOWN, values={"conditions": missing})
-    return Note(LackCode.SMOOTH_TYRE) if needs.lugs and coverage.tyre == "smooth" else None
+    return Note(LackCode.SMOOTH_TYRE) if effect.needs.lugs and coverage.tyre == "smooth" else None
 
 
 def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
@@ -255,8 +268,8 @@ def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
         yield Note(LackCode.SAME_PASS)
     if needs.pressures and not coverage.pressures:
         yield Note(LackCode.PRESSURE_UNKNOWN)
-    if needs.two_loads and not coverage.several_loads:
-        yield Note(LackCode.ONE_LOAD)
+    if needs.two_loads and not coverage.load_spread >= ONE_LOAD:
+        yield Note(LackCode.ONE_LOAD, values={"spread": coverage.load_spread, "least": ONE_LOAD})
     if needs.several_runs and not coverage.several_runs:
         yield Note(LackCode.ONE_RUN_NO_DRIFT)
     if needs.braking and not coverage.braked:

@@ -136,16 +136,12 @@ def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:
         judged = criteria(
             np.concatenate([run.measured[channel] for run in own]),
             np.concatenate([run.predicted[channel] for run in own]),
-            np.concatenate([np.where(run.judged, _slip(run), np.nan) for run in own]),
+            np.concatenate([np.where(run.judged, 0.0 if run.slip is None else run.slip, np.nan) for run in own]),
             -np.inf,
             rows=any(run.slip is None for run in own),
         )
         found[channel] = Scores(judged.R0_N, judged.M0_percent, judged.R2, likelihood)
     return found
-
-
-def _slip(run: HeldOutPrediction) -> FloatArray:
-    return np.zeros(len(run.judged)) if run.slip is None else run.slip
 
 
 def _squares(base: Sequence[HeldOutPrediction], extended: Sequence[HeldOutPrediction], channel: str) -> FloatArray:

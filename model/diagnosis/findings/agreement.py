@@ -17,6 +17,10 @@ Source: Cochran (1954), Biometrics 10:101.
 **Runs**: the evidence of two groups of runs, each with a soil of its own from the laboratory's prior, against one soil
 for all. Every pair of groups is tested where there are few runs, else one run after the other is separated. A campaign
 of two terrains explains nothing well.
+
+**Static tests**: each reading of the lifted wheel against what the runs alone say of the gain and the zeros in it,
+beside their own most probable causes. With m and v mean and variance of the reading after the runs, and u before them,
+the runs' own part is m v'/v with v' = 1/(1/v - 1/u): a prior that is narrow contradicts nothing.
 """
 
 from __future__ import annotations
@@ -31,13 +35,16 @@ from scipy.special import gammaincc
 
 from daq import BoolArray, FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import log_evidence
+from model.diagnosis.time_series.evidence import best_set, estimate, log_evidence, prior_information
 from model.diagnosis.time_series.joining import runs_of as joined_runs
 from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.noise import rest_variance
+from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
 
 AT = 0.01
@@ -51,6 +58,8 @@ LEAST = 20.0
 """Nats by which two soils must be likelier than one."""
 
 _FEW = 8
+_STATIC_SIGMAS = 4.0
+_LEAST_INFORMED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -220,19 +229,64 @@ def disagreement_notes(
     )
 
 
+def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
+    """Yield the readings of the lifted wheel that contradict the runs driven; of several wheels each says its own."""
+    if linearised.of_vehicles or not np.any(linearised.grams.static):
+        return
+    driven = replace(linearised.grams, static=0.0)
+    best = best_set(driven, linearised.excluded, linearised.most_causes).keys
+    driven = driven.scaled(1.0 / excess(driven, best))
+    for data in linearised.campaigns:
+        rests, start = data.samples.rests, 1 + len(data.columns.soil)
+        variance = rest_variance(data.linear, data.samples, data.noise.values)
+        causes = data.columns.rests[..., start : start + len(data.columns.causes)]
+        for row, i in np.argwhere(data.columns.rests_present & rests.lifted & causes.any(axis=-1)):
+            shown = {
+                (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True)
+            }
+            off, sigma = float(data.columns.rests[row, i, 0]), float(variance[row, i] ** 0.5)
+            runs, of_runs = _of_runs(driven, best, {key: x for key, x in shown.items() if x})
+            sigmas = abs(off - runs) / float(np.hypot(sigma, of_runs))
+            if sigmas > _STATIC_SIGMAS:
+                reading, applied = (float(x[AT_REST[row]][i]) for x in (rests.measured, rests.applied))
+                values = {"channel": AT_REST[row], "reading": reading, "sigma": sigma, "applied": applied}
+                values |= {"runs": reading - off + runs, "runs_sigma": of_runs, "sigmas": sigmas}
+                zeroed = any(run.quality.zeros for run in data.campaign.runs)
+                yield Note(DiagnosisCode.STATIC_CONTRADICTS, Severity.FAULT, {**values, "zeroed": zeroed})
+
+
+def _of_runs(grams: Grams, best: tuple[str, ...], shown: Mapping[tuple[str, str], float]) -> tuple[float, float]:
+    """Return what runs alone say of a reading less the applied force, and its one-sigma.
+
+    Parameters
+    ----------
+    shown : mapping (effect, parameter) -> float
+        Change of the reading per unit of each parameter that it shows.
+    """
+    keys = tuple(dict.fromkeys((*best, *(key for key, _ in shown))))
+    found = estimate(grams, keys)
+    own = [grams.causes[at] for at in found.columns]
+    by = np.array([shown.get((c.key, c.parameter), 0.0) * c.scale for c in own])
+    direction = np.r_[np.zeros(len(grams.soil)), by]
+    before = float(direction**2 @ (1.0 / prior_information(grams, keys)))
+    after = float(direction @ found.covariance @ direction)
+    variance = 1.0 / max(1.0 / after - 1.0 / before, _LEAST_INFORMED / before)
+    return float(by @ found.coefficients[list(found.columns)]) * variance / after, variance**0.5
+
+
 def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     """Return the runs of the one soil and of the other, the smaller group first; None where one soil will do.
 
     Parameters
     ----------
     grams : Grams
-        Of one campaign.
+        Of one campaign, or of the wheels of one vehicle.
     """
     count, columns = len(grams.run_names), grams.soil_columns.stop
     if count < 2 or not grams.soil:
         return None
     matrices = grams.matrices[:, :columns, :columns]
-    soils = columns - sum(label in SENSORS for label in grams.soil)
+    soils = columns - sum(label.rpartition(": ")[2] in SENSORS for label in grams.soil)
     gain, own = max(_groups(matrices, soils), key=lambda found: found[0])
     if gain - float(_evidence(matrices.sum(axis=0))) < LEAST:
         return None

@@ -276,12 +276,10 @@ def _formula(grams: Grams, terms: dict[str, TermColumn], keys: tuple[str, ...]) 
         if own:
             parts = [_part(size, term, first=i == 0) for i, (size, term) in enumerate(own)]
             word = definition.name
-            formulas.append(f"{word} + ({' '.join(parts)})" if len(parts) > 1 else f"{word} {_signed(*own[0])}")
+            formulas.append(
+                f"{word} + ({' '.join(parts)})" if len(parts) > 1 else f"{word} {_part(*own[0], first=False)}"
+            )
     return ", ".join(formulas)
-
-
-def _signed(size: float, term: TermColumn) -> str:
-    return _part(size, term, first=False)
 
 
 def _part(size: float, term: TermColumn, *, first: bool) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray, Note
 from model.diagnosis.core.campaign import (
-    ONE_LOAD,
     Bench,
     Coverage,
     considered,
@@ -124,7 +123,7 @@ def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), table: 
     """
     coverage = coverage_of(problem, table)
     effects = hypotheses_of(coverage, keys, problem.reading)
-    lacking = {e.name: why for e in effects if (why := ruled_out(e.needs, coverage))}
+    lacking = {e.name: why for e in effects if (why := ruled_out(e, coverage))}
     uses = [CauseUse(e.key(), table) for e in considered(coverage, keys, problem.reading)]
     traced = _traced(problem, uses)
     left = {family_of(use) for use in traced}
@@ -148,7 +147,7 @@ def coverage_of(problem: BenchProblem, table: int | None = None) -> Coverage:
         conditions=_KNOWN,
         channels=frozenset(OUTPUTS[c].role for c in problem.channels),
         unused_channels=frozenset(OUTPUTS[c].role for c in measured - set(problem.channels)),
-        several_loads=bool(np.ptp(problem.load_n) >= ONE_LOAD * problem.load_n.mean()),
+        load_spread=float(np.ptp(problem.load_n) / problem.load_n.mean()),
         both_directions=False,
         several_passes=False,
         several_runs=False,

@@ -50,7 +50,14 @@ from model.diagnosis.findings.adequacy import (
     over_noises,
     unlisted,
 )
-from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
+from model.diagnosis.findings.agreement import (
+    disagreement_notes,
+    disagreements,
+    other_forms,
+    runs_of,
+    static_disputes,
+    two_soils,
+)
 from model.diagnosis.findings.averaging import MOST_SETS, average_of
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -184,8 +191,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         instead = [(c.key, coefficients_in_place_of(linearised.grams, explained.extended, c)) for c in confounded[:2]]
         shown = plot_data_of(linearised, fits[()], fits[explained.extended], dict(instead) | explained.sizes, alone)
-        disputes = _disputes(linearised, verdict, explained, fits)
-        one_campaign = verdict.verdict == "unexplained" and len(linearised.campaigns) == 1
+        disputes = (*_disputes(linearised, verdict, explained, fits), *static_disputes(linearised))
+        one_campaign = verdict.verdict == "unexplained" and len(runs_of(linearised)) == 1
         grounds = Grounds(
             barred=verdict.barred,
             beside=verdict.beside,

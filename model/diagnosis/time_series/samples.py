@@ -18,7 +18,7 @@ from math import sqrt
 import numpy as np
 
 from daq import CHANNELS, OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note, Use
-from model.diagnosis.core.campaign import ONE_LOAD, Campaign, Coverage
+from model.diagnosis.core.campaign import Campaign, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from model.wheel_soil.run_conditions import body_pitch, campaign_times, line_positions
@@ -215,7 +215,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
         channels=frozenset(OUTPUTS[c].role for c in samples.measured),
         unused_channels=frozenset(OUTPUTS[c].role for c in measured if c not in samples.measured),
-        several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
+        load_spread=float(np.ptp(medians) / np.mean(medians)) if medians else 0.0,
         both_directions=len({run.direction for run in runs}) > 1,
         several_passes=len({run.passage for run in campaign.runs}) > 1,
         several_runs=len(runs) > 1,
@@ -226,6 +226,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         largest_slip=float(np.max(slip, initial=0.0)),
         tyre=campaign.tyre,
         roles=frozenset(_shared_extras(campaign.runs)),
+        commanded_slip=campaign.commanded_slip,
         lifted=frozenset(OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if np.isfinite(x).any()),
     )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
-
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, letter, named_with_unit, number, signed
@@ -21,7 +19,13 @@ def provenance(inputs: ReportInputs) -> Contents:
     blocks: list[Block] = [
         Text(f"Made by: {inputs.command}"),
         Table("Files", _FILE_HEAD, [_file_row(source) for source in inputs.sources], left=2, words=_FILE_HEAD[-1:]),
-        Pair([_facts(inputs), _options(inputs), _versions(inputs)]),
+        Pair(
+            [
+                Table("Vehicle and terrain", ["what", "value"], inputs.facts, left=2),
+                _options(inputs),
+                Table("Versions", ["program", "version"], [[*pair] for pair in inputs.versions.items()], left=2),
+            ]
+        ),
     ]
     numbers = {
         "command": inputs.command,
@@ -34,18 +38,10 @@ def provenance(inputs: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _facts(inputs: ReportInputs) -> Table:
-    return Table("Vehicle and terrain", ["what", "value"], inputs.facts, left=2)
-
-
 def _options(inputs: ReportInputs) -> Table:
     options = [*inputs.options.items(), *_used(inputs)]
     rows = [[name.replace("_", " "), _value_text(value)] for name, value in options]
     return Table("Options", ["option", "value"], rows, left=2)
-
-
-def _versions(inputs: ReportInputs) -> Table:
-    return Table("Versions", ["program", "version"], [[*pair] for pair in inputs.versions.items()], left=2)
 
 
 def _file_row(source: Source) -> list[str]:
@@ -87,7 +83,7 @@ def workings(inputs: ReportInputs) -> Contents:
             [
                 letter(name),
                 number(value, 4),
-                _sigma(soil.sigmas.get(name, float("nan"))),
+                number(soil.sigmas.get(name, float("nan")), 2),
                 SOIL_UNITS[name],
                 signed(soil.off_laboratory[name], "+.1f") if name in soil.off_laboratory else "–",
             ]
@@ -101,7 +97,3 @@ def workings(inputs: ReportInputs) -> Contents:
     blocks += [Pair(tables)] if tables else []
     numbers = {"noise": found.noise, "soils": found.soils, "notes": found.notes, "stages_s": found.stages_s}
     return blocks or [Text("Nothing is known of it.")], numbers
-
-
-def _sigma(value: float) -> str:
-    return number(value, 2) if isfinite(value) else "–"

@@ -270,7 +270,7 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
             count(source.dropped_frames) if source.dropped_frames is not None else "not counted",
             _ended(source),
             "; ".join([*source.loss, *source.gaps]) or "nothing",
-            _steps(source),
+            ", ".join(f"{key} {text}" for key, text in source.clock_steps.items()) or "was not set",
         ]
         for source in sources
     ]
@@ -307,10 +307,6 @@ def _ended(source: Source) -> str:
     if source.exit_status is None:
         return "a log"
     return source.exit_status or "cut off"
-
-
-def _steps(source: Source) -> str:
-    return ", ".join(f"{key} {text}" for key, text in source.clock_steps.items()) or "was not set"
 
 
 def _with_sigma(value: float, sigma: float, form: str) -> str:
