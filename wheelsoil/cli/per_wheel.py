@@ -63,7 +63,7 @@ class PerWheel:
                 with collected.catch(self._heading if wheel else ""):
                     work(runs)
             if together and self.several and not collected.errors:
-                self.wheel, self._set_aside = ALL, []
+                self.wheel, self.set_aside_runs = ALL, []
                 say(self._heading)
                 with collected.catch(self._heading):
                     together()

@@ -17,7 +17,7 @@ from wheelsoil.report.content import Block, Drawing, Links, Pair, Section, Table
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import Binning, by_slip, matched
 from wheelsoil.report.words import listed
-from wheelsoil.wording.figures import figure_interval, figure_text, figure_value
+from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of, several_terrains
 from wheelsoil.workflows.key_figures import KeyFigure
@@ -120,11 +120,16 @@ def vehicle_lines(report: Report) -> list[tuple[str, str]]:
     figures: Mapping[str, KeyFigure] = report.sections[0].numbers["key_figures"]
     wheels = listed([entry["wheel"] for entry in report.wheels if entry["report"]])
     lines = [
-        (name, f"{figure_text(figure)}{f' ({figure_interval(figure)})' if isfinite(figure.interval95[0]) else ''}")
+        (name, _with_interval(figure))
         for key, name in _NAMES.items()
         if (figure := figures.get(f"vehicle.{key}")) is not None
     ]
     return [("Of the instrumented wheels", wheels), *lines]
+
+
+def _with_interval(figure: KeyFigure) -> str:
+    value = f"{figure_value(figure)} {figure.unit}".rstrip()
+    return f"{value} ({figure_interval(figure)})" if isfinite(figure.interval95[0]) else value
 
 
 def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tuple[str, list[str]]:
