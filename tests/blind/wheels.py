@@ -64,7 +64,7 @@ _KEYS = {
 COUNT = 100
 DURATION_S = 20.0
 RUNS = 6
-_STEP, _MOST_TRIES = 1.3, 12
+_STEP, _MOST_TRIES = 1.4, 6
 
 Line = dict[str, Any]
 
@@ -157,8 +157,12 @@ def _kept(found: Diagnosis) -> Line:
 
 
 def searched(hidden: Hidden) -> tuple[Hidden, dict[str, tuple[Campaign, ...]], Line | None]:
-    """Return a campaign of whose faulty wheel alone the diagnosis says `one_of`, where one is found in a few tries."""
-    for _ in range(_MOST_TRIES):
+    """Return a campaign whose faulty wheel alone leaves several families open.
+
+    Where no size of an error does, which a few tries tell, the next kind of error takes its place.
+    """
+    keys = tuple(TRANSDUCER)
+    for tried in range(_MOST_TRIES * len(keys)):
         wheels = campaigns_of_wheels(hidden)
         if not hidden.wheel:
             return hidden, wheels, None
@@ -167,6 +171,9 @@ def searched(hidden: Hidden) -> tuple[Hidden, dict[str, tuple[Campaign, ...]], L
             break
         larger = alone["verdict"] != "named"
         hidden = replace(hidden, size=hidden.size * (_STEP if larger else 0.93 / _STEP))
+        if tried % _MOST_TRIES == _MOST_TRIES - 1:
+            key = keys[(keys.index(hidden.key) + 1) % len(keys)]
+            hidden = replace(hidden, key=key, size=float(np.sign(hidden.size)) * TRANSDUCER[key][1])
     return hidden, wheels, alone
 
 
