@@ -240,6 +240,13 @@ def right(line: Line, by: str) -> bool:
     return bool(truth_of(line, by)) and line[by]["verdict"] == "named" and line[by]["names"] == [truth_of(line, by)]
 
 
+def right_wheel(line: Line) -> bool:
+    """Return whether every family of the answer of all wheels is of the faulty wheel, the right one among them."""
+    answer, wheel = line["all"], f"@{line['wheel']}"
+    found = answer["verdict"] in ("named", "one_of") and truth_of(line, "all") in answer["names"]
+    return bool(found and all(name.endswith(wheel) for name in answer["names"]))
+
+
 def wrong(line: Line, by: str) -> bool:
     """Return whether a cause is named that does not act."""
     return line[by]["verdict"] == "named" and bool(set(line[by]["names"]) - {truth_of(line, by)})
@@ -258,7 +265,12 @@ def figures(lines: Sequence[Line]) -> Iterator[tuple[str, str, str]]:
         "36 of 40",
         share((right(x, "all") for x in open_alone), open_alone),
     )
-    yield "the same, by that wheel alone", "", share((x["alone"]["verdict"] == "named" for x in open_alone), open_alone)
+    yield (
+        "its wheel found: named, or one of several errors of that wheel",
+        "",
+        share((right_wheel(x) for x in open_alone), open_alone),
+    )
+    yield "named by that wheel alone", "", share((x["alone"]["verdict"] == "named" for x in open_alone), open_alone)
     both = [x for x in lines if x["family"]]
     for by, aim in (("all", "at least as many"), ("one", "")):
         which = "all wheels" if by == "all" else f"wheel {ONE} alone"
