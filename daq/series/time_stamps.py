@@ -152,17 +152,15 @@ class TimeStamps:
             if whole and (not len(cells) or np.abs(cells).max() < _LAST_NS / whole):
                 return cells.astype(np.int64) * whole, np.ones(len(cells), np.bool_)
         if cells.dtype.kind in "fiub":
-            values = cells.astype(np.float64)
+            values = cells.astype(np.float64, copy=False)
             with np.errstate(invalid="ignore", over="ignore"):
-                scaled = values * self._factor(values)
-                usable = np.abs(scaled) < _LAST_NS
-            return self._rounded(values, usable), usable
+                usable = np.abs(values * self._factor(values)) < _LAST_NS
+            return self._rounded(values if usable.all() else np.where(usable, values, 0.0)), usable
         return self._of_texts(cells)
 
-    def _rounded(self, values: FloatArray, usable: BoolArray) -> IntArray:
+    def _rounded(self, values: FloatArray) -> IntArray:
         """Scale seconds and their fraction apart: a date in float seconds has no more than 0.24 us as it is."""
         factor = self._factor_ns or 1.0
-        values = np.where(usable, values, 0.0)
         whole = np.floor(values)
         time_ns: IntArray = whole.astype(np.int64) * int(factor) + np.rint((values - whole) * factor).astype(np.int64)
         if factor == 1e9 and len(values) and values[0] > _EPOCH_S:
