@@ -28,8 +28,8 @@ from daq.limits import LIBRARY_BYTES_PER_S, LIBRARY_MEMORY_BYTES, LIBRARY_PATIEN
 from daq.machine import limit_memory
 
 _ALIGNED = 64
-_LARGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
-"""A process that lives for one file spends much of its time on the first touch of small ones."""
+_LARGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432"}
+"""Arrays lie in one heap of large pages: a process of one file spends much of its time on the first touch of each."""
 
 
 class _BrokenError(Exception):

@@ -35,6 +35,7 @@ _PARTED = re.compile(r"\d{1,2}([/-])\d{1,2}\1\d{4}[ T,]+\d")
 _PARTS = r"^(\d{1,2})[./-](\d{1,2})[./-](\d{4})[ T,]+(\d.*)$"
 _PASSED = re.compile(r"-?\d+ days?\b")
 _CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$")
+_TIME = re.compile("|".join(kind.pattern for kind in (_ISO, _DAY_FIRST, _PARTED, _CLOCK, _PASSED)))
 _KINDS = "ISO 8601, DD.MM.YYYY hh:mm:ss, hh:mm:ss, 0 days hh:mm:ss, or [series] time_format"
 _MONTHS = 12
 
@@ -46,7 +47,7 @@ def is_time_name(header: str) -> bool:
 
 def is_time_text(cell: str) -> bool:
     """Return whether a cell is a date or a time of the day."""
-    return any(pattern.match(cell) for pattern in (_ISO, _DAY_FIRST, _PARTED, _CLOCK, _PASSED))
+    return bool(_TIME.match(cell))
 
 
 def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:

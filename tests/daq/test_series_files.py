@@ -347,6 +347,23 @@ def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layou
         columns(read(text(tmp_path / "run.csv", *lines), **layout))
 
 
+@pytest.mark.parametrize("piece", [4 << 20, 60])
+@pytest.mark.parametrize("null", ["-", "--", "n/a", "NULL", ""])
+def test_a_cell_without_a_number_is_none_and_a_word_is_a_bad_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, null: str, piece: int
+) -> None:
+    """Far behind the head, and whatever pieces the file is read in."""
+    monkeypatch.setattr("daq.series.readers.delimited._PIECE", piece)
+    rows = [f"{row / 100},{-1.5 * row},{row % 7}" for row in range(300)]
+    rows[250], rows[270] = f"2.5,{null},{null}", "2.7,-405.0,word"
+    series = read(text(tmp_path / "run.csv", "time [s],a,b", *rows))
+    found = columns(series)
+    assert series.report.bad_cells == {"b": 1} and series.report.first_bad_cell == {"b": "line 272: 'word'"}
+    for name, none in (("a", [250]), ("b", [250, 270])):
+        assert np.flatnonzero(np.isnan(found[name][1])).tolist() == none
+    assert np.array_equal(np.delete(found["a"][1], 250), -1.5 * np.delete(np.arange(300), 250))
+
+
 def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
