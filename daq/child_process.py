@@ -27,10 +27,6 @@ from daq.errors import RecordingError, WheelsoilError
 from daq.limits import LIBRARY_BYTES_PER_S, LIBRARY_MEMORY_BYTES, LIBRARY_PATIENCE_S
 from daq.machine import limit_memory
 
-_ALIGNED = 64
-_LARGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432"}
-"""Arrays lie in one heap of large pages: a process of one file spends much of its time on the first touch of each."""
-
 
 class _BrokenError(Exception):
     """The process ended without an end, or the library raised."""
@@ -54,7 +50,12 @@ def answers(task: str, path: Path, *arguments: str, what: str, next_step: str) -
         That the function raised itself.
     """
     patience_s = LIBRARY_PATIENCE_S + path.stat().st_size / LIBRARY_BYTES_PER_S
-    ours = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"} | _LARGE_PAGES
+    ours = {
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "OPENBLAS_NUM_THREADS": "1",
+        # one heap of large pages: a process of one file spends much of its time on the first touch of each
+        "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432",
+    }
     command = [sys.executable, "-m", "daq.child_process", task, str(path), *arguments]
     with (
         tempfile.TemporaryFile() as complaints,
@@ -92,7 +93,7 @@ def _next(process: subprocess.Popen[bytes], complaints: IO[bytes], patience_s: f
 def _received(pipe: IO[bytes]) -> tuple[Any] | Exception | None:
     """Return what `_send` sent; arrays lie in the memory that they were received into."""
     sizes, body = pickle.load(pipe)
-    starts = np.cumsum([0, *(-(-size // _ALIGNED) * _ALIGNED for size in sizes)])
+    starts = np.cumsum([0, *(-(-size // 64) * 64 for size in sizes)])
     whole = np.empty(starts[-1], np.uint8)  # at once: that of the answer before is used again
     parts = [whole[start : start + size] for start, size in zip(starts, sizes, strict=False)]
     for part in parts:

@@ -57,8 +57,6 @@ class Evidence:
         for cell in cells:
             if _WHOLE.match(cell):
                 self.largest, self.unseparated = max((self.largest, self.unseparated), (abs(float(cell)), cell))
-            elif sign not in cell:
-                continue
             elif _GROUPS_AND_DECIMALS[sign].match(cell):
                 self.decimal = self.decimal or cell
             elif _GROUPS_AND_DECIMALS[other].match(cell) or (_GROUPS[sign].match(cell) and cell.count(sign) > 1):

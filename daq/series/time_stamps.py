@@ -139,14 +139,10 @@ class TimeStamps:
 
     def of(self, cells: NDArray[Any]) -> tuple[IntArray, BoolArray]:
         """Return nanoseconds, and which of them are usable; DataError if cells like these are not understood."""
-        if cells.dtype.kind == "M":
-            time_ns = cells.astype("datetime64[ns]")
+        if cells.dtype.kind in "Mm":
+            time_ns = cells.astype(f"{cells.dtype.kind}8[ns]")
             usable = ~np.isnat(time_ns)
             return np.where(usable, time_ns.astype(np.int64), 0), usable
-        if cells.dtype.kind == "m":
-            passed = cells.astype("timedelta64[ns]")
-            usable = ~np.isnat(passed)
-            return np.where(usable, passed.astype(np.int64), 0), usable
         if cells.dtype.kind in "iu" and cells.dtype.itemsize == 8:
             factor = self._factor(cells)
             whole = int(factor) if factor >= 1 and factor == int(factor) else 0

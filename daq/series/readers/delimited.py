@@ -32,8 +32,7 @@ _PAIR = re.compile(rb"([+-]?\d+),(\d+)")
 _IN_NUMBERS = b"0123456789.,;+-eEnNaAiIfF \t\r\n"
 _LINE_FEED = ord("\n")
 _OTHER_HEADER = "behind another header"
-_NULLS_OF_NUMBERS = [text for text in NULLS if not text.startswith("-")]
-"""Tried first: a null that begins like a negative number makes each of these slower to read."""
+_NULLS_OF_NUMBERS = [text for text in NULLS if not text.startswith("-")]  # a "-" makes negative numbers slower to read
 _COLUMN = re.compile(r"column #(\d+)")
 
 
@@ -177,11 +176,11 @@ class _Reader:
         self._path, self._head, self._layout, self._report = path, head, layout, report
         self._order = head.columns
         self._wanted = [name for name in head.columns if name in wanted]
-        self._nulls = _NULLS_OF_NUMBERS
-        self._types = {name: kinds.get(head.kinds[name], pa.string()) for name in self._wanted}
+        self._nulls, self._text = _NULLS_OF_NUMBERS, pa.string()
+        self._types = {name: kinds.get(head.kinds[name], self._text) for name in self._wanted}
         self._numeric = [name for name in self._wanted if head.kinds[name] in ("number", "empty", "integer")]
         if layout.thousands:
-            self._types |= dict.fromkeys(self._numeric, pa.string())
+            self._types |= dict.fromkeys(self._numeric, self._text)
         self._signs: dict[str, tuple[str, str]] = {}
         self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
         self._mark = max(head.columns, key=len).encode()
@@ -198,14 +197,9 @@ class _Reader:
         piece = _as_utf8(piece)
         self._lines = []
         tables = [self._table(part) for part in self._between_headers(piece)]
-        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(part) for part in tables])
-        return {name: _as_numpy(table.column(name)) for name in self._wanted}
-
-    def _typed(self, table: Any) -> Any:
-        """Return a table whose columns have the types that they have by now: some fell to text on the way."""
-        import pyarrow as pa
-
-        return table.cast(pa.schema([(name, self._types[name]) for name in self._wanted]))
+        if len(tables) > 1:  # some columns fell to text on the way
+            tables = [pa.concat_tables([table.cast(pa.schema(self._types)) for table in tables])]
+        return {name: _as_numpy(tables[0].column(name)) for name in self._wanted}
 
     def _between_headers(self, piece: _Bytes) -> Iterator[_Bytes]:
         """Part a piece at lines that repeat the header, and take the columns in the order that each of them has."""
@@ -276,7 +270,7 @@ class _Reader:
             convert = arrow_csv.ConvertOptions(
                 column_types=self._types,
                 include_columns=self._wanted,
-                null_values=NULLS if pa.string() in self._types.values() else self._nulls,
+                null_values=NULLS if self._text in self._types.values() else self._nulls,
                 strings_can_be_null=True,
                 decimal_point=self._head.decimal,
                 check_utf8=False,
@@ -289,21 +283,21 @@ class _Reader:
                     continue
                 place = _COLUMN.search(str(error))
                 column = self._order[int(place[1])] if place else ""
-                if column not in self._types or self._types[column] == pa.string():
+                if column not in self._types or self._types[column] == self._text:
                     lines = _lines_in(piece) - len(_EMPTY_LINE.findall(piece))
                     self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], lines)
                     bad.clear()
                     return pa.table({name: pa.array([], kind) for name, kind in self._types.items()}), bad
-                self._types[column] = pa.string()
+                self._types[column] = self._text
             else:
                 parted = [name for name in self._whole if self._parts_thousands(name, table.column(name))]
                 if not parted:
                     return table, bad
-                self._types |= dict.fromkeys(parted, pa.string())
+                self._types |= dict.fromkeys(parted, self._text)
 
     def _parts_thousands(self, name: str, column: Any) -> bool:
         """Return whether the decimal sign parts thousands in a column of whole numbers below 1000 so far."""
-        if self._types[name] == _text_type():
+        if self._types[name] == self._text:
             return False
         values = _as_numpy(column)
         values = values[np.isfinite(values)]
@@ -370,7 +364,7 @@ class _Reader:
 
     def _above_another_header(self, table: Any) -> Any:
         """Return the rows above one that looks like another header: nobody knows what the columns behind it are."""
-        names = [name for name in self._numeric if self._types[name] == _text_type()]
+        names = [name for name in self._numeric if self._types[name] == self._text]
         if len(names) < max(len(self._numeric), 2) or not table.num_rows:
             return table
         texts = [table.column(name).to_pylist() for name in names]
@@ -412,13 +406,6 @@ def _row_lines(piece: _Bytes, first: int, count: int, bad: Sequence[Any], empty:
     return first + (lines[:rows] if len(lines) >= rows else np.arange(rows))
 
 
-def _text_type() -> Any:
-    """Return the type of texts; pyarrow is loaded when it is needed."""
-    import pyarrow as pa
-
-    return pa.string()
-
-
 def _called(sign: str) -> str:
     return "comma" if sign == COMMA else "point"
 
@@ -454,5 +441,4 @@ def _as_numpy(column: Any) -> NDArray[Any]:
 
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.uint8()).cast(pa.float64())
-    values: NDArray[Any] = column.to_numpy()
-    return values
+    return np.asarray(column.to_numpy())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from daq.can.roles import unit_behind
@@ -31,6 +32,7 @@ _BOOLEANS = {"true", "false"}
 _HALVES = re.compile(r"[+-]?\d+,\d+(?:,[+-]?\d+,\d+)*$")
 _EXACT = 1 << 53
 
+_Rows = Callable[[int], list[str]]
 Kind = Literal["number", "integer", "boolean", "time", "text", "empty"]
 
 
@@ -81,17 +83,17 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     raw = whole.split(b"\n")
     delimiter = _delimiter(raw, source)
     widths = [_width(line, delimiter) for line in raw]
-    rows = _Rows(raw, delimiter)
+    rows = cache(lambda i: cells_of(_shown(raw[i]), delimiter))  # of most lines only the number of cells counts
     count = _usual_count(rows, widths, layout)
     if count > _MOST_COLUMNS:
         raise DataError.of("too many columns", source, f"{count}", f"at most {_MOST_COLUMNS}", "choose some of them")
-    first = next((i for i, width in enumerate(widths) if width == count and _is_data(rows[i])), None)
+    first = next((i for i, width in enumerate(widths) if width == count and _is_data(rows(i))), None)
     if first is None:
         raise DataError.of(
             "no row of numbers", source, f"begins with {_shown(raw[0], 80)!r}", "a header and rows of numbers"
         )
     named = [i for i in range(first) if abs(widths[i] - count) <= 1 and widths[i] > 1]
-    sample = [rows[i] for i, width in enumerate(widths[: first + _SAMPLE_ROWS]) if i >= first and width == count]
+    sample = [rows(i) for i, width in enumerate(widths[: first + _SAMPLE_ROWS]) if i >= first and width == count]
     halves = [i for i in range(first) if delimiter == "," and count == 2 * widths[i] > 2]
     rejoined = bool(halves) and all(map(_HALVES.match, map(",".join, sample)))
     if rejoined:
@@ -100,7 +102,7 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
         ]
         named, count, delimiter = halves, count // 2, ";"
     header, unit_row = _header_rows(rows, named, layout)
-    names, units = _names(rows[header] if named else (), rows[unit_row] if unit_row is not None else (), count)
+    names, units = _names(rows(header) if named else (), rows(unit_row) if unit_row is not None else (), count)
     if named and widths[header] < count and sum(bool(row[-1]) for row in sample) > 0.5 * len(sample):
         found = f"{widths[header]} names, {count} cells: {_shown(raw[first], 80)!r}"
         step = "name every column in the header, or export with another sign between the cells"
@@ -108,7 +110,7 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     lost = {
         i + 1: _shown(raw[i], 60)
         for i in range(first)
-        if _is_lost(rows[i], i > header if named else True, i in (header, unit_row))
+        if _is_lost(rows(i), i > header if named else True, i in (header, unit_row))
     }
     decimals = {
         sign: frozenset(n for i, n in enumerate(names) if _is_decimal(sign, sample, i)) for sign in (POINT, COMMA)
@@ -126,17 +128,6 @@ def text_of(line: bytes) -> str:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
         return line.decode("cp1252", "replace")
-
-
-class _Rows(dict[int, list[str]]):
-    """The cells of lines, parted when they are asked for: of most lines only the number of cells counts."""
-
-    def __init__(self, lines: Sequence[bytes], delimiter: str) -> None:
-        self._lines, self._delimiter = lines, delimiter
-
-    def __missing__(self, i: int) -> list[str]:
-        self[i] = cells_of(_shown(self._lines[i]), self._delimiter)
-        return self[i]
 
 
 def _shown(line: bytes, most: int | None = None) -> str:
@@ -174,7 +165,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 def _usual_count(rows: _Rows, widths: Sequence[int], layout: SeriesSection) -> int:
     """Return the number of cells of most rows, or that of the header where many rows have as many."""
     counts = Counter(width for width in widths if width > 1)
-    first = next((i for i, width in enumerate(widths) if width > 1 and _is_data(rows[i])), 0)
+    first = next((i for i, width in enumerate(widths) if width > 1 and _is_data(rows(i))), 0)
     named = [i for i in range(first) if counts[widths[i]] > _USUAL_SHARE * counts.total()]
     return widths[_header_rows(rows, named, layout)[0]] if named else counts.most_common(1)[0][0]
 
@@ -188,13 +179,13 @@ def _is_data(row: Sequence[str]) -> bool:
 
 def _header_rows(rows: _Rows, named: Sequence[int], layout: SeriesSection) -> tuple[int, int | None]:
     """Return which of the lines above the rows has the names, and which the units: of equally good ones the last."""
-    of_units = [i for i in named if _are_units(rows[i])]
+    of_units = [i for i in named if _are_units(rows(i))]
     possible = [i for i in named if i not in of_units] or list(named)
     if not possible:
         return 0, None
 
     def merit(i: int) -> tuple[bool, bool, bool, int]:
-        cells = [cell.lstrip("#% ") for cell in rows[i] if cell]
+        cells = [cell.lstrip("#% ") for cell in rows(i) if cell]
         times = any(cell in layout.times or is_time_name(cell) for cell in cells)
         return times, not any(_NUMBER.match(cell) for cell in cells), len(set(cells)) > 1, i
 
@@ -226,7 +217,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _is_decimal(sign: str, sample: Sequence[Sequence[str]], column: int) -> bool:
     evidence = Evidence()
-    evidence.take({row[column] for row in sample}, sign)
+    evidence.take({row[column] for row in sample if sign in row[column]}, sign)
     return bool(evidence.decimal) and not evidence.thousands
 
 
