@@ -50,11 +50,16 @@ def answers(task: str, path: Path, *arguments: str, what: str, next_step: str) -
         That the function raised itself.
     """
     patience_s = LIBRARY_PATIENCE_S + path.stat().st_size / LIBRARY_BYTES_PER_S
-    paths = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+    ours = {
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "OPENBLAS_NUM_THREADS": "1",
+        # one heap of large pages: a process of one file spends much of its time on the first touch of each
+        "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.mmap_threshold=33554432",
+    }
     command = [sys.executable, "-m", "daq.child_process", task, str(path), *arguments]
     with (
         tempfile.TemporaryFile() as complaints,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=complaints, env=os.environ | paths) as process,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=complaints, env=os.environ | ours) as process,
     ):
         try:
             while (answer := _next(process, complaints, patience_s)) is not None:
@@ -88,7 +93,9 @@ def _next(process: subprocess.Popen[bytes], complaints: IO[bytes], patience_s: f
 def _received(pipe: IO[bytes]) -> tuple[Any] | Exception | None:
     """Return what `_send` sent; arrays lie in the memory that they were received into."""
     sizes, body = pickle.load(pipe)
-    parts = [np.empty(size, np.uint8) for size in sizes]
+    starts = np.cumsum([0, *(-(-size // 64) * 64 for size in sizes)])
+    whole = np.empty(starts[-1], np.uint8)  # at once: that of the answer before is used again
+    parts = [whole[start : start + size] for start, size in zip(starts, sizes, strict=False)]
     for part in parts:
         if pipe.readinto(part) < len(part):  # type: ignore[attr-defined]
             raise EOFError

@@ -35,6 +35,7 @@ _PARTED = re.compile(r"\d{1,2}([/-])\d{1,2}\1\d{4}[ T,]+\d")
 _PARTS = r"^(\d{1,2})[./-](\d{1,2})[./-](\d{4})[ T,]+(\d.*)$"
 _PASSED = re.compile(r"-?\d+ days?\b")
 _CLOCK = re.compile(r"\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$")
+_TIME = re.compile("|".join(kind.pattern for kind in (_ISO, _DAY_FIRST, _PARTED, _CLOCK, _PASSED)))
 _KINDS = "ISO 8601, DD.MM.YYYY hh:mm:ss, hh:mm:ss, 0 days hh:mm:ss, or [series] time_format"
 _MONTHS = 12
 
@@ -46,7 +47,7 @@ def is_time_name(header: str) -> bool:
 
 def is_time_text(cell: str) -> bool:
     """Return whether a cell is a date or a time of the day."""
-    return any(pattern.match(cell) for pattern in (_ISO, _DAY_FIRST, _PARTED, _CLOCK, _PASSED))
+    return bool(_TIME.match(cell))
 
 
 def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:
@@ -138,31 +139,25 @@ class TimeStamps:
 
     def of(self, cells: NDArray[Any]) -> tuple[IntArray, BoolArray]:
         """Return nanoseconds, and which of them are usable; DataError if cells like these are not understood."""
-        if cells.dtype.kind == "M":
-            time_ns = cells.astype("datetime64[ns]")
+        if cells.dtype.kind in "Mm":
+            time_ns = cells.astype(f"{cells.dtype.kind}8[ns]")
             usable = ~np.isnat(time_ns)
             return np.where(usable, time_ns.astype(np.int64), 0), usable
-        if cells.dtype.kind == "m":
-            passed = cells.astype("timedelta64[ns]")
-            usable = ~np.isnat(passed)
-            return np.where(usable, passed.astype(np.int64), 0), usable
         if cells.dtype.kind in "iu" and cells.dtype.itemsize == 8:
             factor = self._factor(cells)
             whole = int(factor) if factor >= 1 and factor == int(factor) else 0
             if whole and (not len(cells) or np.abs(cells).max() < _LAST_NS / whole):
                 return cells.astype(np.int64) * whole, np.ones(len(cells), np.bool_)
         if cells.dtype.kind in "fiub":
-            values = cells.astype(np.float64)
+            values = cells.astype(np.float64, copy=False)
             with np.errstate(invalid="ignore", over="ignore"):
-                scaled = values * self._factor(values)
-                usable = np.abs(scaled) < _LAST_NS
-            return self._rounded(values, usable), usable
+                usable = np.abs(values * self._factor(values)) < _LAST_NS
+            return self._rounded(values if usable.all() else np.where(usable, values, 0.0)), usable
         return self._of_texts(cells)
 
-    def _rounded(self, values: FloatArray, usable: BoolArray) -> IntArray:
+    def _rounded(self, values: FloatArray) -> IntArray:
         """Scale seconds and their fraction apart: a date in float seconds has no more than 0.24 us as it is."""
         factor = self._factor_ns or 1.0
-        values = np.where(usable, values, 0.0)
         whole = np.floor(values)
         time_ns: IntArray = whole.astype(np.int64) * int(factor) + np.rint((values - whole) * factor).astype(np.int64)
         if factor == 1e9 and len(values) and values[0] > _EPOCH_S:

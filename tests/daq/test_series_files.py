@@ -347,6 +347,23 @@ def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layou
         columns(read(text(tmp_path / "run.csv", *lines), **layout))
 
 
+@pytest.mark.parametrize("piece", [4 << 20, 60])
+@pytest.mark.parametrize("null", ["-", "--", "n/a", "NULL", ""])
+def test_a_cell_without_a_number_is_none_and_a_word_is_a_bad_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, null: str, piece: int
+) -> None:
+    """Far behind the head, and whatever pieces the file is read in."""
+    monkeypatch.setattr("daq.series.readers.delimited._PIECE", piece)
+    rows = [f"{row / 100},{-1.5 * row},{row % 7}" for row in range(300)]
+    rows[250], rows[270] = f"2.5,{null},{null}", "2.7,-405.0,word"
+    series = read(text(tmp_path / "run.csv", "time [s],a,b", *rows))
+    found = columns(series)
+    assert series.report.bad_cells == {"b": 1} and series.report.first_bad_cell == {"b": "line 272: 'word'"}
+    for name, none in (("a", [250]), ("b", [250, 270])):
+        assert np.flatnonzero(np.isnan(found[name][1])).tolist() == none
+    assert np.array_equal(np.delete(found["a"][1], 250), -1.5 * np.delete(np.arange(300), 250))
+
+
 def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
@@ -371,11 +388,11 @@ def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Pa
         assert all(len(values) <= len(VALUES) for _, values, _ in found.values())
 
 
-@pytest.mark.parametrize("waiting", [1 << 28, 220_000, 0])
+@pytest.mark.parametrize(("waiting", "times"), [(1 << 28, 0), (4 << 20, 3), (220_000, 3), (0, 0)])
 def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int, times: int
 ) -> None:
-    """In the order of the file or, where too much would have to wait, each by itself; again after half a reading."""
+    """At once, in the order of the file or, where too much would wait, each by itself; again after half a reading."""
     monkeypatch.setattr("daq.series.readers.tdms._MOST_WAITING_BYTES", waiting)
     in_order, data_chunks = [], TdmsFile.data_chunks
     monkeypatch.setattr(TdmsFile, "data_chunks", lambda file: in_order.append(file) or data_chunks(file))
@@ -390,12 +407,24 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
     whole = columns(series)
     next(series.blocks())
     again = columns(series)
-    assert len(in_order) == (3 if waiting else 0)
+    assert len(in_order) == times
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             if channel.name != "note":
                 for found in (whole, again):
                     assert np.array_equal(found[f"{group.name}/{channel.name}"][1], channel[:])
+
+
+def test_a_damaged_tdms_file_that_its_library_cannot_read_at_once_is_read_in_parts(tmp_path: Path) -> None:
+    path, clock = tmp_path / "run.tdms", {"wf_increment": 0.001}
+    with TdmsWriter(path) as writer:
+        for count in (30, 40):
+            writer.write_segment([ChannelObject("g", name, np.arange(float(count)), clock) for name in "xy"])
+    head, _, tail = path.read_bytes().rpartition(b"'y'")
+    path.write_bytes(head + b"'y?" + tail)
+    with pytest.raises(KeyError):
+        TdmsFile.read(path)
+    assert columns(read(path))["g/x"][1].tolist() == [*range(30), *range(40)]
 
 
 @pytest.mark.slow

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from daq.series.numerals import COMMA, MOST_UNSEPARATED, POINT, Evidence, number
 from daq.series.readers.table_head import HEAD_BYTES, NULLS, Head, cells_of, read_head, text_of
 from daq.series.time_stamps import TimeStamps, at_rate, time_columns
 
+_Bytes = bytes | bytearray
 _PIECE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _VALUE = re.compile(r"\d")
@@ -30,6 +32,7 @@ _PAIR = re.compile(rb"([+-]?\d+),(\d+)")
 _IN_NUMBERS = b"0123456789.,;+-eEnNaAiIfF \t\r\n"
 _LINE_FEED = ord("\n")
 _OTHER_HEADER = "behind another header"
+_NULLS_OF_NUMBERS = [text for text in NULLS if not text.startswith("-")]  # a "-" makes negative numbers slower to read
 _COLUMN = re.compile(r"column #(\d+)")
 
 
@@ -85,26 +88,27 @@ def _opened(path: Path) -> io.BufferedReader:
         raise RecordingError.of("the file cannot be read", path, error.strerror or str(error)) from None
 
 
-def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[bytes]:
+def _pieces(path: Path, offset: int, report: SeriesReport) -> Iterator[_Bytes]:
     """Yield whole lines, some megabytes at a time."""
     with _opened(path) as file:
         file.read(offset)
         carry = b""
         while True:
+            piece = bytearray(len(carry) + _PIECE)
+            piece[: len(carry)] = carry
             try:
-                piece = file.read(_PIECE)
+                count = file.readinto(memoryview(piece)[len(carry) :])
             except (EOFError, OSError) as error:
                 report.damage = f"the file cannot be read any further ({error})"
-                piece = b""
-            if not piece:
+                count = 0
+            if not count:
                 break
             report.share = share_of_file(file)
-            end = piece.rfind(b"\n") + 1
+            end = piece.rfind(b"\n", 0, len(carry) + count) + 1
+            carry = bytes(memoryview(piece)[end : len(carry) + count])
             if end:
-                yield carry + piece[:end]
-                carry = piece[end:]
-            else:
-                carry += piece
+                del piece[end:]
+                yield piece
             if len(carry) > _LONGEST_LINE:
                 report.balance.come("rows", 1)
                 report.note_bad_row("a line", f"longer than {_LONGEST_LINE} bytes")
@@ -172,36 +176,32 @@ class _Reader:
         self._path, self._head, self._layout, self._report = path, head, layout, report
         self._order = head.columns
         self._wanted = [name for name in head.columns if name in wanted]
-        self._types = {name: kinds.get(head.kinds[name], pa.string()) for name in self._wanted}
+        self._nulls, self._text = _NULLS_OF_NUMBERS, pa.string()
+        self._types = {name: kinds.get(head.kinds[name], self._text) for name in self._wanted}
         self._numeric = [name for name in self._wanted if head.kinds[name] in ("number", "empty", "integer")]
         if layout.thousands:
-            self._types |= dict.fromkeys(self._numeric, pa.string())
+            self._types |= dict.fromkeys(self._numeric, self._text)
         self._signs: dict[str, tuple[str, str]] = {}
         self._whole = set() if layout.decimal or layout.thousands else set(self._numeric)
         self._mark = max(head.columns, key=len).encode()
         self._rare = next((bytes([byte]) for byte in self._mark if byte not in _IN_NUMBERS), b"")
         self._line = head.first_line
         self._ended = False
-        self._line_of: IntArray = np.zeros(0, np.int64)
-        """Of each row that was read last."""
+        self._lines: list[Callable[[], IntArray]] = []
+        """Of the rows that were read last."""
 
-    def read(self, piece: bytes) -> dict[str, NDArray[Any]]:
+    def read(self, piece: _Bytes) -> dict[str, NDArray[Any]]:
         """Return the cells of each wanted column: numbers, or texts where it holds others."""
         import pyarrow as pa
 
         piece = _as_utf8(piece)
-        self._line_of = np.zeros(0, np.int64)
+        self._lines = []
         tables = [self._table(part) for part in self._between_headers(piece)]
-        table = tables[0] if len(tables) == 1 else pa.concat_tables([self._typed(part) for part in tables])
-        return {name: _as_numpy(table.column(name)) for name in self._wanted}
+        if len(tables) > 1:  # some columns fell to text on the way
+            tables = [pa.concat_tables([table.cast(pa.schema(self._types)) for table in tables])]
+        return {name: _as_numpy(tables[0].column(name)) for name in self._wanted}
 
-    def _typed(self, table: Any) -> Any:
-        """Return a table whose columns have the types that they have by now: some fell to text on the way."""
-        import pyarrow as pa
-
-        return table.cast(pa.schema([(name, self._types[name]) for name in self._wanted]))
-
-    def _between_headers(self, piece: bytes) -> Iterator[bytes]:
+    def _between_headers(self, piece: _Bytes) -> Iterator[_Bytes]:
         """Part a piece at lines that repeat the header, and take the columns in the order that each of them has."""
         if self._rare in piece and self._mark in piece:  # one byte is looked for much faster
             start = 0
@@ -221,7 +221,7 @@ class _Reader:
             piece = piece[start:]
         yield piece
 
-    def _table(self, piece: bytes) -> Any:
+    def _table(self, piece: _Bytes) -> Any:
         """Return the rows of whole lines, every line accounted for."""
         import pyarrow as pa
 
@@ -249,11 +249,10 @@ class _Reader:
             self._report.note_bad_row(f"line {self._line + row.number - 1}" if row.number else "a line", why)
         self._line += count
         table = self._above_another_header(table)
-        rows = _row_lines(piece, count, bad, empty, table.num_rows)
-        self._line_of = np.concatenate([self._line_of, self._line - count + rows])
+        self._lines.append(partial(_row_lines, piece, self._line - count, count, bad, empty, table.num_rows))
         return table
 
-    def _parsed(self, piece: bytes) -> tuple[Any, list[Any]]:
+    def _parsed(self, piece: _Bytes) -> tuple[Any, list[Any]]:
         """Return the rows and what is none; a column with a cell that is no number becomes one of text."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
@@ -271,31 +270,34 @@ class _Reader:
             convert = arrow_csv.ConvertOptions(
                 column_types=self._types,
                 include_columns=self._wanted,
-                null_values=NULLS,
+                null_values=NULLS if self._text in self._types.values() else self._nulls,
                 strings_can_be_null=True,
                 decimal_point=self._head.decimal,
                 check_utf8=False,
             )
             try:
-                table = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert)
+                table = arrow_csv.read_csv(pa.BufferReader(piece), options, parse, convert)
             except pa.ArrowInvalid as error:
+                if self._nulls != NULLS:
+                    self._nulls = NULLS
+                    continue
                 place = _COLUMN.search(str(error))
                 column = self._order[int(place[1])] if place else ""
-                if column not in self._types or self._types[column] == pa.string():
+                if column not in self._types or self._types[column] == self._text:
                     lines = _lines_in(piece) - len(_EMPTY_LINE.findall(piece))
                     self._report.note_bad_row(f"lines from {self._line}", str(error)[:120], lines)
                     bad.clear()
                     return pa.table({name: pa.array([], kind) for name, kind in self._types.items()}), bad
-                self._types[column] = pa.string()
+                self._types[column] = self._text
             else:
                 parted = [name for name in self._whole if self._parts_thousands(name, table.column(name))]
                 if not parted:
                     return table, bad
-                self._types |= dict.fromkeys(parted, pa.string())
+                self._types |= dict.fromkeys(parted, self._text)
 
     def _parts_thousands(self, name: str, column: Any) -> bool:
         """Return whether the decimal sign parts thousands in a column of whole numbers below 1000 so far."""
-        if self._types[name] == _text_type():
+        if self._types[name] == self._text:
             return False
         values = _as_numpy(column)
         values = values[np.isfinite(values)]
@@ -355,14 +357,14 @@ class _Reader:
             piece = _as_utf8(_rejoined(piece, len(self._head.columns)) if self._head.rejoined else piece)
             options = arrow_csv.ReadOptions(column_names=self._order, use_threads=False, block_size=len(piece) + 1)
             try:
-                column = arrow_csv.read_csv(io.BytesIO(piece), options, parse, convert).column(name)
+                column = arrow_csv.read_csv(pa.BufferReader(piece), options, parse, convert).column(name)
             except pa.ArrowInvalid:
                 continue
             yield [cell.strip() for cell in column.unique().to_pylist() if cell]
 
     def _above_another_header(self, table: Any) -> Any:
         """Return the rows above one that looks like another header: nobody knows what the columns behind it are."""
-        names = [name for name in self._numeric if self._types[name] == _text_type()]
+        names = [name for name in self._numeric if self._types[name] == self._text]
         if len(names) < max(len(self._numeric), 2) or not table.num_rows:
             return table
         texts = [table.column(name).to_pylist() for name in names]
@@ -390,32 +392,25 @@ class _Reader:
         values = numbers_of(cells, *self._signs_of(name))
         bad = np.flatnonzero(np.isnan(values) & pd.notna(cells))
         if len(bad):
-            where = f"line {self._line_of[bad[0]]}"
+            where = f"line {np.concatenate([lines() for lines in self._lines])[bad[0]]}"
             self._report.note_bad_cells(name, len(bad), where, str(cells[bad[0]]))
         return values
 
 
-def _row_lines(piece: bytes, count: int, bad: Sequence[Any], empty: int, rows: int) -> IntArray:
-    """Return which line of a piece each of its first rows is; uncertain behind a row over several lines."""
+def _row_lines(piece: _Bytes, first: int, count: int, bad: Sequence[Any], empty: int, rows: int) -> IntArray:
+    """Return the line of each of the first rows of a piece; uncertain behind a row over several lines."""
     lines = np.arange(count)
     if empty:
         lines = np.flatnonzero([bool(line.strip(b"\r\n")) for line in _LINE.findall(piece)])
     lines = np.delete(lines, [row.number - 1 for row in bad if row.number and row.number <= len(lines)])
-    return lines[:rows] if len(lines) >= rows else np.arange(rows)
-
-
-def _text_type() -> Any:
-    """Return the type of texts; pyarrow is loaded when it is needed."""
-    import pyarrow as pa
-
-    return pa.string()
+    return first + (lines[:rows] if len(lines) >= rows else np.arange(rows))
 
 
 def _called(sign: str) -> str:
     return "comma" if sign == COMMA else "point"
 
 
-def _lines_in(piece: bytes) -> int:
+def _lines_in(piece: _Bytes) -> int:
     """Return the number of lines, whatever ends each; the last one may end with the file."""
     ends = int(np.count_nonzero(np.frombuffer(piece, np.uint8) == _LINE_FEED))  # four times as fast as to count
     if b"\r" in piece:
@@ -423,7 +418,7 @@ def _lines_in(piece: bytes) -> int:
     return ends + (not piece.endswith((b"\n", b"\r")))
 
 
-def _rejoined(piece: bytes, columns: int) -> bytes:
+def _rejoined(piece: _Bytes, columns: int) -> bytes:
     """Return lines in which two cells are one number, its decimal comma between them, as other tables are.
 
     A line with fewer cells can be read in several ways: it stays as it is, and is no row then.
@@ -432,7 +427,7 @@ def _rejoined(piece: bytes, columns: int) -> bytes:
     return whole.sub(lambda line: b";".join(b"%s.%s" % pair for pair in _PAIR.findall(line[0])), piece)
 
 
-def _as_utf8(piece: bytes) -> bytes:
+def _as_utf8(piece: _Bytes) -> _Bytes:
     try:
         if not piece.isascii():
             piece.decode()
@@ -446,5 +441,4 @@ def _as_numpy(column: Any) -> NDArray[Any]:
 
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.uint8()).cast(pa.float64())
-    values: NDArray[Any] = column.to_numpy()
-    return values
+    return np.asarray(column.to_numpy())

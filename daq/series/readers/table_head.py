@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from daq.can.roles import unit_behind
@@ -31,6 +32,7 @@ _BOOLEANS = {"true", "false"}
 _HALVES = re.compile(r"[+-]?\d+,\d+(?:,[+-]?\d+,\d+)*$")
 _EXACT = 1 << 53
 
+_Rows = Callable[[int], list[str]]
 Kind = Literal["number", "integer", "boolean", "time", "text", "empty"]
 
 
@@ -79,20 +81,20 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
         raise DataError.of("the file is UTF-16 text", source, expected="UTF-8", next_step="save it as UTF-8")
     whole = head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]
     raw = whole.split(b"\n")
-    lines = [text_of(line).rstrip("\r") for line in raw]
-    delimiter = _delimiter(lines, source)
-    rows = [cells_of(line, delimiter) for line in lines]
-    count = _usual_count(rows, layout)
+    delimiter = _delimiter(raw, source)
+    widths = [_width(line, delimiter) for line in raw]
+    rows = cache(lambda i: cells_of(_shown(raw[i]), delimiter))  # of most lines only the number of cells counts
+    count = _usual_count(rows, widths, layout)
     if count > _MOST_COLUMNS:
         raise DataError.of("too many columns", source, f"{count}", f"at most {_MOST_COLUMNS}", "choose some of them")
-    first = next((i for i, row in enumerate(rows) if len(row) == count and _is_data(row)), None)
+    first = next((i for i, width in enumerate(widths) if width == count and _is_data(rows(i))), None)
     if first is None:
         raise DataError.of(
-            "no row of numbers", source, f"begins with {lines[0][:80]!r}", "a header and rows of numbers"
+            "no row of numbers", source, f"begins with {_shown(raw[0], 80)!r}", "a header and rows of numbers"
         )
-    named = [i for i in range(first) if abs(len(rows[i]) - count) <= 1 and len(rows[i]) > 1]
-    sample = [row for row in rows[first : first + _SAMPLE_ROWS] if len(row) == count]
-    halves = [i for i in range(first) if delimiter == "," and count == 2 * len(rows[i]) > 2]
+    named = [i for i in range(first) if abs(widths[i] - count) <= 1 and widths[i] > 1]
+    sample = [rows(i) for i, width in enumerate(widths[: first + _SAMPLE_ROWS]) if i >= first and width == count]
+    halves = [i for i in range(first) if delimiter == "," and count == 2 * widths[i] > 2]
     rejoined = bool(halves) and all(map(_HALVES.match, map(",".join, sample)))
     if rejoined:
         sample = [
@@ -100,15 +102,15 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
         ]
         named, count, delimiter = halves, count // 2, ";"
     header, unit_row = _header_rows(rows, named, layout)
-    names, units = _names(rows[header] if named else (), rows[unit_row] if unit_row is not None else (), count)
-    if named and len(rows[header]) < count and sum(bool(row[-1]) for row in sample) > 0.5 * len(sample):
-        found = f"{len(rows[header])} names, {count} cells: {lines[first][:80]!r}"
+    names, units = _names(rows(header) if named else (), rows(unit_row) if unit_row is not None else (), count)
+    if named and widths[header] < count and sum(bool(row[-1]) for row in sample) > 0.5 * len(sample):
+        found = f"{widths[header]} names, {count} cells: {_shown(raw[first], 80)!r}"
         step = "name every column in the header, or export with another sign between the cells"
         raise ConfigError.of("the rows have more cells than the header has names", source, found, next_step=step)
     lost = {
-        i + 1: lines[i][:60]
+        i + 1: _shown(raw[i], 60)
         for i in range(first)
-        if _is_lost(rows[i], i > header if named else True, i in (header, unit_row))
+        if _is_lost(rows(i), i > header if named else True, i in (header, unit_row))
     }
     decimals = {
         sign: frozenset(n for i, n in enumerate(names) if _is_decimal(sign, sample, i)) for sign in (POINT, COMMA)
@@ -128,18 +130,27 @@ def text_of(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
-def _delimiter(lines: Sequence[str], source: str) -> str:
+def _shown(line: bytes, most: int | None = None) -> str:
+    return text_of(line).rstrip("\r")[:most]
+
+
+def _width(line: bytes, delimiter: str) -> int:
+    """Return the number of cells of a line."""
+    return len(cells_of(_shown(line), delimiter)) if b'"' in line else line.count(delimiter.encode()) + 1
+
+
+def _delimiter(lines: Sequence[bytes], source: str) -> str:
     """Return what stands between the cells of most lines; of several the one in front in `_DELIMITERS`."""
-    stated = re.match(r"sep=(.)$", lines[0].strip())
+    stated = re.match(r"sep=(.)$", text_of(lines[0]).strip())
     if stated:
         return stated[1]
     full = [line for line in lines if line.strip()][-_SAMPLE_ROWS:]
     for delimiter in _DELIMITERS:
-        counts = [len(cells_of(line, delimiter)) for line in full]
+        counts = [_width(line, delimiter) for line in full]
         usual = max(set(counts), key=counts.count, default=1)
         if usual > 1 and counts.count(usual) >= 0.5 * len(counts):
             return delimiter
-    found = f"begins with {lines[0][:80]!r}"
+    found = f"begins with {_shown(lines[0], 80)!r}"
     raise DataError.of("not a table", source, found, "cells separated by comma, semicolon, tab or bar")
 
 
@@ -151,12 +162,12 @@ def cells_of(line: str, delimiter: str) -> list[str]:
         return line.split(delimiter)
 
 
-def _usual_count(rows: Sequence[Sequence[str]], layout: SeriesSection) -> int:
+def _usual_count(rows: _Rows, widths: Sequence[int], layout: SeriesSection) -> int:
     """Return the number of cells of most rows, or that of the header where many rows have as many."""
-    counts = Counter(len(row) for row in rows if len(row) > 1)
-    first = next((i for i, row in enumerate(rows) if len(row) > 1 and _is_data(row)), 0)
-    named = [i for i in range(first) if counts[len(rows[i])] > _USUAL_SHARE * counts.total()]
-    return len(rows[_header_rows(rows, named, layout)[0]]) if named else counts.most_common(1)[0][0]
+    counts = Counter(width for width in widths if width > 1)
+    first = next((i for i, width in enumerate(widths) if width > 1 and _is_data(rows(i))), 0)
+    named = [i for i in range(first) if counts[widths[i]] > _USUAL_SHARE * counts.total()]
+    return widths[_header_rows(rows, named, layout)[0]] if named else counts.most_common(1)[0][0]
 
 
 def _is_data(row: Sequence[str]) -> bool:
@@ -166,15 +177,15 @@ def _is_data(row: Sequence[str]) -> bool:
     return values > 0 and values >= words
 
 
-def _header_rows(rows: Sequence[Sequence[str]], named: Sequence[int], layout: SeriesSection) -> tuple[int, int | None]:
+def _header_rows(rows: _Rows, named: Sequence[int], layout: SeriesSection) -> tuple[int, int | None]:
     """Return which of the lines above the rows has the names, and which the units: of equally good ones the last."""
-    of_units = [i for i in named if _are_units(rows[i])]
+    of_units = [i for i in named if _are_units(rows(i))]
     possible = [i for i in named if i not in of_units] or list(named)
     if not possible:
         return 0, None
 
     def merit(i: int) -> tuple[bool, bool, bool, int]:
-        cells = [cell.lstrip("#% ") for cell in rows[i] if cell]
+        cells = [cell.lstrip("#% ") for cell in rows(i) if cell]
         times = any(cell in layout.times or is_time_name(cell) for cell in cells)
         return times, not any(_NUMBER.match(cell) for cell in cells), len(set(cells)) > 1, i
 
@@ -206,7 +217,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _is_decimal(sign: str, sample: Sequence[Sequence[str]], column: int) -> bool:
     evidence = Evidence()
-    evidence.take({row[column] for row in sample}, sign)
+    evidence.take({row[column] for row in sample if sign in row[column]}, sign)
     return bool(evidence.decimal) and not evidence.thousands
 
 
