@@ -423,6 +423,7 @@ def test_fit_on_a_measured_single_wheel(tmp_path):
     assert np.ptp(sinkage["measured_m"]) > 0.008, "the measured one does"
 
 
+@pytest.mark.slow
 def test_an_import_streams(logs, tmp_path):
     """Twenty times the frames take hardly more memory."""
     text = (logs / "run-1.log").read_text()
