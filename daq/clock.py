@@ -18,8 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from daq.arrays import FloatArray, IntArray
-from daq.errors import DataError
+from daq import DataError, FloatArray, IntArray
 
 _DAY_S = 86_400.0
 _TUKEY = 4.685

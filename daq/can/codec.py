@@ -25,13 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.arrays import BoolArray, FloatArray, IntArray
+from daq import BoolArray, Channel, FloatArray, IntArray
 from daq.can.bits import BitField, Message, RawKind, Signal, bit_field, read_raw, write_raw
 from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.can.identify import UNKNOWN, Identifier
 from daq.can.transport import Payload, Transport
-from daq.channels import Channel
 from daq.errors import DatabaseError, Fault, nearest
 
 _EXACT = 1 << 53

@@ -16,9 +16,8 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
+from daq import BusSection, ConfigError, HardwareError, RunInfo, VehicleConfig, check_logging
 from daq.can.databases import Database
-from daq.config import BusSection, RunInfo, VehicleConfig
-from daq.errors import ConfigError, HardwareError
 from daq.host_clock import HostClock
 from daq.logger.health.watched_messages import unknown_names, usable_roles
 from daq.logger.host_monitor import DiskGuard
@@ -37,10 +36,8 @@ from daq.logger.run_files import (
 )
 from daq.logger.session import Session
 from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
-from daq.machine import check_logging
 from daq.recording.sink import make_folder
-from daq.sources.can_source import Source
-from daq.sources.interfaces import open_source
+from daq.sources import Source, open_source
 from daq.sources.reconnect import ReconnectingSource
 
 _CLOSED_TERMINAL = getattr(signal, "SIGHUP", None)  # Windows has none

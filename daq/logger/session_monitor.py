@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from daq.config import VehicleConfig
-from daq.errors import Fault
+from daq import Fault, VehicleConfig
 from daq.host_clock import HostClock
 from daq.logger.health.monitor import statuses
 from daq.logger.health.report import HealthReport, Level, Reason, reason

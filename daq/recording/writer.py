@@ -15,9 +15,8 @@ from typing import Self
 
 import numpy as np
 
+from daq import DataError, RunInfo
 from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
-from daq.config import RunInfo
-from daq.errors import DataError
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.events import HostTopics

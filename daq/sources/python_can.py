@@ -22,10 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.arrays import IntArray
+from daq import BusSection, ConfigError, Fault, HardwareError, IntArray, nearest
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_from_messages, messages_from_frames
-from daq.config import BusSection
-from daq.errors import ConfigError, Fault, HardwareError, nearest
 from daq.host_clock import HostClock, monotonic_ns
 from daq.sources.can_source import SourceCounters
 

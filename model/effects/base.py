@@ -12,9 +12,7 @@ from daq import FloatArray
 from model.wheel_soil.dual import Dual, Number
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
-    from model.wheel_soil.contact import Patch
-    from model.wheel_soil.soils import SoilState
+    from model.wheel_soil import Conditions, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
 

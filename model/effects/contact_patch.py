@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA
-from model.wheel_soil.dual import Number, value_of, where
+from model.wheel_soil import REFERENCE_INFLATION_KPA, Number, value_of, where
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, Reaction, WheelState
-    from model.wheel_soil.contact import Patch
-    from model.wheel_soil.soils import SoilState
+    from model.wheel_soil import Conditions, Patch, Reaction, SoilState, WheelState
 
 
 FOREMOST = 0.95

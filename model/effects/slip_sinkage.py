@@ -9,8 +9,7 @@ from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import Number
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions
-    from model.wheel_soil.soils import SoilState
+    from model.wheel_soil import Conditions, SoilState
 
 
 class Vasilev(Effect):

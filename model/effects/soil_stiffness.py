@@ -10,8 +10,7 @@ from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import value_of, where
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions
-    from model.wheel_soil.soils import SoilState
+    from model.wheel_soil import Conditions, SoilState
 
 
 SLOWEST_MPS = 0.2

@@ -12,12 +12,10 @@ from daq import FloatArray, IndexArray
 from model import compiled
 from model.core_library import library
 from model.effects.base import Effect, Values
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil import Conditions, SoilState, speed_ratio
 from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants, rules_of
 from model.wheel_soil.dual import Dual, Number, rows, value_of, where
 from model.wheel_soil.pressure_sinkage import closed_form
-from model.wheel_soil.soils import SoilState
-from model.wheel_soil.stresses import speed_ratio
 
 Active = tuple[tuple[Effect, Values], ...]
 """Effects that are not neutral, each with its own parameters."""

@@ -41,11 +41,10 @@ from daq import (
     WheelSection,
     sampling_of,
 )
-from processing.notes import RunCode
+from processing import RunCode, in_order, interpolate, merge_equal_stamps, seconds_since
 from processing.pipeline.motion import ACCELEROMETERS
 from processing.pipeline.resampling import OnBase
 from processing.processed_run import GROUND_SPEED, Reason
-from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
 _LONGEST_TURN_S = 0.05

@@ -23,11 +23,10 @@ from daq import (
     VehicleConfig,
     find_unit,
 )
-from processing.notes import RunCode
+from processing import RunCode, seconds_since
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import appended, interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
-from processing.timebase import seconds_since
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0

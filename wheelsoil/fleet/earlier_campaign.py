@@ -9,9 +9,8 @@ from math import nan
 from typing import Any
 
 from daq import OUTPUTS, ConfigError
+from wheelsoil.fleet import Damage, Store
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS

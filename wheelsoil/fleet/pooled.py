@@ -20,10 +20,9 @@ from model.diagnosis.pooling import (
     passport_of,
     soil_departure,
 )
+from wheelsoil.fleet import Damage, Store
 from wheelsoil.fleet.changes import Change, changes_of
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
 from wheelsoil.to_json import streamed
 
 _YEAR_S = 365.25 * 86400

@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from daq import ConfigError, Fault, nearest, not_installed
 from daq.series import draft_of
+from wheelsoil.fleet import COLUMNS, Damage, Store
 from wheelsoil.fleet.holdings import Holdings, holdings_of, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
     import pyarrow as pa

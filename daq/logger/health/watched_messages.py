@@ -8,13 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from daq.arrays import BoolArray, FloatArray, IntArray
-from daq.can.bits import Message, RawKind, Signal
-from daq.can.databases import Database, messages_by_bus
+from daq import ROLES, BoolArray, ConfigError, Fault, FloatArray, HealthSection, IntArray, VehicleConfig, nearest
+from daq.can import Database, Message, RawKind, Signal, messages_by_bus
 from daq.can.roles import SignalRef, means_no_data, resolve_roles
-from daq.channels import ROLES
-from daq.config import HealthSection, VehicleConfig
-from daq.errors import ConfigError, Fault, nearest
 from daq.logger.health.arrivals import MessageFlow, is_named_so
 from daq.logger.health.report import Recent, SignalHealth
 

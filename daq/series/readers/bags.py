@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import DataError, RecordingError, not_installed
+from daq import DataError, RecordingError, SeriesSection, not_installed
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
 from daq.series.time_stamps import refuse_rate
 
