@@ -147,16 +147,12 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
     for p in effect.parameters:
         if not isinstance(p, Parameter):
             yield "has a parameter that is none", repr(p), "a model.effects.Parameter"
-        elif not _in_order(p):
+        elif not (p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0):
             yield (
                 f"has a parameter {p.name!r} that is out of order",
                 _numbers(p),
                 "lower <= neutral, start <= upper; scale > 0",
             )
-
-
-def _in_order(p: Parameter) -> bool:
-    return p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0
 
 
 def _numbers(p: Parameter) -> str:

@@ -45,7 +45,10 @@ class Contact:
 
     def resultants(self, sinkage: Number) -> Resultants:
         """Return Eq. 7-9 at a sinkage."""
-        return resultants(self._patch(sinkage), self.quadrature)
+        patch = self._own_patch(sinkage)
+        for effect, values in self.effects:
+            patch = effect.patch(patch, self.conditions, values)
+        return resultants(patch, self.quadrature)
 
     def closed_patch(self, sinkage: FloatArray) -> list[Any] | None:
         """Return the entries of the patch if nothing in it but the entry angle depends on the sinkage, else None."""
@@ -71,12 +74,6 @@ class Contact:
         found: list[Number] = []
         self.map(found.append)
         return found
-
-    def _patch(self, sinkage: Number) -> Patch:
-        patch = self._own_patch(sinkage)
-        for effect, values in self.effects:
-            patch = effect.patch(patch, self.conditions, values)
-        return patch
 
     def _own_patch(self, sinkage: Number) -> Patch:
         """Return the patch that no effect has changed."""

@@ -58,9 +58,10 @@ class Found:
 
 def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
     """Return the rows of a campaign, by table."""
+    short = short_runs([done for _, done in found.processed])
     made = {
         "campaigns": [_campaign(found)],
-        "runs": _runs(found.processed),
+        "runs": [_run(run, done, lost) for (run, done), lost in zip(found.processed, short, strict=True)],
         "notes": list(_notes(found)),
         "fits": list(_fits(found.fit)),
         "coefficients": [*_coefficients(found.fit), *_soils(found.diagnosis)],
@@ -143,11 +144,6 @@ def _traction(found: Found, runs: tuple[ProcessedRun, ...]) -> Traction:
         return traction_of(whole)
     wheel = wheel_of(first.vehicle, first.vehicle_source)
     return steady_traction(found.diagnosis, whole, wheel, found.fit.soil, found.fit.options.reading)
-
-
-def _runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[dict[str, Any]]:
-    short = short_runs([done for _, done in processed])
-    return [_run(run, done, lost) for (run, done), lost in zip(processed, short, strict=True)]
 
 
 def _run(run: Run, done: ProcessedRun, lost: Sequence[str]) -> dict[str, Any]:

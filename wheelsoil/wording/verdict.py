@@ -90,7 +90,11 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     """Return the sentences of the verdict, the most important one first, each with what it is about."""
     grounds = found.grounds
     if grounds.undecided is not None:
-        return _undecided(grounds.undecided)
+        steps = dict.fromkeys(
+            fault.next_step for fault in grounds.undecided.values.get("faults", ()) if fault.next_step
+        )
+        onward = [Statement(f"next: {'; '.join(steps)}", "next")] if steps else []
+        return _sentences([f"nothing can be decided: {note_text(grounds.undecided)}", *onward])
     if (note := several_terrains(found)) is not None:
         return _as_if_of_one_soil(found, note)
     statements = [*_verdict_of_table(found), *_error_of_form(grounds)] if grounds.table_channels else _of_runs(found)
@@ -375,12 +379,6 @@ def instead_words(found: Diagnosis) -> list[Statement]:
             for rival in found.grounds.soil_instead
         ]
     )
-
-
-def _undecided(why: Note) -> list[Statement]:
-    steps = dict.fromkeys(fault.next_step for fault in why.values.get("faults", ()) if fault.next_step)
-    onward = [Statement(f"next: {'; '.join(steps)}", "next")] if steps else []
-    return _sentences([f"nothing can be decided: {note_text(why)}", *onward])
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:

@@ -13,7 +13,7 @@ import tomli_w
 
 from daq import file_name, read_toml
 from model import ExtendedEffect, ExtendedModel, Fact, averaged_model, extended_model
-from model.diagnosis import Bench, Campaign, Diagnosis, Gain, ParameterEstimate, SoilEstimate
+from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.console import check_output
@@ -77,7 +77,11 @@ def models_of(
 
 def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
     runs = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in campaign.runs)
-    gain = _gain_of_the_file(diagnosis)
+    # The held-out gain of what is in the file: of the named causes, of the average, else of nothing.
+    if diagnosis.average is not None:
+        gain = diagnosis.average.gain
+    else:
+        gain = diagnosis.gain if diagnosis.verdict == "named" else None
     facts: dict[str, Fact] = {
         "made_by": f"wheelsoil {__version__}",
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -94,13 +98,6 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
     if diagnosis.average is not None and (worth := gain_words(gain)):
         facts["held_out"] = f"With their average, on held-out runs {worth}."
     return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN
-
-
-def _gain_of_the_file(diagnosis: Diagnosis) -> Gain | None:
-    """Return the held-out gain of what is in the file: of the named causes, of the average, else of nothing."""
-    if diagnosis.average is not None:
-        return diagnosis.average.gain
-    return diagnosis.gain if diagnosis.verdict == "named" else None
 
 
 def model_toml(model: ExtendedModel) -> str:

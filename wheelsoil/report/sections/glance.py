@@ -47,7 +47,7 @@ from wheelsoil.wording.verdict import (
     several_terrains,
 )
 from wheelsoil.workflows.grading import Grade
-from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, figures_of_diagnosis, figures_of_traction
 
 _STEPS = 3
 _NAMED = 5
@@ -68,6 +68,9 @@ def glance(inputs: ReportInputs) -> Contents:
         blocks.append(hero(inputs))
     except DataError as error:
         blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
+    if inputs.diagnosed is not None:
+        shared |= figures_of_diagnosis(inputs.diagnosed)
     numbers = {
         "headline": headline,
         "sentence": " ".join(sentences),
@@ -79,7 +82,7 @@ def glance(inputs: ReportInputs) -> Contents:
             for tile in (_error_tile(inputs), *_other_tiles(inputs, grades))
         },
         "cautions": list(steps.cautions),
-        "key_figures": _key_figures(inputs),
+        "key_figures": shared,
     }
     return [*blocks, steps], numbers
 
@@ -119,12 +122,6 @@ def _sentences(inputs: ReportInputs) -> list[str]:
         return fit_sentences(inputs, rank(inputs))
     except DataError as error:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
-
-
-def _key_figures(inputs: ReportInputs) -> dict[str, KeyFigure]:
-    """Return all that other surfaces show too, by its key."""
-    of_ground = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
-    return of_ground | (figures_of_diagnosis(inputs.diagnosed) if inputs.diagnosed is not None else {})
 
 
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:

@@ -91,6 +91,9 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
 def _runs_table(inputs: ReportInputs) -> Table:
     rows = []
     for run, grade in zip(inputs.runs, inputs.grades, strict=True):
+        # The two reasons that exclude most samples.
+        shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
+        most = sorted(shares, key=lambda why: -shares[why])[:2]
         rows.append(
             [
                 run.run.id,
@@ -99,7 +102,7 @@ def _runs_table(inputs: ReportInputs) -> Table:
                 f"{100 * float(np.mean(run.used)) if len(run) else 0:.1f}",
                 f"{100 * grade.usable_share:.1f}" if np.isfinite(grade.usable_share) else "–",
                 f"{grade.highest_slip:.2f}" if np.isfinite(grade.highest_slip) else "–",
-                _exclusion_reasons(run),
+                ", ".join(f"{_REASONS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing",
             ]
         )
     head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "main exclusion reasons"]
@@ -108,13 +111,6 @@ def _runs_table(inputs: ReportInputs) -> Table:
         "Good from 80 % on with slip beyond 0.5; below 50 % poor; hardly driven (slip below 0.1) fair."
     )
     return Table("Runs", head, rows, note, left=2, words=("main exclusion reasons",))
-
-
-def _exclusion_reasons(run: ProcessedRun) -> str:
-    """Return the two reasons that exclude most samples."""
-    shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
-    most = sorted(shares, key=lambda why: -shares[why])[:2]
-    return ", ".join(f"{_REASONS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing"
 
 
 def _length_s(run: ProcessedRun) -> float:
@@ -268,7 +264,7 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
             source.run_id,
             count(source.frames) if source.frames is not None else "–",
             count(source.dropped_frames) if source.dropped_frames is not None else "not counted",
-            _ended(source),
+            "a log" if source.exit_status is None else source.exit_status or "cut off",
             "; ".join([*source.loss, *source.gaps]) or "nothing",
             ", ".join(f"{key} {text}" for key, text in source.clock_steps.items()) or "was not set",
         ]
@@ -301,12 +297,6 @@ def _events(inputs: ReportInputs) -> list[Table]:
 
 def _timed(run: ProcessedRun, source: Source | None) -> list[tuple[float, Event]]:
     return [(1e-9 * (event.time_ns - run.start_ns), event) for event in (source.events if source else ())]
-
-
-def _ended(source: Source) -> str:
-    if source.exit_status is None:
-        return "a log"
-    return source.exit_status or "cut off"
 
 
 def _with_sigma(value: float, sigma: float, form: str) -> str:
