@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from daq import FloatArray
+from model.wheel_soil import Conditions, Patch, Reaction, SoilState, Wheel, WheelState
 from model.wheel_soil.dual import Dual, Number
-
-if TYPE_CHECKING:
-    from model.wheel_soil import Conditions, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
 

@@ -17,12 +17,20 @@ from model.effects.contact_patch import (
     StressPeakShift,
     TyreFlattening,
 )
-from model.effects.frame_tilt import BodyPitch
 from model.effects.slip_sinkage import ClosedFormSinkage, Ding, Lyasko, SecondOrder, SkidSinkage, Vasilev
 from model.effects.soil_stiffness import MultiPass, RateStiffness, TrackDrift
 from model.effects.speed_errors import SpeedBias, SpeedLatency, WheelRadius
-from model.effects.transducer_gains import Crosstalk, DrawbarPullGain, LoadGain, TorqueGain
-from model.effects.transducer_zeros import DrawbarPullZero, LoadZero, TorqueZero, ZeroDrift
+from model.effects.transducer import (
+    BodyPitch,
+    Crosstalk,
+    DrawbarPullGain,
+    DrawbarPullZero,
+    LoadGain,
+    LoadZero,
+    TorqueGain,
+    TorqueZero,
+    ZeroDrift,
+)
 from model.effects.wheel_forces import Bulldozing, Slope, WheelInertia
 
 PHYSICAL: tuple[type[Effect], ...] = (

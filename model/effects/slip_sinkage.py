@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from model.effects.base import Effect, Needs, Parameter, Values
+from model.wheel_soil import Conditions, SoilState
 from model.wheel_soil.dual import Number
-
-if TYPE_CHECKING:
-    from model.wheel_soil import Conditions, SoilState
 
 
 class Vasilev(Effect):

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
+from model.wheel_soil import Conditions, SoilState
 from model.wheel_soil.dual import value_of, where
-
-if TYPE_CHECKING:
-    from model.wheel_soil import Conditions, SoilState
-
 
 SLOWEST_MPS = 0.2
 
