@@ -333,8 +333,7 @@ class RecordingWriter:
             if self._counts_hold:
                 values |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
             values |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
-            values |= {"time_steps_back": str(self._raw.steps_back)}
-            self.add_metadata(RUN_END, values | dict(ended or {}))
+            self.add_metadata(RUN_END, {**values, "time_steps_back": str(self._raw.steps_back), **(ended or {})})
         finally:
             self._sink.finish()
 

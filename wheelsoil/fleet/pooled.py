@@ -251,17 +251,19 @@ def _passport_json(passport: Passport) -> dict[str, Any]:
         "shared": [{"effect": each.effect, "probability": each.probability} for each in passport.shared],
         "scatter": passport.scatter,
         "disagree": passport.disagree,
-        "trends": {effect: dict(_trend_json(passport, effect)) for effect in passport.trends},
+        "trends": {effect: _trend_json(passport, effect) for effect in passport.trends},
     }
 
 
-def _trend_json(passport: Passport, effect: str) -> Iterator[tuple[str, Any]]:
+def _trend_json(passport: Passport, effect: str) -> dict[str, Any]:
     trend = passport.trends[effect]
-    yield "parameter", trend.parameter
-    yield "unit", trend.unit
-    yield "date", day_of(trend.middle)
-    yield "value", trend.at[0]
-    yield "sigma", trend.at[1]
-    yield "per_month", trend.per_year[0] / 12
-    yield "per_month_sigma", trend.per_year[1] / 12
-    yield "points", [{**vars(point), "date": day_of(point.years)} for point in trend.points]
+    return {
+        "parameter": trend.parameter,
+        "unit": trend.unit,
+        "date": day_of(trend.middle),
+        "value": trend.at[0],
+        "sigma": trend.at[1],
+        "per_month": trend.per_year[0] / 12,
+        "per_month_sigma": trend.per_year[1] / 12,
+        "points": [{**vars(point), "date": day_of(point.years)} for point in trend.points],
+    }

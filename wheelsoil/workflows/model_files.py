@@ -109,11 +109,11 @@ def model_toml(model: ExtendedModel) -> str:
         effects = "; ".join(map(_effect_line, cause_set.effects)) or "no cause, the soil re-calibrated"
         head.append(f"{chance(cause_set.probability)}: {effects}")
     if model.sets:
-        head.append(str(model.provenance.get("held_out", "")))
-        head.append(
+        head += [
+            str(model.provenance.get("held_out", "")),
             f"No cause is named: {len(model.sets)} sets remain possible, each with its own soil. Their predictions "
-            f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here."
-        )
+            f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here.",
+        ]
     elif not model.effects:
         kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
         head.append(f"No cause is named, so that none is in it: {kept}.")

@@ -223,10 +223,9 @@ def gain(inputs: ReportInputs) -> Contents:
     blocks: list[Block] = [
         Text(_gain_sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"),
         _gain_table(gain, found.verdict),
+        Panels([_gain_figure(gain)], _GAIN_READING),
+        *([Text(_choices(gain))] if gain.chosen else []),
     ]
-    blocks.append(Panels([_gain_figure(gain)], _GAIN_READING))
-    if gain.chosen:
-        blocks.append(Text(_choices(gain)))
     return blocks, {"gain": gain}
 
 

@@ -338,8 +338,10 @@ def _hero_of_rows(found: Diagnosis, recommendation: Recommendation) -> Drawing:
         above = repeated(seen.slip, factor * model[channel])
         half = Z95 * matched(above.centre, repeated(seen.slip, factor * seen.base_sigma[channel]))
         edges = (above.median - half, above.median + half)
-        curves.append(Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges))
-        curves.append(Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True))
+        curves += [
+            Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges),
+            Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True),
+        ]
     ends = [end for curve in curves for end in (curve.y, curve.lower, curve.upper) if end is not None]
     plane = Plane(slips_of_rows(recommendation), reach(*ends), "Slip ratio, driving", _axis(channel))
     unused = f"; {words}" if (words := rows_not_used(found)) else ""

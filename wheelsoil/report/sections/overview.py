@@ -210,8 +210,7 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     for base, name, look in [*looks, (False, recommendation.title, "model")]:
         left = factor * recommendation.residual(channel, base=base)
         line = repeated(slip, left)
-        curves.append(Curve(_short(name), line.centre, line.median, look))
-        curves.append(Curve("", slip, left, look, points=True))
+        curves += [Curve(_short(name), line.centre, line.median, look), Curve("", slip, left, look, points=True)]
     edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     plane = Plane(
         slips_of_rows(recommendation),
