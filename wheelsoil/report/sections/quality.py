@@ -6,7 +6,7 @@ import numpy as np
 
 from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
-from processing import ProcessedRun, Reason, Standstill
+from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
@@ -208,7 +208,11 @@ def _systematic(sigmas: list[float]) -> str:
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     """Return the force readings at standstill, which show the zeros of the transducer."""
-    roles = [role for role in TRANSDUCER_ROLES if any(role in stand.levels for stand in _standstills(runs))]
+    roles = [
+        role
+        for role in TRANSDUCER_ROLES
+        if any(role in stand.levels for run in runs for stand in run.quality.standstills)
+    ]
     rows = [
         [
             run.run.id,
@@ -223,10 +227,6 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     taken = "after subtraction of the zero in zero.toml" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
-
-
-def _standstills(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
-    return [stand for run in runs for stand in run.quality.standstills]
 
 
 def _clocks(inputs: ReportInputs) -> Table:
