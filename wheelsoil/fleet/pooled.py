@@ -10,6 +10,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from model.diagnosis import Information
 from model.diagnosis.pooling import (
@@ -167,7 +168,6 @@ def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
 
 def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator[tuple[str, Observation]]:
     """Yield the campaigns of some transducers, with "" for one without a serial or a date."""
-    import pyarrow as pa
     from pyarrow import dataset
 
     serial = dataset.field("transducer")
