@@ -517,10 +517,9 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     alike = found.grounds.confounded
     causes = " and ".join(f"{_cause_named(cause, _explains(found))}: {size_text(cause)}" for cause in found.causes)
     statements: list[str | Statement] = [Statement(causes, "cause")]
-    if found.grounds.free_form:
-        family, over = found.grounds.free_form
+    if free := found.grounds.free_form:
         statements.append(
-            f"{plain_name(family).capitalize()} acts by another formula than the listed ones, over {over}"
+            f"{plain_name(free[0]).capitalize()} acts by another formula than the listed ones, over {free[1]}"
         )
     if worth := gain_words(found.gain, found.main_channel):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
@@ -551,21 +550,16 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         if barred is None and ((why := _unlisted_words(found.adequacy)) or sure):
             statements.append(f"None is sure enough for a name{why}")
     together = [
-        cause_set for cause_set in found.sets if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
+        f"{listed([plain_name(f) for f in cause_set.causes])} ({chance(cause_set.probability)})"
+        for cause_set in found.sets
+        if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
     ]
     if together:
-        pairs = [
-            f"{listed([plain_name(f) for f in cause_set.causes])} ({chance(cause_set.probability)})"
-            for cause_set in together
-        ]
-        statements.append(f"Several may act together: {'; '.join(pairs)}")
-    if barred is not None and peak_bars(found):
-        rare = f"and {chance(chances[families[0]])} if it seldom does"
-        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}, {rare}")
-    elif barred is not None:
-        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
-    others = [family for family in found.grounds.confounded if family not in families]
-    statements += rival_words(others, chances)
+        statements.append(f"Several may act together: {'; '.join(together)}")
+    if barred is not None:
+        rare = f", and {chance(chances[families[0]])} if it seldom does" if peak_bars(found) else ""
+        statements.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}{rare}")
+    statements += rival_words([family for family in found.grounds.confounded if family not in families], chances)
     if found.next_run:
         alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)
         statements += [*([] if alone else ["No single run decides"]), _next(found.next_run[0])]
