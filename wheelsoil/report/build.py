@@ -270,9 +270,15 @@ def build_report(inputs: ReportInputs) -> Report:
         if key in omitted:
             section = Section(key, builder.title, [Text(f"Omitted: {omitted[key]}.", "missing")])
         sections.append(section)
+    # The sections, the summary's lead with what differs from the last report beyond the intervals.
+    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
+    with_change = [
+        _told(section, f"Since last time: {said}.") if said and i == 0 else section
+        for i, section in enumerate(sections)
+    ]
     return Report(
         head=_head(inputs),
-        sections=tuple(_with_change(sections)),
+        sections=tuple(with_change),
         left_out=omitted,
         made_at=datetime.now(UTC),
         not_fitted=inputs.not_fitted,
@@ -280,15 +286,6 @@ def build_report(inputs: ReportInputs) -> Report:
         set_aside=inputs.set_aside,
         has_result=bool(inputs.tables or inputs.campaign or inputs.diagnosed),
     )
-
-
-def _with_change(sections: Sequence[Section]) -> list[Section]:
-    """Return the sections, the summary's lead with what differs from the last report beyond the intervals."""
-    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
-    return [
-        _told(section, f"Since last time: {said}.") if said and i == 0 else section
-        for i, section in enumerate(sections)
-    ]
 
 
 def _told(section: Section, sentence: str) -> Section:

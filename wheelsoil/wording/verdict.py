@@ -131,8 +131,9 @@ def headline_of(found: Diagnosis) -> str:
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
-        if soils := _asking_for_two_soils(found):
-            return f"No known cause explains these data: {soils}."
+        if groups := groups_of_runs(found):
+            ask = f"{groups.first} ask{'s' if groups.single else ''}"
+            return f"No known cause explains these data: {ask} for another soil than {groups.second}."
         return "No known cause explains these data: do not rely on the model."
     else:
         return "No cause is detected: soil and noise explain these data."
@@ -189,7 +190,7 @@ def details_of(found: Diagnosis) -> list[str]:
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
     elsewhere = ("headline", "gain", "next", "as_if")
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
-    if _size_in_headline(found):
+    if _headline_has_size(found):
         statements = [statement for statement in statements if statement.about != "cause"]
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
     wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
@@ -204,11 +205,10 @@ def details_of(found: Diagnosis) -> list[str]:
     return texts
 
 
-def _size_in_headline(found: Diagnosis) -> bool:
+def _headline_has_size(found: Diagnosis) -> bool:
     """Return whether the headline states the whole size of a named cause."""
-    if found.verdict != "named" or len(found.causes) > 1 or falling_channel(found) is not None:
-        return False
-    return not found.causes[0].form and ":" in headline_of(found)
+    alone = found.verdict == "named" and len(found.causes) == 1 and falling_channel(found) is None
+    return alone and not found.causes[0].form and ":" in headline_of(found)
 
 
 def several_terrains(found: Diagnosis) -> Note | None:
@@ -246,11 +246,6 @@ def _not_one_soil(found: Diagnosis, note: Note) -> str:
     groups = groups_of_runs(found)
     apart = f": {groups.first} differ{'s' if groups.single else ''} from {groups.second}" if groups else ""
     return f"{of_campaign} are probably not of one soil{apart}."
-
-
-def _asking_for_two_soils(found: Diagnosis) -> str:
-    groups = groups_of_runs(found)
-    return f"{groups.first} ask{'s' if groups.single else ''} for another soil than {groups.second}" if groups else ""
 
 
 def _as_if_of_one_soil(found: Diagnosis, note: Note) -> list[Statement]:

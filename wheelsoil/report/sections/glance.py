@@ -62,7 +62,13 @@ def glance(inputs: ReportInputs) -> Contents:
     sentences = _sentences(inputs)
     steps = Steps(_steps(inputs, grades), _again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
-    tiles = Tiles([_error_tile(inputs, _channel_of_headline(inputs.diagnosed)), *_other_tiles(inputs, grades)])
+    # The channel whose fall the headline tells; None where it tells of none.
+    channel_of_headline = (
+        falling_channel(inputs.diagnosed)
+        if inputs.diagnosed is not None and inputs.diagnosed.verdict in ("named", "one_of")
+        else None
+    )
+    tiles = Tiles([_error_tile(inputs, channel_of_headline), *_other_tiles(inputs, grades)])
     blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles]
     try:
         blocks.append(hero(inputs))
@@ -126,11 +132,6 @@ def _sentences(inputs: ReportInputs) -> list[str]:
 
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
     return [_confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
-
-
-def _channel_of_headline(found: Diagnosis | None) -> str | None:
-    """Return the channel whose fall the headline tells; None where it tells of none."""
-    return falling_channel(found) if found is not None and found.verdict in ("named", "one_of") else None
 
 
 def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
@@ -430,19 +431,18 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     if not poor and inputs.several_terrains is not None:
         return "none. Each run is usable, but not all together."
     if not poor and inputs.to_check:
-        return f"{'none' if len(grades) > 1 else 'no'}. Check {_to_check(inputs.to_check)}."
+        # The runs with why, or how many there are.
+        to_check = (
+            f"{len(inputs.to_check)} runs; the reasons stand under Runs"
+            if len(inputs.to_check) > _NAMED
+            else listed([f"{name} ({why})" for name, why in inputs.to_check.items()])
+        )
+        return f"{'none' if len(grades) > 1 else 'no'}. Check {to_check}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     given = len(grades) + len(set_aside)
     poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
     return f"{poor_runs}; the reasons stand under Runs."
-
-
-def _to_check(runs: dict[str, str]) -> str:
-    """Return the runs with why, or how many there are."""
-    if len(runs) > _NAMED:
-        return f"{len(runs)} runs; the reasons stand under Runs"
-    return listed([f"{name} ({why})" for name, why in runs.items()])
 
 
 def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:

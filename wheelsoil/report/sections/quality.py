@@ -39,11 +39,17 @@ _MOST_EVENTS = 40
 @section("quality", "Quality of the runs")
 def quality(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports."""
+    # Each note once, with the runs it concerns.
+    about = runs_by_text(inputs.runs, lambda run: run.quality.notes)
+    notes = [
+        Text(f"{'all runs' if len(ids) == len(inputs.runs) > 1 else ', '.join(ids)}: {note}.")
+        for note, ids in about.items()
+    ]
     blocks: list[Block] = [
         Panels([_shares_figure(inputs.runs)], _reading(inputs)),
         _runs_table(inputs),
         *(Text(f"Set aside: {run.run}: {run.reason}. Next: {run.next_step}.", "warning") for run in inputs.set_aside),
-        *_notes(inputs.runs),
+        *notes,
     ]
     numbers = {
         run.run.id: {
@@ -57,14 +63,6 @@ def quality(inputs: ReportInputs) -> Contents:
         for run, grade in zip(inputs.runs, inputs.grades, strict=True)
     }
     return blocks, numbers
-
-
-def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
-    """Return each note once, with the runs it concerns."""
-    about = runs_by_text(runs, lambda run: run.quality.notes)
-    return [
-        Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
-    ]
 
 
 def _reading(inputs: ReportInputs) -> str:
