@@ -40,8 +40,6 @@ def provenance(inputs: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-
-
 def _file_row(source: Source) -> list[str]:
     size = f"{source.bytes / 1e6:.2f}" if source.bytes is not None else "–"
     frames = count(source.frames) if source.frames is not None else "–"
