@@ -9,8 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from daq import FloatArray
-from model.wheel_soil import Conditions, Patch, Reaction, SoilState, Wheel, WheelState
-from model.wheel_soil.dual import Dual, Number
+from model.wheel_soil import Conditions, Dual, Number, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil import Conditions, SoilState
-from model.wheel_soil.dual import Number
+from model.wheel_soil import Conditions, Number, SoilState
 
 
 class Vasilev(Effect):

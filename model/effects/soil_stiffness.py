@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil import Conditions, SoilState
-from model.wheel_soil.dual import value_of, where
+from model.wheel_soil import Conditions, SoilState, value_of, where
 
 SLOWEST_MPS = 0.2
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Signals, Values
-from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.dual import value_of, where
+from model.wheel_soil import Conditions, value_of, where
 
 STANDSTILL_MPS = 0.05
 """Below it a receiver holds its speed at zero, so that no bias shows."""
