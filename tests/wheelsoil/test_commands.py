@@ -396,7 +396,7 @@ def test_fit_of_a_table_says_which_rows_it_left_out(tmp_path):
     assert "rows used" not in ok(*args).err
 
 
-@pytest.mark.parametrize("command", ["fit", "report", "simulate"])
+@pytest.mark.parametrize("command", ["fit", pytest.param("report", marks=pytest.mark.slow), "simulate"])
 def test_help_and_errors_list_every_soil(command, campaign, tmp_path):
     options = " ".join(ok(command, "--help").out.split())
     assert ", ".join(SOILS) in options

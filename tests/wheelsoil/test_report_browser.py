@@ -179,6 +179,7 @@ def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser:
         assert page.evaluate(f"{drawn}.every((one) => one.layout.shapes.length === 1)")
 
 
+@pytest.mark.slow
 def test_a_figure_is_saved_and_a_run_is_chosen(browser: Browser, written: Written, tmp_path: Path) -> None:
     with opened(browser, written.page) as page:
         page.evaluate(DRAW, "#plot-slip-driving, #plot-time-dp, #plot-track-use")
