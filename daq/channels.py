@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
-from daq.arrays import FloatArray, IntArray, data_frame
-from daq.units import Quantity, unit_suffix, unit_text
+from daq import FloatArray, IntArray, Quantity, data_frame, unit_suffix, unit_text
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,9 +23,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from daq.errors import RecordingError, WheelsoilError
+from daq import RecordingError, WheelsoilError, limit_memory
 from daq.limits import LIBRARY_BYTES_PER_S, LIBRARY_MEMORY_BYTES, LIBRARY_PATIENCE_S
-from daq.machine import limit_memory
 
 
 class _BrokenError(Exception):

@@ -18,8 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from daq.arrays import FloatArray, IntArray
-from daq.errors import DataError
+from daq import DataError, FloatArray, IntArray
 
 _DAY_S = 86_400.0
 _TUKEY = 4.685
@@ -145,7 +144,10 @@ class GnssClock:
         self._waiting_s = np.concatenate([self._waiting_s, gnss_s])
         self._keep(len(self._waiting_s) // self._stride)
         while len(self._gnss_s) > _KEPT_EPOCHS:
-            self._halve()
+            pairs = len(self._gnss_s) // 2
+            picked = 2 * np.arange(pairs) + self._draw.integers(0, 2, pairs)
+            self._host_ns, self._gnss_s = self._host_ns[picked], self._gnss_s[picked]
+            self._stride *= 2
 
     def fit(self) -> ClockFit | None:
         """Fit what was kept; None before the fifth epoch. Takes a few milliseconds."""
@@ -159,12 +161,6 @@ class GnssClock:
             self._gnss_s = np.concatenate([self._gnss_s, self._waiting_s[picked]])
             self._waiting_ns = self._waiting_ns[groups * self._stride :]
             self._waiting_s = self._waiting_s[groups * self._stride :]
-
-    def _halve(self) -> None:
-        pairs = len(self._gnss_s) // 2
-        picked = 2 * np.arange(pairs) + self._draw.integers(0, 2, pairs)
-        self._host_ns, self._gnss_s = self._host_ns[picked], self._gnss_s[picked]
-        self._stride *= 2
 
 
 def _fresh(host_ns: IntArray, gnss_s: FloatArray, last_s: float) -> tuple[IntArray, FloatArray]:

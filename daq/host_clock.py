@@ -16,9 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.arrays import BoolArray, IntArray
+from daq import BoolArray, IntArray, Note, RecordingCode
 from daq.can.frames import FrameBatch, FrameFlag
-from daq.notes import Note, RecordingCode
 
 _TRIES = 7
 _GOOD_BRACKET_NS = 2_000

@@ -142,7 +142,12 @@ class SamplingEstimator:
         interval_ns = median_ns if even else duration_ns / count
         spacing_ns, period_ns = interval_ns, mean_ns
         if balanced and not even:
-            spacing_ns = max(_spacing_ns(blocks), interval_ns)
+            # The interval of which `BRIDGED_INTERVALS` reach over nearly all holes of a stream in bursts.
+            ends = np.median(
+                [_intervals_up_to(block.steps.ravel(), (0.5, _WIDE_TIME_SHARE)) for block in blocks], axis=0
+            )
+            half_ns, wide_ns = ends.tolist()
+            spacing_ns = max(float(max(half_ns, _WIDE_MARGIN * wide_ns / BRIDGED_INTERVALS)), interval_ns)
         elif not balanced:
             units = [] if even else [unit for steps in kept for unit in _unit_of(steps)]
             period_ns = float(np.median(units)) if units else median_ns if usual else nan
@@ -248,13 +253,6 @@ def _balanced(blocks: list[_Blocks]) -> bool:
     """Return whether blocks take equal times: what is late is made up for, and nothing is lost."""
     spread, independent = sum(block.spread for block in blocks), sum(block.independent_spread for block in blocks)
     return bool(blocks) and spread <= _BALANCED * independent
-
-
-def _spacing_ns(blocks: list[_Blocks]) -> float:
-    """Return the interval of which `BRIDGED_INTERVALS` reach over nearly all holes of a stream in bursts."""
-    ends = np.median([_intervals_up_to(block.steps.ravel(), (0.5, _WIDE_TIME_SHARE)) for block in blocks], axis=0)
-    half_ns, wide_ns = ends.tolist()
-    return float(max(half_ns, _WIDE_MARGIN * wide_ns / BRIDGED_INTERVALS))
 
 
 def _unit_of(steps: IntArray) -> list[float]:

@@ -17,8 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from daq.channels import ROLES
-from daq.errors import nearest
+from daq import ROLES, nearest
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

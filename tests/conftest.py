@@ -21,7 +21,7 @@ from hypothesis import settings
 from scheduling import GroupScheduling, rank
 from shared_results import made_once
 
-settings.register_profile("gate", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("gate", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("random", deadline=None, print_blob=True)
 settings.load_profile("random")  # also where CI is set, for which Hypothesis has a profile of its own
 

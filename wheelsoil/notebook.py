@@ -118,10 +118,10 @@ def _cause_rows(cause: Cause) -> list[list[Cell]]:
     name, sure = plain_name(cause.name), chance(cause.probability)
     if not cause.parameters:
         return [[name, "", sure, "", "", ""]]
-    rows: list[list[Cell]] = []
-    for figure, p in zip(sizes_of(cause), cause.parameters, strict=True):
-        rows.append([name, p.name, sure, figure, figure_interval(figure), figure.unit])
-    return rows
+    return [
+        [name, p.name, sure, figure, figure_interval(figure), figure.unit]
+        for figure, p in zip(sizes_of(cause), cause.parameters, strict=True)
+    ]
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, left: int = 1, caption: str = "") -> str:

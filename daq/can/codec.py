@@ -25,13 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.arrays import BoolArray, FloatArray, IntArray
+from daq import BoolArray, Channel, FloatArray, IntArray
 from daq.can.bits import BitField, Message, RawKind, Signal, bit_field, read_raw, write_raw
 from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.can.identify import UNKNOWN, Identifier
 from daq.can.transport import Payload, Transport
-from daq.channels import Channel
 from daq.errors import DatabaseError, Fault, nearest
 
 _EXACT = 1 << 53
@@ -146,7 +145,10 @@ class Decoder:
     def __init__(self, databases: Mapping[str, Sequence[Database]], wanted: Collection[str] | None = None) -> None:
         named = [(bus, name, m) for bus, ms in messages_by_bus(databases).items() for name, m in ms.items()]
         if wanted is not None:
-            _check_wanted(wanted, named)
+            known = {f"{name}.{signal.name}" for _, name, message in named for signal in message.signals}
+            missing = [name for name in wanted if name not in known]
+            if missing:
+                raise DatabaseError(*(Fault(f"no DBC has a signal {n!r}", expected=nearest(n, known)) for n in missing))
         self._wanted = wanted is not None
         self._targets: list[tuple[str, str, list[SignalPlan]]] = []
         coded = []
@@ -331,13 +333,6 @@ def _scale(plan: SignalPlan, raw: NDArray[Any], out: FloatArray) -> None:
         np.multiply(raw, float(scale), out=out, dtype=np.float64)
         if offset != 0 or scale < 0:
             np.add(out, float(offset), out=out)
-
-
-def _check_wanted(wanted: Collection[str], named: Sequence[tuple[str, str, Message]]) -> None:
-    known = {f"{name}.{signal.name}" for _, name, message in named for signal in message.signals}
-    missing = [name for name in wanted if name not in known]
-    if missing:
-        raise DatabaseError(*(Fault(f"no DBC has a signal {n!r}", expected=nearest(n, known)) for n in missing))
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,9 @@ def _in_xml(text: str, fault: Callable[[list[str], dict[str, str], str], str]) -
     pieces: list[str] = []
 
     def note(why: str) -> None:
-        start = _place(text, parser.CurrentLineNumber)
+        start = 0
+        for _line in range(parser.CurrentLineNumber - 1):
+            start = text.find("\n", start) + 1
         found.append((start, start, why))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -157,11 +159,3 @@ def _in_xml(text: str, fault: Callable[[list[str], dict[str, str], str], str]) -
 
 class _StopError(Exception):
     """What follows need not be read."""
-
-
-def _place(text: str, line: int) -> int:
-    """Return the first character of a line, counted from 1."""
-    at = 0
-    for _line in range(line - 1):
-        at = text.find("\n", at) + 1
-    return at

@@ -125,7 +125,8 @@ def _statement_at(lines: list[str], number: int, column: int) -> list[BadLine]:
     if first in _STATEMENTS and column > line.index(first) + 1:
         start, end = number, _statement_end(lines, number)
         if first == "BO_" or _MULTIPLEXER.match(line):
-            start = _block_start(lines, number)
+            # The line of the `BO_` that line `number` belongs to, 0 where there is none.
+            start = next((i for i in range(number, 0, -1) if lines[i - 1].lstrip().startswith("BO_ ")), 0)
             end = _block_end(lines, start)
         return [BadLine(start, lines[start - 1], why, end)] if start else []
     before = next((i for i in range(number - 1, 0, -1) if lines[i - 1].strip()), 0)
@@ -154,11 +155,6 @@ def _block_end(lines: list[str], start: int) -> int:
         elif line and not line.startswith("//"):
             break
     return end
-
-
-def _block_start(lines: list[str], inside: int) -> int:
-    """Return the line of the ``BO_`` that line `inside` belongs to, 0 where there is none."""
-    return next((i for i in range(inside, 0, -1) if lines[i - 1].lstrip().startswith("BO_ ")), 0)
 
 
 def _statement_end(lines: list[str], start: int) -> int:

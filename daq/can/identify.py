@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray
-from daq.can.bits import Message
-from daq.can.databases import Database, messages_by_bus
-from daq.can.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.can import CLASSIC_DTYPE, Database, FrameArray, FrameBatch, FrameFlag, Message, messages_by_bus
 from daq.limits import MOST_IDS
 
 UNKNOWN = 0

@@ -11,14 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq.arrays import BoolArray, FloatArray
-from daq.can.bits import Message, RawKind, Signal
-from daq.can.databases import Database, messages_by_bus
-from daq.channels import ROLES, Channel, Use
-from daq.config import VehicleConfig
-from daq.errors import ConfigError, Fault, nearest
+from daq import ROLES, BoolArray, Channel, ConfigError, Fault, FloatArray, SignalName, Use, VehicleConfig, nearest
+from daq.can import Database, Message, RawKind, Signal, messages_by_bus
 from daq.units import Quantity, explain_unknown, find_unit
-from daq.vehicle_sections import SignalName
 
 _NAMED = 4
 """Columns of one name that a fault lists."""

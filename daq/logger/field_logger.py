@@ -16,9 +16,8 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
+from daq import BusSection, ConfigError, HardwareError, RunInfo, VehicleConfig, check_logging
 from daq.can.databases import Database
-from daq.config import BusSection, RunInfo, VehicleConfig
-from daq.errors import ConfigError, HardwareError
 from daq.host_clock import HostClock
 from daq.logger.health.watched_messages import unknown_names, usable_roles
 from daq.logger.host_monitor import DiskGuard
@@ -37,10 +36,8 @@ from daq.logger.run_files import (
 )
 from daq.logger.session import Session
 from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
-from daq.machine import check_logging
 from daq.recording.sink import make_folder
-from daq.sources.can_source import Source
-from daq.sources.interfaces import open_source
+from daq.sources import Source, open_source
 from daq.sources.reconnect import ReconnectingSource
 
 _CLOSED_TERMINAL = getattr(signal, "SIGHUP", None)  # Windows has none
@@ -202,12 +199,21 @@ def _opened(
 ) -> tuple[Path, FolderLock, RunFiles | None, list[ReconnectingSource]]:
     """Take the folder and open every bus; a folder that is not there is made last."""
     folder, named = _target(known.out, known.run)
-    _check_folder(folder)
+    # See that recordings can be made in a folder, or the folder in one that is there.
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise ConfigError.of("the folder cannot be made", folder, f"{there} is a file", next_step=_OTHER_FOLDER)
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ConfigError.of("the folder cannot be written to", there, next_step=_OTHER_FOLDER)
     lock = stack.enter_context(folder_lock(folder)) if folder.is_dir() else None
     files = _files(folder, named, known)
     sources = _open_all(list({bus.channel: bus for bus in known.vehicle.bus}.values()), opener, stack)
     if lock is None:
-        _make_folder(folder)
+        try:
+            make_folder(folder)
+        except OSError as error:
+            found = error.strerror or str(error)
+            raise ConfigError.of("the folder cannot be made", folder, found, next_step=_OTHER_FOLDER) from None
         lock = stack.enter_context(folder_lock(folder))
     return folder, lock, files, sources
 
@@ -264,20 +270,3 @@ def _open_all(
     if failed:
         raise type(failed[0])(*(fault for error in failed for fault in error.faults)) from None
     return sources
-
-
-def _check_folder(folder: Path) -> None:
-    """See that recordings can be made in a folder, or the folder in one that is there."""
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise ConfigError.of("the folder cannot be made", folder, f"{there} is a file", next_step=_OTHER_FOLDER)
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise ConfigError.of("the folder cannot be written to", there, next_step=_OTHER_FOLDER)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        make_folder(folder)
-    except OSError as error:
-        found = error.strerror or str(error)
-        raise ConfigError.of("the folder cannot be made", folder, found, next_step=_OTHER_FOLDER) from None

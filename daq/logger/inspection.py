@@ -14,12 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from daq.can.codec import Decoder
-from daq.can.databases import Database
-from daq.can.frames import FrameBatch, concatenate
-from daq.channels import Channel
-from daq.config import VehicleConfig
-from daq.errors import HardwareError
+from daq import Channel, HardwareError, VehicleConfig
+from daq.can import Database, Decoder, FrameBatch, concatenate
 from daq.logger.health.monitor import HealthMonitor
 from daq.logger.health.report import HealthReport, HostStatus
 from daq.logger.snapshot import Samples, Traces

@@ -13,17 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.can.databases import Database
-from daq.can.frames import FrameBatch
-from daq.channels import Channel
-from daq.clock import ClockFit
-from daq.config import RunInfo, VehicleConfig
-from daq.errors import Fault, HardwareError, RecordingError
+from daq import Channel, ClockFit, Fault, HardwareError, RecordingError, RunInfo, VehicleConfig
+from daq.can import Database, FrameBatch
 from daq.host_clock import HostClock
 from daq.logger.listener import Arrival
 from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, FolderLock, RunFiles, new_run
-from daq.recording import DiagnosticStatus, Event, PartWriter
-from daq.recording.decoded_topics import DecodedWriter
+from daq.recording import DecodedWriter, DiagnosticStatus, Event, PartWriter
 from daq.recording.events import Severity
 from daq.recording.part_writer import since, total
 from daq.recording.sink import make_folder

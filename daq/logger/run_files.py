@@ -16,9 +16,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from daq.config import RunInfo, VehicleConfig
-from daq.errors import HardwareError, RecordingError
-from daq.formatting import file_name
+from daq import HardwareError, RecordingError, RunInfo, VehicleConfig, file_name
 from daq.recording import Recording
 from daq.recording.contents import MAGIC
 from daq.recording.format import RUN_END, RUN_START

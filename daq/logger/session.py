@@ -137,7 +137,11 @@ class Session:
             if listener.is_alive():
                 self._parts.remarks.append(f"the driver of {listener.source.name} does not answer; it was left behind")
         try:
-            self._close_files(status)
+            self._count_unwritten()
+            try:
+                self._monitor.note_losses()
+            finally:
+                self._recorder.close(status)
         except HardwareError as error:
             self._disk_faults = self._disk_faults or error.faults
         finally:
@@ -147,13 +151,6 @@ class Session:
         for listener in self._listeners:
             if not listener.is_alive():
                 listener.source.close()
-
-    def _close_files(self, status: str) -> None:
-        self._count_unwritten()
-        try:
-            self._monitor.note_losses()
-        finally:
-            self._recorder.close(status)
 
     def _count_unwritten(self) -> None:
         recorded = self._recorder.frame_counts

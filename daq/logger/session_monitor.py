@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from daq.config import VehicleConfig
-from daq.errors import Fault
+from daq import Fault, VehicleConfig
 from daq.host_clock import HostClock
 from daq.logger.health.monitor import statuses
 from daq.logger.health.report import HealthReport, Level, Reason, reason
@@ -267,27 +266,21 @@ class SessionMonitor:
     def _each_second(self) -> None:
         if not self._host_monitor.hopeless():
             self._parts.notifier.alive()
-        self._replace_lost_file()
-        self._check_folder()
-        self.note_losses()
-        self._write_health()
-        self._note_clock()
-        now = self.status()
-        self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
-
-    def _replace_lost_file(self) -> None:
         text = self._recorder.replace_lost_file()
         if text:
             self._file_lost, self._file_lost_at = text, time.monotonic()
             self._remark(text)
-
-    def _check_folder(self) -> None:
-        """Record an event when no other file can be made any more, and when one can be again."""
+        # Record an event when no other file can be made any more, and when one can be again.
         before, self._folder_fault = self._folder_fault, self._recorder.folder_fault()
         if self._folder_fault and not before:
             self._recorder.event("folder", self._folder_words(), "warning")
         elif before and not self._folder_fault:
             self._recorder.event("folder", "files can be made again")
+        self.note_losses()
+        self._write_health()
+        self._note_clock()
+        now = self.status()
+        self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
 
     def _folder_words(self) -> str:
         return f"{self._folder_fault}; recording continues in {self._recorder.path.name}"

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from daq.can.databases import Database
-from daq.can.roles import resolve_roles
-from daq.channels import Channel
-from daq.config import VehicleConfig
+from daq import Channel, VehicleConfig
+from daq.can import Database, resolve_roles
 from daq.logger.health.report import BusHealth, HealthReport, HostStatus, Level, Reason
 from daq.logger.health.report import worst as worst_level
 from daq.logger.host_monitor import DiskState

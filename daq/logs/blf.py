@@ -19,9 +19,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from daq.arrays import IndexArray
+from daq import IndexArray, RecordingError
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
-from daq.errors import RecordingError
 from daq.limits import LARGEST_BLF_CONTAINER_BYTES, MOST_DAMAGED_PARTS
 from daq.logs.report import LogReport
 

@@ -10,9 +10,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import BoolArray, IntArray
+from daq import BoolArray, DataError, IntArray, RecordingError
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
-from daq.errors import DataError, RecordingError
 from daq.logs.report import LogReport
 from daq.logs.shapes import Nibbles, Varying, data_bytes, number, read_lines
 

@@ -6,16 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.can.codec import Decoder
-from daq.can.databases import Database, no_bus_in_common
-from daq.can.frames import FrameBatch
-from daq.can.identify import Coverage, coverage
-from daq.config import RunInfo, VehicleConfig
-from daq.errors import DataError, Fault
+from daq import DataError, Fault, RunInfo, VehicleConfig
+from daq.can import Coverage, Database, Decoder, FrameBatch, coverage, no_bus_in_common
 from daq.logs import FrameColumns, LogReport, read_log
 from daq.logs.report import share_of_all
-from daq.recording import whole_recording
-from daq.recording.decoded_topics import DecodedWriter
+from daq.recording import DecodedWriter, whole_recording
 from daq.runs.run import LENIENT_KEY, Configuration
 
 _BATCH_FRAMES = 1 << 17

@@ -89,7 +89,11 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
 
     Raises RecordingError if its content contradicts its suffix, or is of no known format.
     """
-    by_suffix = _by_suffix(path)
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes and suffixes[-1] == ".gz":
+        suffixes.pop()
+    last = suffixes[-1] if suffixes else ""
+    by_suffix = next((known for known in LOG_FORMATS if last in known.suffixes), None)
     detected = _detected(head)
     if detected is None and by_suffix is not None:
         return by_suffix
@@ -146,14 +150,6 @@ def no_such_file(path: Path) -> RecordingError:
     names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
     expected = nearest(path.name, names) if names else ""
     return RecordingError.of("no such file", path, expected=expected, next_step="check the path")
-
-
-def _by_suffix(path: Path) -> LogFormat | None:
-    suffixes = [suffix.lower() for suffix in path.suffixes]
-    if suffixes and suffixes[-1] == ".gz":
-        suffixes.pop()
-    last = suffixes[-1] if suffixes else ""
-    return next((known for known in LOG_FORMATS if last in known.suffixes), None)
 
 
 def _detected(head: bytes) -> LogFormat | OtherFormat | None:

@@ -11,9 +11,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from daq import ConfigError, Fault, SeriesSection, nearest
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
-from daq.config import SeriesSection
-from daq.errors import ConfigError, Fault, nearest
 from daq.logs.frame_cells import Data, bytes_of_cells, bytes_of_text, columns_of_text, different_rows
 from daq.logs.report import EMPTY, HEADERS, LogReport
 from daq.logs.shapes import text_blocks

@@ -9,9 +9,8 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 
-from daq.balance import Balance
+from daq import Balance, RecordingError
 from daq.can.frames import FrameArray
-from daq.errors import RecordingError
 from daq.limits import EARLIEST_DATE_NS, MOST_BUSES
 
 _LISTED = 8  # lost parts of a file

@@ -12,9 +12,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from daq.arrays import BoolArray, IntArray
+from daq import BoolArray, IntArray, RecordingError
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
-from daq.errors import RecordingError
 from daq.logs.report import LogReport
 from daq.logs.shapes import FREE, Nibbles, Varying, byte_spans, data_bytes, frames_of, number, text_blocks
 

@@ -316,7 +316,11 @@ def read_contents(path: Path) -> Contents:
         with path.open("rb") as file:
             contents = Contents(path, file.seek(0, 2))
             _check_magic(file, contents)
-            _take_header(file, contents)
+            try:
+                header = parsed(Header.read, read_record(file, len(MAGIC), None, Opcode.HEADER))
+                contents.profile, contents.library = header.profile, header.library
+            except DamagedError as damage:
+                contents.losses.append(Loss(f"the header: {damage}", len(MAGIC), 0))
             if not take_summary(file, contents):
                 walk(file, contents)
             _define_channels(file, contents)
@@ -339,14 +343,6 @@ def _check_magic(file: BinaryIO, contents: Contents) -> None:
     if head != MAGIC:
         found, step = f"it begins with {head!r}", "a log of another format goes through `wheelsoil import`"
         raise RecordingError.of("not an MCAP file", contents.path, found, repr(MAGIC), step)
-
-
-def _take_header(file: BinaryIO, contents: Contents) -> None:
-    try:
-        header = parsed(Header.read, read_record(file, len(MAGIC), None, Opcode.HEADER))
-        contents.profile, contents.library = header.profile, header.library
-    except DamagedError as damage:
-        contents.losses.append(Loss(f"the header: {damage}", len(MAGIC), 0))
 
 
 def _define_channels(file: BinaryIO, contents: Contents) -> None:

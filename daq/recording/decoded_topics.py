@@ -11,13 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import FloatArray, IndexArray, IntArray
-from daq.can.databases import Database, messages_by_bus
+from daq import Channel, DataError, Fault, FloatArray, IndexArray, IntArray, VehicleConfig, nearest
+from daq.can import Database, messages_by_bus, resolve_roles
 from daq.can.frames import joined
-from daq.can.roles import resolve_roles
-from daq.channels import Channel
-from daq.config import VehicleConfig
-from daq.errors import DataError, Fault, nearest
 from daq.formatting import numbered
 from daq.recording.events import GatheredTopics
 from daq.recording.format import (

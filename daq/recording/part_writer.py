@@ -14,9 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypedDict, Unpack
 
+from daq import Fault, HardwareError, RecordingError, RunInfo
 from daq.can.frames import FrameBatch
-from daq.config import RunInfo
-from daq.errors import Fault, HardwareError, RecordingError
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.events import HostTopics

@@ -17,9 +17,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 from pydantic import ValidationError
 
+from daq import DataError, RecordingError, RunInfo, every_error_as, nearest
 from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
-from daq.config import RunInfo
-from daq.errors import DataError, RecordingError, every_error_as, nearest
 from daq.limits import LARGEST_BATCH_BYTES
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
 from daq.recording.contents import Contents, Loss, parsed, read_contents, read_record, unreadable

@@ -9,15 +9,11 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Self
 
+from daq import DataError, Note, RecordingCode, RecordingError, RunInfo, nearest
 from daq.can.frames import FrameBatch, concatenate, renumbered
-from daq.config import RunInfo
-from daq.errors import DataError, RecordingError, nearest
-from daq.notes import Note, RecordingCode
-from daq.recording.contents import Loss
-from daq.recording.events import Event
+from daq.recording import Event, Loss, Recording, Topic
 from daq.recording.format import LOSSES, RUN_END, RUN_START
 from daq.recording.part_writer import ROTATED, part_number, part_path, parts_on_disk, total
-from daq.recording.reader import Recording, Topic
 from daq.series.blocks import Series
 
 

@@ -41,8 +41,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from daq.arrays import IntArray
-from daq.errors import HardwareError, RecordingError
+from daq import HardwareError, IntArray, RecordingError
 from daq.recording.chunks import Compression, PackedChunk, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING

@@ -15,9 +15,8 @@ from typing import Self
 
 import numpy as np
 
+from daq import DataError, RunInfo
 from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
-from daq.config import RunInfo
-from daq.errors import DataError
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.events import HostTopics
@@ -334,8 +333,7 @@ class RecordingWriter:
             if self._counts_hold:
                 values |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
             values |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
-            values |= {"time_steps_back": str(self._raw.steps_back)}
-            self.add_metadata(RUN_END, values | dict(ended or {}))
+            self.add_metadata(RUN_END, {**values, "time_steps_back": str(self._raw.steps_back), **(ended or {})})
         finally:
             self._sink.finish()
 

@@ -6,10 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from daq.arrays import FloatArray
-from daq.channels import ROLES, Channel
-from daq.config import VehicleConfig
-from daq.errors import ConfigError
+from daq import ROLES, Channel, ConfigError, FloatArray, VehicleConfig
 
 _OTHER_SPEED = {"wheel_speed": "ground_speed", "ground_speed": "wheel_speed"}
 

@@ -14,9 +14,8 @@ from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Literal
 
+from daq import ConfigError, DataError, Fault, RecordingError, VehicleConfig, WheelsoilError, load_toml
 from daq.can.roles import plain_name
-from daq.config import VehicleConfig, load_toml
-from daq.errors import ConfigError, DataError, Fault, RecordingError, WheelsoilError
 from daq.formatting import numbered
 from daq.gunzip import unpacked
 from daq.logs.formats import LOG_SUFFIXES, is_frame_log, no_such_file

@@ -11,19 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.can.codec import Decoder
+from daq import ROLES, Channel, Note, RecordingCode
+from daq.can import Decoder, FrameBatch
 from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus, signals_of
-from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
-from daq.channels import ROLES, Channel
 from daq.config import OfWheel, RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import ConfigError, DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
-from daq.notes import Note, RecordingCode
 from daq.recording import RunRecording
 from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
-from daq.series.blocks import Series, SeriesBlock
-from daq.series.formats import read_series
+from daq.series import Series, SeriesBlock, read_series
 from daq.zero_file import carried_zeros
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from daq.arrays import FloatArray, IntArray
+from daq import FloatArray, IntArray, SamplingEstimator
 from daq.can.roles import NoData
-from daq.sampling import SamplingEstimator
 
 MOST_MESSAGES = 5000
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daq.arrays import BoolArray, FloatArray, IntArray
-from daq.balance import Balance
-from daq.errors import RecordingError, every_error_as
+from daq import Balance, BoolArray, FloatArray, IntArray, RecordingError, every_error_as
 from daq.limits import EARLIEST_DATE_NS
 
 BLOCK_ROWS = 1 << 16

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from daq import RecordingError, SeriesSection, WheelsoilError, every_error_as
 from daq.can.roles import plain_name
-from daq.config import SeriesSection
-from daq.errors import RecordingError, WheelsoilError, every_error_as
 from daq.gunzip import unpacked
 from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.arrays import FloatArray
-from daq.errors import ConfigError
+from daq import ConfigError, FloatArray
 
 POINT, COMMA = ".", ","
 _SIGN, _EXPONENT = r"[+-]?", r"(?:[eE][+-]?\d+)?"

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.arrays import FloatArray, IndexArray
-from daq.errors import ConfigError, DataError, Fault
+from daq import ConfigError, DataError, Fault, FloatArray, IndexArray
 from daq.series.tables import Source, Table, read_table
 
 WHEEL_REQUIRED = ("slip", "vertical_load_n", "drawbar_pull_n")

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq.arrays import FloatArray
-from daq.errors import ConfigError, DataError, Fault, every_error_as, nearest
+from daq import ConfigError, DataError, Fault, FloatArray, every_error_as, nearest
 from daq.limits import MOST_COLUMNS
 
 MISSING = frozenset({"", "nan", "na", "n/a", "-"})

@@ -9,13 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import BoolArray, FloatArray, IntArray
+from daq import (
+    BoolArray,
+    ConfigError,
+    DataError,
+    Fault,
+    FloatArray,
+    IntArray,
+    Quantity,
+    SeriesSection,
+    find_unit,
+    nearest,
+)
 from daq.can.roles import plain_name, unit_behind
-from daq.config import SeriesSection
-from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.limits import EARLIEST_DATE_NS, LAST_TIME_NS
 from daq.series.blocks import SeriesReport
-from daq.units import Quantity, find_unit
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,15 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.arrays import FloatArray
+from daq import BusSection, ConfigError, DataError, Fault, FloatArray, nearest
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_between
-from daq.config import BusSection
-from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
 from daq.runs.open import is_recording
-from daq.sources.can_source import Sink
-from daq.sources.interfaces import open_sink
+from daq.sources import Sink, open_sink
 
 SPIN_S = 40e-6
 """Spent looking at the clock at the end of a wait: about what a wake-up costs once the kernel does not put it off."""

@@ -22,10 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.arrays import IntArray
+from daq import BusSection, ConfigError, Fault, HardwareError, IntArray, nearest
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_from_messages, messages_from_frames
-from daq.config import BusSection
-from daq.errors import ConfigError, Fault, HardwareError, nearest
 from daq.host_clock import HostClock, monotonic_ns
 from daq.sources.can_source import SourceCounters
 
@@ -187,8 +185,8 @@ def open_bus(bus: BusSection) -> can.BusABC:
     try:
         opened = can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
         if made := _socket_of(opened):
-            with made:
-                _hear_only_its_group(made)
+            with made, contextlib.suppress(OSError):  # an old kernel
+                made.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(made.family)], 0)
         return opened
     except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
         # NameError: what python-can's kvaser raises without its driver
@@ -202,12 +200,6 @@ def _socket_of(bus: can.BusABC) -> socket.socket | None:
     if sys.platform != "linux" or type(bus).__name__ != "UdpMulticastBus":
         return None
     return socket.socket(fileno=os.dup(bus.fileno()))
-
-
-def _hear_only_its_group(made: socket.socket) -> None:
-    """Have a multicast bus ignore the groups that other programs of this machine have joined, as it shares a port."""
-    with contextlib.suppress(OSError):  # an old kernel
-        made.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(made.family)], 0)
 
 
 def _next_step(interface: str, channel: str, error: Exception) -> str:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daq import BusSection, ConfigError, Fault, HardwareError
 from daq.can.frames import ErrorClass, FrameBatch, FrameFlag
-from daq.config import BusSection
-from daq.errors import ConfigError, Fault, HardwareError
 from daq.recording.events import Severity
 from daq.sources.can_source import BusState, BusStatus, InterfaceDownError, Source, SourceCounters
 

@@ -14,9 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import IntArray
+from daq import Fault, HardwareError, IntArray, nearest
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
-from daq.errors import Fault, HardwareError, nearest
 from daq.sources.can_source import InterfaceDownError, SourceCounters
 
 # Linux: asm-generic/socket.h, linux/can/raw.h, linux/sock_diag.h

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from daq import FloatArray
-from model.wheel_soil.dual import Dual, Number
-
-if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
-    from model.wheel_soil.contact import Patch
-    from model.wheel_soil.soils import SoilState
+from model.wheel_soil import Conditions, Dual, Number, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
 

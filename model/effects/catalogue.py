@@ -17,12 +17,20 @@ from model.effects.contact_patch import (
     StressPeakShift,
     TyreFlattening,
 )
-from model.effects.frame_tilt import BodyPitch
 from model.effects.slip_sinkage import ClosedFormSinkage, Ding, Lyasko, SecondOrder, SkidSinkage, Vasilev
 from model.effects.soil_stiffness import MultiPass, RateStiffness, TrackDrift
 from model.effects.speed_errors import SpeedBias, SpeedLatency, WheelRadius
-from model.effects.transducer_gains import Crosstalk, DrawbarPullGain, LoadGain, TorqueGain
-from model.effects.transducer_zeros import DrawbarPullZero, LoadZero, TorqueZero, ZeroDrift
+from model.effects.transducer import (
+    BodyPitch,
+    Crosstalk,
+    DrawbarPullGain,
+    DrawbarPullZero,
+    LoadGain,
+    LoadZero,
+    TorqueGain,
+    TorqueZero,
+    ZeroDrift,
+)
 from model.effects.wheel_forces import Bulldozing, Slope, WheelInertia
 
 PHYSICAL: tuple[type[Effect], ...] = (
@@ -186,16 +194,12 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
     for p in effect.parameters:
         if not isinstance(p, Parameter):
             yield "has a parameter that is none", repr(p), "a model.effects.Parameter"
-        elif not _in_order(p):
+        elif not (p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0):
             yield (
                 f"has a parameter {p.name!r} that is out of order",
                 _numbers(p),
                 "lower <= neutral, start <= upper; scale > 0",
             )
-
-
-def _in_order(p: Parameter) -> bool:
-    return p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0
 
 
 def _numbers(p: Parameter) -> str:

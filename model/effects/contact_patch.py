@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA
-from model.wheel_soil.dual import Number, value_of, where
-
-if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, Reaction, WheelState
-    from model.wheel_soil.contact import Patch
-    from model.wheel_soil.soils import SoilState
-
+from model.wheel_soil import (
+    REFERENCE_INFLATION_KPA,
+    Conditions,
+    Number,
+    Patch,
+    Reaction,
+    SoilState,
+    WheelState,
+    value_of,
+    where,
+)
 
 FOREMOST = 0.95
 """Of theta_1: the peak stays behind the entry."""

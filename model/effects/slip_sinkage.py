@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil.dual import Number
-
-if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions
-    from model.wheel_soil.soils import SoilState
+from model.wheel_soil import Conditions, Number, SoilState
 
 
 class Vasilev(Effect):

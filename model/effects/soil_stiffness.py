@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil.dual import value_of, where
-
-if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions
-    from model.wheel_soil.soils import SoilState
-
+from model.wheel_soil import Conditions, SoilState, value_of, where
 
 SLOWEST_MPS = 0.2
 

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Values
-from model.wheel_soil.dual import value_of, where
-
-if TYPE_CHECKING:
-    from model.effects.base import Signals
-    from model.wheel_soil.conditions import Conditions
+from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Signals, Values
+from model.wheel_soil import Conditions, value_of, where
 
 STANDSTILL_MPS = 0.05
 """Below it a receiver holds its speed at zero, so that no bias shows."""

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from daq import STANDARD_GRAVITY_MPS2
 from model.effects.base import Effect, Needs, Parameter, Values
-from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG
-
-if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Reaction, WheelState
+from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Reaction, WheelState
 
 MASS_KG = USUAL_OUTBOARD_MASS_KG
 INERTIA_KGM2 = 8.0

@@ -102,7 +102,10 @@ def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...]) -> C
     unknown = np.any(np.abs(vt[~kept]) > _INVOLVED, axis=0)
     matrix[unknown, :] = matrix[:, unknown] = np.nan
     matrix[unknown, unknown] = np.inf
-    correlation = _correlation(matrix)
+    deviation = np.sqrt(np.diag(matrix))
+    usable = np.isfinite(deviation) & (deviation > 0)
+    deviation = np.where(usable, deviation, np.nan)
+    correlation = np.asarray(matrix / np.outer(deviation, deviation))
     multiple = np.sqrt(np.clip(1.0 - 1.0 / np.maximum(np.diag(inverse), 1.0), 0.0, 1.0))
     multiple[unknown] = np.nan
     condition = singular[0] / singular[-1] if kept.all() else np.inf
@@ -118,13 +121,6 @@ def _singular_values(triangle: FloatArray, count: int) -> tuple[FloatArray, Floa
     """Return all `count` singular values, padded with zeros where there are fewer rows than columns."""
     _, singular, vt = np.linalg.svd(triangle, full_matrices=True)
     return np.concatenate([singular, np.zeros(count - singular.size)]), vt
-
-
-def _correlation(matrix: FloatArray) -> FloatArray:
-    deviation = np.sqrt(np.diag(matrix))
-    usable = np.isfinite(deviation) & (deviation > 0)
-    deviation = np.where(usable, deviation, np.nan)
-    return np.asarray(matrix / np.outer(deviation, deviation))
 
 
 def _null_note(direction: FloatArray, names: tuple[str, ...]) -> Note:

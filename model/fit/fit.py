@@ -20,11 +20,8 @@ from daq import (
     Severity,
     nearest,
 )
-from model.averaged import AveragedModel
-from model.cores import in_parallel, one_thread
-from model.effects.base import Effect
-from model.effects.catalogue import EFFECTS
-from model.extended import ExtendedModel
+from model import AveragedModel, ExtendedModel, FitCode, in_parallel, one_thread
+from model.effects import EFFECTS, Effect
 from model.fit.criteria import criteria
 from model.fit.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
@@ -32,12 +29,8 @@ from model.fit.intervals import Blocks, blocks_of
 from model.fit.observations import Measured, Observations, measured_of, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
-from model.notes import FitCode
 from model.progress import counted
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.run_conditions import conditions_of
-from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
-from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Prediction, Soil, Wheel, WheelSoilModel, conditions_of
 from processing import ProcessedRun
 
 MIN_SAMPLES = 20

@@ -19,8 +19,7 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray
 from model.averaged import AveragedModel
 from model.fit.observations import Observations
-from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
-from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, Prediction, SoilPrior, WheelSoilModel
 
 _SOIL_BOUNDS = {
     "cohesion_pa": (0.0, np.inf),

@@ -11,13 +11,10 @@ import numpy as np
 from daq import OUTPUTS, Note, frame_of_rows
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
-from model.fit.criteria import Criteria
+from model.fit import Criteria, Observations
 from model.fit.intervals import Blocks
-from model.fit.observations import Observations
 from model.inference_data import Normal, inference_data
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import Soil, SoilPrior
-from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
+from model.wheel_soil import Prediction, Reading, Soil, SoilPrior, Wheel, WheelSoilModel
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,12 +12,10 @@ from daq import FloatArray, IndexArray
 from model import compiled
 from model.core_library import library
 from model.effects.base import Effect, Values
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil import Conditions, SoilState, speed_ratio
 from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants, rules_of
 from model.wheel_soil.dual import Dual, Number, rows, value_of, where
 from model.wheel_soil.pressure_sinkage import closed_form
-from model.wheel_soil.soils import SoilState
-from model.wheel_soil.stresses import speed_ratio
 
 Active = tuple[tuple[Effect, Values], ...]
 """Effects that are not neutral, each with its own parameters."""
@@ -47,7 +45,10 @@ class Contact:
 
     def resultants(self, sinkage: Number) -> Resultants:
         """Return Eq. 7-9 at a sinkage."""
-        return resultants(self._patch(sinkage), self.quadrature)
+        patch = self._own_patch(sinkage)
+        for effect, values in self.effects:
+            patch = effect.patch(patch, self.conditions, values)
+        return resultants(patch, self.quadrature)
 
     def closed_patch(self, sinkage: FloatArray) -> list[Any] | None:
         """Return the entries of the patch if nothing in it but the entry angle depends on the sinkage, else None."""
@@ -73,12 +74,6 @@ class Contact:
         found: list[Number] = []
         self.map(found.append)
         return found
-
-    def _patch(self, sinkage: Number) -> Patch:
-        patch = self._own_patch(sinkage)
-        for effect, values in self.effects:
-            patch = effect.patch(patch, self.conditions, values)
-        return patch
 
     def _own_patch(self, sinkage: Number) -> Patch:
         """Return the patch that no effect has changed."""

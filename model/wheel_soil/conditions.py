@@ -8,8 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from daq import IndexArray
-from model.wheel_soil.dual import Number, value_of, where
-from model.wheel_soil.soils import SoilState
+from model.wheel_soil import Number, SoilState, value_of, where
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
 REFERENCE_INFLATION_KPA = 340.0

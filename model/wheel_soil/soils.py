@@ -9,8 +9,7 @@ from math import cos, radians, tan
 import numpy as np
 
 from daq import SOIL_KEYS, FloatArray, TerrainConfig
-from model.wheel_soil import pressure_sinkage
-from model.wheel_soil.dual import Number
+from model.wheel_soil import Number, pressure_sinkage
 
 SOIL_PARAMETERS = (
     "cohesion_pa",

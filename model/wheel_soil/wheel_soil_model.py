@@ -10,11 +10,9 @@ import numpy as np
 
 from daq import BoolArray, ConfigError, Fault, FloatArray, nearest
 from model.effects.base import Effect
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Quadrature, Reaction, Soil, Wheel, WheelState
 from model.wheel_soil.balance import Active, Contact, Solution, solve
-from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
-from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.dual import Dual, Number, column, value_of
-from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 
 Reading = Literal["balanced", "literal"]
 """How the slip-sinkage laws are read (docs/decisions/sinkage-readings.md)."""

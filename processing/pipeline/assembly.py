@@ -23,8 +23,7 @@ from daq import (
     VehicleSection,
     WheelSection,
 )
-from processing.notes import RunCode
-from processing.options import SLIP_ROLES, ProcessOptions
+from processing import SLIP_ROLES, ProcessOptions, RunCode
 from processing.pipeline.filters import standstill_sigma
 from processing.pipeline.inputs import MODEL_ROLES
 from processing.pipeline.kinematics import (

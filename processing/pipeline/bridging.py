@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from daq import BoolArray, Note, Severity
-from processing.notes import RunCode
-from processing.options import ProcessOptions
+from processing import ProcessedRun, ProcessOptions, Reason, RunCode
 from processing.pipeline.collection import Samples
 from processing.pipeline.filters import EDGE_SIGMAS, KERNEL_REACH_SIGMAS
 from processing.pipeline.resampling import gap_limit_s
-from processing.processed_run import ProcessedRun, Reason
 from processing.timebase import nearest, seconds_since, stretch_of, stretches
 
 _LITTLE = 0.5

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import REACTIONS, ROLES, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
-from processing.notes import RunCode
+from processing import ProcessedRun, Reason, RunCode, Segment, SensorFacts, Standstill
 from processing.pipeline.latency import SpeedComparison
-from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts, Standstill
 
 _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""

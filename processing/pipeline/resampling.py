@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import BRIDGED_INTERVALS, BoolArray, FloatArray, Note
-from processing.notes import RunCode
+from processing import Reason, RunCode, SensorFacts
 from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
 from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigma, kernel_sigma_s, smooth
-from processing.processed_run import Reason, SensorFacts
 from processing.timebase import interpolate, nearest, seconds_since, stretches
 
 _RETHIN_PER_SIGMA = 1 / 6

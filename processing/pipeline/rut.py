@@ -14,8 +14,7 @@ from math import cos, radians
 import numpy as np
 
 from daq import ConfigError, DataError, Fault, FloatArray, Note, RutReading
-from processing.notes import RunCode
-from processing.processed_run import ProcessedRun, Reason
+from processing import ProcessedRun, Reason, RunCode
 
 REBOUND_M, REBOUND_SIGMA_M = 0.005, 0.003
 """Assumed, without a source: what is added to a rut's depth, and how much soils differ in it."""

@@ -267,19 +267,16 @@ def dropped(speed: Series, held: Held, wheel: Sequence[Series]) -> BoolArray:
             continue
         start, stop = held.start[k], held.stop[k]
         height = min(size[k - 1], size[k + 1]) - dead_mps
-        step_s = max(_usual_step_s(held, size, time_ns, k), float(held.until_s[k - 1]))
+        # The time between two different values within 2 s of a drop, of nearly all.
+        begin_ns, around_ns = time_ns[held.start], round(_LONGEST_DROP_S * 1e9)
+        first, last = np.searchsorted(begin_ns, (begin_ns[k] - around_ns, time_ns[held.stop[k] - 1] + around_ns))
+        steps = np.sort(held.until_s[first:last][size[first:last] > 0])
+        passed = np.cumsum(steps)
+        usual_step_s = float(steps[np.searchsorted(passed, _USUAL_SHARE * passed[-1])]) if len(steps) else np.inf
+        step_s = max(usual_step_s, float(held.until_s[k - 1]))
         if height > max(_LEAST_DROP_MPS, _IMPOSSIBLE_MPS2 * step_s):
             bad[start:stop] = all(_turns_on(time_ns[start - 1 : stop], series) for series in wheel)
     return bad
-
-
-def _usual_step_s(held: Held, size: FloatArray, time_ns: IntArray, k: int) -> float:
-    """Return the time between two different values within 2 s of a drop, of nearly all."""
-    begin_ns, around_ns = time_ns[held.start], round(_LONGEST_DROP_S * 1e9)
-    first, last = np.searchsorted(begin_ns, (begin_ns[k] - around_ns, time_ns[held.stop[k] - 1] + around_ns))
-    steps = np.sort(held.until_s[first:last][size[first:last] > 0])
-    passed = np.cumsum(steps)
-    return float(steps[np.searchsorted(passed, _USUAL_SHARE * passed[-1])]) if len(steps) else np.inf
 
 
 def _turns_on(time_ns: IntArray, wheel: Series) -> bool:

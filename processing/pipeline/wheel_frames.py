@@ -41,11 +41,10 @@ from daq import (
     WheelSection,
     sampling_of,
 )
-from processing.notes import RunCode
+from processing import RunCode, in_order, interpolate, merge_equal_stamps, seconds_since
 from processing.pipeline.motion import ACCELEROMETERS
 from processing.pipeline.resampling import OnBase
 from processing.processed_run import GROUND_SPEED, Reason
-from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
 _LONGEST_TURN_S = 0.05
@@ -175,7 +174,7 @@ def to_vehicle_axes(
     across a hole (of F_z': 20 ms, or 1.75 usual intervals; of the angle: see `interpolate_angle`); where one of them is
     missing the forces are NaN. What cannot be joined yet waits for the next chunk.
     """
-    held: dict[str, tuple[IntArray, FloatArray]] = {role: _nothing() for role in _ROTATING}
+    held: dict[str, tuple[IntArray, FloatArray]] = {role: (np.zeros(0, np.int64), np.zeros(0)) for role in _ROTATING}
     for chunk in chunks:
         passed = {role: channel for role, channel in chunk.items() if role not in _ROTATING}
         for role in _ROTATING:
@@ -235,7 +234,3 @@ def _kept(pair: tuple[IntArray, FloatArray], until_ns: int, keep_last: bool) -> 
 def _seconds(pair: tuple[IntArray, FloatArray], origin_ns: int) -> tuple[FloatArray, FloatArray]:
     time_ns, values = merge_equal_stamps(*pair)
     return seconds_since(time_ns, origin_ns), values
-
-
-def _nothing() -> tuple[IntArray, FloatArray]:
-    return np.zeros(0, np.int64), np.zeros(0)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from daq import EARTH_RADIUS_M, ROLES, STANDARD_GRAVITY_MPS2, BoolArray, FloatArray, Note, Severity, VehicleConfig
-from processing.notes import RunCode
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun, RunCode
 from processing.referee.judgement import Evidence, Ruling, is_judged, judge
 from processing.referee.mends import JUDGED_ROLES
 

@@ -102,7 +102,10 @@ def judge(evidence: Evidence) -> Ruling:
     if rows is None:
         return Ruling(1.0)
     samples = _effective_samples(rows)
-    possible = [SOUND, *(mend for mend in MENDS if _applies(mend, evidence))]
+    possible = [
+        SOUND,
+        *(mend for mend in MENDS if all(role == RADIUS or role in evidence.channels for role in mend.roles)),
+    ]
     rough = _scores(evidence, rows[:, ::_ROUGH], possible, samples)
     kept = np.flatnonzero((rough > rough.max() - _HOPELESS) | (np.arange(len(possible)) == 0))
     possible = [possible[i] for i in kept]
@@ -112,10 +115,6 @@ def judge(evidence: Evidence) -> Ruling:
     shares /= shares.sum()
     order = np.argsort(-shares[1:], kind="stable")
     return Ruling(float(shares[0]), tuple((possible[i + 1], float(shares[i + 1])) for i in order))
-
-
-def _applies(mend: Mend, evidence: Evidence) -> bool:
-    return all(role == RADIUS or role in evidence.channels for role in mend.roles)
 
 
 def _rows(evidence: Evidence) -> FloatArray | None:

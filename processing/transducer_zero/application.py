@@ -23,11 +23,10 @@ from daq import (
     VehicleConfig,
     find_unit,
 )
-from processing.notes import RunCode
+from processing import RunCode, seconds_since
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import appended, interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
-from processing.timebase import seconds_since
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0
@@ -193,7 +192,12 @@ class ZeroRemoval:
                 if role in passed and len(passed[role]):
                     self._span_ns = (self._span_ns[0], int(passed[role].time_ns[-1]))
                     passed[role] = self._taken(passed[role], zero)
-            self._forget()
+            # Drop the angles that no held force needs any more, but for the last before them.
+            time_ns, values = self._angle
+            firsts = [int(stamps[0]) for stamps, _ in self._held.values() if len(stamps)]
+            keep_ns = min(firsts, default=int(time_ns[-1]) if len(time_ns) else 0) - _OVERLAP_NS
+            keep = time_ns >= keep_ns
+            self._angle = (time_ns[keep], values[keep])
             yield passed
         yield {role: self._corrected(role, held, np.iinfo(np.int64).max) for role, held in list(self._held.items())}
 
@@ -268,14 +272,6 @@ class ZeroRemoval:
             self._started = True
             self._span_ns = (min(starts), min(starts))
             self._chosen = _choose(self._zeros.determinations, self._vehicle, min(starts))
-
-    def _forget(self) -> None:
-        """Drop the angles that no held force needs any more, but for the last before them."""
-        time_ns, values = self._angle
-        firsts = [int(stamps[0]) for stamps, _ in self._held.values() if len(stamps)]
-        keep_ns = min(firsts, default=int(time_ns[-1]) if len(time_ns) else 0) - _OVERLAP_NS
-        keep = time_ns >= keep_ns
-        self._angle = (time_ns[keep], values[keep])
 
     def _taken(self, channel: Channel, zero: RoleZero) -> Channel:
         """Return what is ready of a channel, and hold the rest."""

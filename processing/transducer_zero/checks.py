@@ -129,9 +129,8 @@ def _of_channel(name: str, old: ChannelZero, new: ChannelZero) -> list[Drift]:
     if old.cos is None or new.cos is None or old.sin is None or new.sin is None:
         return rows
     sigma = hypot(old.rotating_sigma or 0.0, new.rotating_sigma or 0.0)
-    rows.append(Drift(name, old.unit, "cos", new.cos - old.cos, sigma))
-    rows.append(Drift(name, old.unit, "sin", new.sin - old.sin, sigma))
-    return rows
+    cos, sin = new.cos - old.cos, new.sin - old.sin
+    return [*rows, Drift(name, old.unit, "cos", cos, sigma), Drift(name, old.unit, "sin", sin, sigma)]
 
 
 def _kind(determination: Determination) -> dict[str, object]:

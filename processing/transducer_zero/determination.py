@@ -9,9 +9,8 @@ from math import hypot, isfinite, radians, sin, sqrt
 import numpy as np
 
 from daq import STANDARD_GRAVITY_MPS2, ChannelZero, ConfigError, DataError, Fault, FloatArray, Note, VehicleConfig
-from processing.notes import ZeroCode
+from processing import LEVEL_DEG, RUT_SHARE, ZeroCode
 from processing.pipeline.wheel_frames import interpolate_angle, rotate
-from processing.processed_run import LEVEL_DEG, RUT_SHARE
 from processing.transducer_zero.parts import Harmonics, Motion, Part, find_spin, find_standstill, fit_harmonics
 
 _LIFTED_SHARE = 0.2

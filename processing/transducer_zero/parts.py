@@ -73,10 +73,15 @@ def fit_harmonics(time_s: FloatArray, y: FloatArray, angle_rad: FloatArray | Non
     p = robust_linear(matrix, y).coefficients
     for _ in range(_REFINEMENTS):  # a signal that hardly moves has no spread to weigh by: half a step is the least
         weights = bisquare(y - matrix @ p, max(resolution / 2, 1e-12))
-        p = _solve(matrix, y, weights)
+        p = np.asarray(np.linalg.lstsq((matrix * weights[:, None]).T @ matrix, matrix.T @ (weights * y), rcond=None)[0])
     residual = y - matrix @ p
     spread = robust_spread(residual)
-    seen = _sigmas(time_s, matrix, y, weights)
+    # The one-sigma of each coefficient, the weights kept: the larger of two block lengths'.
+    span_s = float(time_s[-1] - time_s[0])
+    most = int(np.clip(span_s / _BLOCK_S, _FEWEST_BLOCKS, _MOST_BLOCKS))
+    place = (time_s - time_s[0]) / max(span_s, 1e-9)
+    weighted = matrix * weights[:, None]
+    seen = np.maximum(*(_jackknife(place, weighted, matrix, y, count) for count in (most, max(most // 2, 3))))
     hidden = resolution / sqrt(12) * exp(-2 * (pi * spread / resolution) ** 2) if resolution > 0 else 0.0
     return Harmonics(p, np.hypot(seen, hidden), spread, int(np.sum(weights == 0)))
 
@@ -86,19 +91,6 @@ def _design(count: int, angle_rad: FloatArray | None) -> FloatArray:
         return np.ones((count, 1))
     ones = np.ones(count)
     return np.column_stack([ones, np.cos(angle_rad), np.sin(angle_rad), np.cos(2 * angle_rad), np.sin(2 * angle_rad)])
-
-
-def _solve(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.lstsq((matrix * weights[:, None]).T @ matrix, matrix.T @ (weights * y), rcond=None)[0])
-
-
-def _sigmas(time_s: FloatArray, matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the one-sigma of each coefficient, the weights kept: the larger of two block lengths'."""
-    span_s = float(time_s[-1] - time_s[0])
-    most = int(np.clip(span_s / _BLOCK_S, _FEWEST_BLOCKS, _MOST_BLOCKS))
-    place = (time_s - time_s[0]) / max(span_s, 1e-9)
-    weighted = matrix * weights[:, None]
-    return np.maximum(*(_jackknife(place, weighted, matrix, y, count) for count in (most, max(most // 2, 3))))
 
 
 def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: FloatArray, count: int) -> FloatArray:

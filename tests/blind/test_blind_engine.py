@@ -32,6 +32,7 @@ def diagnosed(campaign: Campaign) -> Diagnosis:
     return diagnose([campaign], DiagnosisOptions())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("soil", "key", "parameter", "size", "world"),
     [

@@ -174,6 +174,7 @@ def test_sizes_are_set_by_their_loudness(yardstick: Yardstick) -> None:
             assert told(yardstick, [(key, size)]).loudness == pytest.approx(level, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_can_be_told_grows_with_the_size_and_the_oracle_with_it(yardstick: Yardstick) -> None:
     small, large = (told(yardstick, [("vasilev", size)]) for size in (0.005, 0.05))
     assert small.detectability < large.detectability

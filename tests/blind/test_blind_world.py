@@ -85,6 +85,7 @@ def test_students_noise_has_heavy_tails_and_the_same_variance() -> None:
     assert np.mean(np.abs(heavy) > 8) > 5 * np.mean(np.abs(plain) > 8)
 
 
+@pytest.mark.slow
 def test_worlds_fill_the_ranges_that_the_study_asks_for() -> None:
     radii = [world.vehicle.radius_m for world in worlds()]
     assert 0.15 <= min(radii) < 0.18

@@ -10,8 +10,9 @@ import can
 import numpy as np
 import pytest
 from frames_support import content, some_frames
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames
 from daq.errors import RecordingError
@@ -51,7 +52,7 @@ def usable(seed: int, count: int, buses: tuple[str, ...] = ("can0", "can1")) -> 
     container=st.sampled_from([150, 1000, 128 << 10]),
     level=st.sampled_from([0, 6]),
 )
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_what_python_can_writes_is_read(seed: int, count: int, container: int, level: int) -> None:
     batch = usable(seed, count)
     back, report = parsed(written(batch, max_container_size=container, compression_level=level))
@@ -73,7 +74,7 @@ def test_a_payload_may_hold_the_magic_bytes() -> None:
 
 
 @given(seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_of_a_cut_file_everything_before_the_cut_is_read(seed: int, share: float) -> None:
     batch = usable(seed, 300)
     whole = written(batch, max_container_size=2000)
@@ -85,7 +86,7 @@ def test_of_a_cut_file_everything_before_the_cut_is_read(seed: int, share: float
 
 
 @given(seed=st.integers(0, 10**6), places=st.lists(st.floats(0.0, 0.9999), min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_damage_is_reported_and_never_a_traceback(seed: int, places: list[float]) -> None:
     batch = usable(seed, 200)
     damaged = bytearray(written(batch, max_container_size=1500, compression_level=0))

@@ -3,8 +3,9 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from benchmarks.recovery import clopper_pearson
 from daq.clock import GnssClock, fit_clock
@@ -30,7 +31,7 @@ def _frames(
 
 
 @given(st.floats(-40_000, 40_000), st.floats(-200, 200), st.sampled_from([None, DAY, 7 * DAY]), st.integers(0, 2**32))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_offset_and_drift_come_back(offset: float, drift: float, period: float | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
     host, gnss = _frames(offset, drift, rng, jitter_s=0.001)

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from cantools_reference import Reference, assert_same, frames_of
 from dbc_layouts import MULTIPLEXED, dbc, signals
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.can.codec import Decoder, decode
 from daq.can.databases import load_database
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(lines=st.lists(signals(), min_size=1, max_size=8), data=st.data())
 def test_any_signal_equals_cantools(lines: list[tuple[int, str, str]], data: st.DataObject) -> None:
     content = dbc(lines)
@@ -66,7 +67,7 @@ def test_every_place_equals_cantools(length: int, big: bool) -> None:
             assert_same(database, message, payloads, decoder)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(payloads=st.lists(st.tuples(st.integers(0, 4), st.integers(0, 10), st.binary(max_size=6)), min_size=1))
 def test_multiplexed_messages_equal_cantools(payloads: list[tuple[int, int, bytes]]) -> None:
     database = load_database(MULTIPLEXED.encode(), "mux.dbc")

@@ -8,8 +8,9 @@ import cantools.database
 import numpy as np
 import pytest
 from dbc_layouts import HEAD, MULTIPLEXED, dbc, signals
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.can.bits import Message, RawKind
 from daq.can.codec import decode, encode, merge, rolling_counter
@@ -22,7 +23,7 @@ def message_of(database: Database, name: str) -> Message:
     return next(message for message in database.messages if message.name == name)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(line=signals(), numbers=st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_what_is_encoded_is_decoded_again(line: tuple[int, str, str], numbers: list[float]) -> None:
     database = load_database(dbc([line]), "made.dbc")
@@ -48,7 +49,7 @@ def test_what_is_encoded_is_decoded_again(line: tuple[int, str, str], numbers: l
     assert sent.missing == {}
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.data())
 def test_frames_equal_those_of_cantools(data: st.DataObject) -> None:
     for name in ("wft.dbc", "wheel_speed.dbc", "gnss.dbc"):

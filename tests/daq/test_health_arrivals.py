@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from property_settings import examples
 
 from daq.can.bits import Message
 from daq.logger.health.arrivals import MessageFlow
@@ -31,7 +32,7 @@ def flow_of(time_ns: NDArray[np.int64], places: list[int]) -> MessageFlow:
     return flow
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     period_ms=st.sampled_from([1.0, 2.5, 10.0, 50.0]),
     jitter=st.floats(0.0, 0.2),

@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from property_settings import examples
 
 from daq.can.bits import Message, RawKind, Signal
 from daq.logger.health.arrivals import MessageFlow
@@ -48,7 +49,7 @@ STREAMS = {
 
 
 @pytest.mark.parametrize("counter", [True, False])
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(**STREAMS)
 def test_stalls_and_bursts_are_never_losses(
     counter: bool,
@@ -64,7 +65,7 @@ def test_stalls_and_bursts_are_never_losses(
     assert (flow.counter_lost, flow.missing, flow.repeated) == (0, 0, 0)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     period_ms=STREAMS["period_ms"],
     jitter=st.sampled_from([0.0, 0.05, 0.2]),

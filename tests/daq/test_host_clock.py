@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from hypothesis import Phase, example, given, settings
+from hypothesis import Phase, example, given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.host_clock import EARLY_NS, HostClock, StampTracker, monotonic_ns
@@ -146,7 +147,7 @@ def drive(
     st.sampled_from([7, 4096]),
     st.integers(0, 2**32),
 )
-@settings(max_examples=300, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@examples(300, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 def test_no_step_moves_a_frame_that_is_not_flagged(plan: list[Cycle], interval_ns: int, most: int, seed: int) -> None:
     host = Host()
     clock = host.clock()
@@ -165,7 +166,7 @@ def test_no_step_moves_a_frame_that_is_not_flagged(plan: list[Cycle], interval_n
 
 
 @given(st.lists(cycles, min_size=1, max_size=25), st.integers(0, 2**32))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_every_step_is_noted_with_its_size_and_time(plan: list[Cycle], seed: int) -> None:
     host = Host()
     clock = host.clock()
@@ -237,7 +238,7 @@ def test_the_offset_is_read_well_although_the_processor_is_lost_now_and_then() -
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_losing_the_processor_is_no_step(seed: int) -> None:
     rng = random.Random(seed)
     host = Host(pause=lambda: rng.choice([TICK_NS, TICK_NS, rng.randrange(20 * MS)]))

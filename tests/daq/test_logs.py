@@ -73,7 +73,13 @@ def test_asc_times_are_those_of_its_date(name: str, first: str) -> None:
     assert reading.report.absolute_time is True
 
 
-@pytest.mark.parametrize("name", ["car_3BA199E2_165_2", "car_3BA199E2_165_4", "truck_j1939_stationary"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "car_3BA199E2_165_2",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("car_3BA199E2_165_4", "truck_j1939_stationary")),
+    ],
+)
 def test_real_drives_equal_python_can(name: str, tmp_path: Path) -> None:
     path = data_dir("css-canedge", f"{name}.candump.log.gz")
     reading = read_log(path)

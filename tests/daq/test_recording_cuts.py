@@ -26,12 +26,13 @@ def whole(tmp_path_factory) -> Path:
     return path
 
 
-def test_cut_at_500_places(whole, tmp_path):
+@pytest.mark.parametrize("places", [100, pytest.param(500, marks=pytest.mark.slow)])
+def test_cut_at_many_places(whole, places, tmp_path):
     truth, data = truth_of(whole), whole.read_bytes()
     assert len(truth.events) == 14
     rng = np.random.default_rng(11)
     cut_path = tmp_path / "cut.mcap"
-    for size in rng.choice(np.arange(len(data) - TAIL_BYTES, len(data)), 500, replace=False).tolist():
+    for size in rng.choice(np.arange(len(data) - TAIL_BYTES, len(data)), places, replace=False).tolist():
         cut_path.write_bytes(data[:size])
         check_cut(cut_path, size, truth)
 

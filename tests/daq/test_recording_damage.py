@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from property_settings import examples
 from recording_support import START_NS, by_topic, random_frames, write_recording
 from support import data_dir
 from zstandard import ZstdDecompressor
@@ -103,13 +104,14 @@ def whole_frames(path: Path, chunk_count: int) -> int:
     return len(recording.frames())
 
 
+@pytest.mark.hypothesis  # the property is within
 @pytest.mark.parametrize("kept", [1.0, 0.8], ids=["whole", "cut"])
 def test_a_flipped_byte_is_never_believed(whole, kept, tmp_path_factory):
     _, data, expected = whole
     data = data[: int(len(data) * kept)]
     flipped_path = tmp_path_factory.mktemp("flipped") / "run.mcap"
 
-    @settings(max_examples=200, deadline=None)
+    @examples(200)
     @given(st.integers(8, len(data) - 1), st.integers(1, 255))
     @example(len(data) - 1, 1)
     @example(len(data) - 20, 1)
@@ -122,7 +124,7 @@ def test_a_flipped_byte_is_never_believed(whole, kept, tmp_path_factory):
     flip()
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(st.binary(max_size=400), st.sampled_from(["magic", "header", "half"]))
 def test_garbage_behind_a_beginning(garbage_folder, garbage, beginning):
     path, data = garbage_folder

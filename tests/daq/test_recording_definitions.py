@@ -7,12 +7,13 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from property_settings import examples
 from recording_cuts import write_everything
 
 from daq.recording import Recording, recover
@@ -77,12 +78,13 @@ def define_early(source: Path, target: Path) -> None:
         writer.finish()
 
 
+@pytest.mark.hypothesis  # the property is within
 def test_recover_finds_what_a_simple_reader_finds_wherever_it_is_cut(written, tmp_path_factory):
     data = written.read_bytes()
     folder = tmp_path_factory.mktemp("cuts")
     cut, clean = folder / "cut.mcap", folder / "clean.mcap"
 
-    @settings(max_examples=40, deadline=None)
+    @examples(40)
     @given(st.integers(5000, len(data) - 1))
     @example(len(data) - 40)
     def check(size):

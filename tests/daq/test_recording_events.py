@@ -7,6 +7,7 @@ import struct
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from property_settings import examples
 from recording_support import START_NS, random_frames
 
 from daq.can.frames import FrameBatch
@@ -23,7 +24,7 @@ EVENTS = st.builds(Event, TIMES, TEXT, TEXT, st.sampled_from(["info", "warning",
 STATUSES = st.builds(DiagnosticStatus, st.integers(0, 3), TEXT, TEXT, TEXT, st.dictionaries(TEXT, TEXT, max_size=4))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(EVENTS, max_size=12), st.integers(0, 3), st.sampled_from(["zstd", "lz4", "none"]))
 def test_events_come_back_in_the_order_of_the_file(tmp_path_factory, events, flush_every, compression):
     path = tmp_path_factory.mktemp("events") / "run.mcap"

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 from recording_support import START_NS, by_topic, expected_by_topic, plain_bytes, random_frames, write_recording
 
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, concatenate, split
@@ -34,7 +35,7 @@ def batches(draw: st.DrawFn) -> FrameBatch:
     return FrameBatch(frames, buses)
 
 
-@settings(max_examples=80, deadline=None)
+@examples(80)
 @given(
     st.lists(st.tuples(batches(), st.booleans()), max_size=6),
     st.sampled_from(["zstd", "lz4", "none"]),
@@ -132,7 +133,7 @@ def test_a_silent_bus_and_an_empty_run_are_reported(tmp_path):
     assert (nothing.buses, len(nothing.frames()), nothing.loss) == ((), 0, ())
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.integers(0, 2_000_000_000), st.integers(0, 2_000_000_000))
 def test_a_time_span_gives_exactly_its_frames(spanned_recording, low, length):
     path, frames = spanned_recording

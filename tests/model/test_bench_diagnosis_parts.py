@@ -198,9 +198,9 @@ def test_scatter_of_repeats_and_their_groups() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "channels"),
     [
-        ("interface_friction", {"ln_mu": -0.4}, ("dp",)),
+        pytest.param("interface_friction", {"ln_mu": -0.4}, ("dp",), marks=pytest.mark.slow),
         ("vasilev", {"H_m": 0.01}, ("dp", "z")),
-        ("crosstalk", {}, ("dp",)),
+        pytest.param("crosstalk", {}, ("dp",), marks=pytest.mark.slow),
     ],
 )
 def test_evidence_is_that_of_quadrature(key: str, value: dict[str, float], channels: tuple[str, ...]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from property_settings import examples
 from stressed_wheel import StressedWheel
 
 from model.diagnosis.core.consistency import BoundRows, inconsistent
@@ -35,7 +36,7 @@ def rows(wheel: StressedWheel, slips: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0
     )
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     st.floats(0.05, 1.5),
     st.lists(st.tuples(st.floats(0, 1e5), st.floats(0, 1e5)), min_size=1, max_size=12),
@@ -50,7 +51,7 @@ def test_no_stress_between_bottom_and_entry_breaks_it(entry: float, stresses: li
     assert np.sum(shear) - pull <= load * np.tan(entry) * (1 + 1e-12) + 1e-9
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.floats(0.2, 1.3),
     st.floats(0.0, 1.0),

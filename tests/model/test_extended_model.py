@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 import pytest
 import tomli_w
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.errors import ConfigError
 from model.averaged import AveragedModel
@@ -80,7 +81,7 @@ def averages(draw: st.DrawFn) -> ExtendedModel:
     return replace(plain, effects=(), soil_sigmas={}, sets=tuple(sets), rest_probability=rest)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.one_of(extended_models(), averages()), st.sampled_from(("toml", "json")))
 def test_what_is_written_is_read_again(extended: ExtendedModel, form: str) -> None:
     written = extended.to_mapping()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from property_settings import examples
 
 from daq.errors import ConfigError
 from model.fit.gauss_newton import GaussNewtonOptions, StopReason, gauss_newton
@@ -86,7 +87,7 @@ def test_bounds_are_kept_at_every_evaluation_and_the_optimality_conditions_hold(
     assert np.all(gradient[result.estimate == upper] <= 1e-5 * size[result.estimate == upper])
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(seeds)
 def test_a_bounded_linear_problem_agrees_with_scipy(seed: int) -> None:
     from scipy.optimize import lsq_linear

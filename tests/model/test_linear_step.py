@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from model.fit.linear_step import LinearProblem, bounded_least_squares
 
 
-@settings(deadline=None, max_examples=200)
+@examples(200)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7), st.floats(0, 1), st.booleans())
 def test_the_box_is_met_as_scipy_meets_it(seed: int, count: int, tight: float, at_corner: bool) -> None:
     from scipy.optimize import lsq_linear

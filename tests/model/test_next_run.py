@@ -28,7 +28,7 @@ from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.planning.static_tests import calibrated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import Samples, samples_of
-from model.effects.transducer_gains import DrawbarPullGain
+from model.effects.transducer import DrawbarPullGain
 from model.notes import StepCode
 from model.wheel_soil.soils import prior_of
 from processing.pipeline.pipeline import process

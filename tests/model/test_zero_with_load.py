@@ -79,11 +79,12 @@ def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
     assert showing == {Kind.ZERO_WITH_LOAD}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "family"),
     [
         ("crosstalk:coefficient=0.03", "crosstalk"),
-        pytest.param("drawbar_pull_zero:offset_n=-300", "drawbar_pull_zero", marks=pytest.mark.slow),
+        ("drawbar_pull_zero:offset_n=-300", "drawbar_pull_zero"),
     ],
 )
 def test_cross_talk_and_a_zero_are_not_taken_for_each_other(hidden: str, family: str) -> None:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 from synthetic_run import forces, speeds, vehicle
 
 from daq.errors import ConfigError
@@ -21,7 +22,7 @@ RUN = run_of_20_s()
 TIMES = st.floats(0.0, float(RUN.time_s[-1]))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.lists(st.tuples(TIMES, TIMES).map(sorted).map(tuple), min_size=1, max_size=4))
 def test_a_sample_is_used_if_it_was_and_lies_inside(keep):
     kept = keep_only(RUN, keep)

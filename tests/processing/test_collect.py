@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from property_settings import examples
 
 from processing.pipeline.collection import Collector, resolution, rethin, thin
 
@@ -16,7 +17,7 @@ def _kilohertz(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.integers(1, 3000), st.integers(0, 2**32))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_thinning_keeps_every_samples_weight(count: int, seed: int) -> None:
     time, values = _kilohertz(count, seed)
     nodes = thin(time, values, NODE_NS)

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 from synthetic_run import stamps
 
 from processing.pipeline.collection import thin
@@ -60,7 +61,7 @@ def test_tones_near_the_node_rate_do_not_fold() -> None:
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 0.9), st.floats(20.0, 300.0))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_ramp_passes_unchanged_whatever_the_jitter(seed: int, jitter: float, rate: float) -> None:
     at = stamps(20.0, rate, np.random.default_rng(seed), jitter)
     out = smooth(BASE, at, 3.0 - 0.7 * at, SIGMA, 0.25)
@@ -82,7 +83,7 @@ def test_white_noise_passes_as_the_bandwidth_says() -> None:
 
 
 @given(st.integers(0, 2**32), st.floats(5.0, 14.0), st.floats(0.1, 3.0))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_nothing_crosses_a_gap(seed: int, gap_start: float, gap_length: float) -> None:
     rng = np.random.default_rng(seed)
     at = stamps(20.0, 100.0, rng, 0.4)

@@ -129,13 +129,14 @@ def test_a_sound_recording_keeps_all(soil: str, number: int) -> None:
     assert not faults and not any(rows.any() for rows in bad.values())
 
 
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("kind", "damage", "role"), [(kind, damage, role) for kind, damage, roles in FAULTS for role in roles]
 )
-def test_faults_are_found_and_sound_samples_kept(kind: str, damage: Damage, role: str) -> None:
-    """Shares over all recordings, or for marks, which are all found, a third of them."""
+def test_faults_are_found_and_sound_samples_kept(kind: str, damage: Damage, role: str, every: int) -> None:
+    """Shares over a third of the recordings, or all."""
     counts = np.zeros(4, int)
-    for seed in range(0, len(RUNS), 3 if kind == "mark" else 1):
+    for seed in range(0, len(RUNS), every):
         run, channels = recording(*RUNS[seed])
         one = channels[role]
         values = one.values.astype(float)

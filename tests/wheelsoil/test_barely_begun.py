@@ -50,6 +50,11 @@ def test_in_a_folder_it_costs_only_itself(head, command, tmp_path):
     assert f"{begun}: skipped: " in done.err
 
 
+@pytest.mark.parametrize(
+    "head",
+    [pytest.param(0, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.slow), HEAD_BYTES],
+    indirect=True,
+)
 def test_fit_goes_on_without_it(head):
     folder, begun = head
     done, alone = (invoke("fit", path) for path in (folder, recordings(folder)[-1]))

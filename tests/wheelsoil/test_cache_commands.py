@@ -271,6 +271,7 @@ def test_the_page_uses_it(filled: Path, campaign: Path, tmp_path: Path, monkeypa
     assert data.run.run.id == "run-1" and kinds(filled) == there
 
 
+@pytest.mark.slow
 def test_two_commands_at_once(campaign: Path, place: Path, before: Path) -> None:
     command = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()", "fit", str(campaign)]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]

@@ -197,6 +197,7 @@ def test_two_processes_at_once(place: Path) -> None:
     assert len(entries(place)) == 3 == len(list(place.iterdir()))
 
 
+@pytest.mark.slow
 def test_two_processes_with_little_room(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WHEELSOIL_CACHE_LIMIT", "200 KB")
     code = BOTH.replace("found is None and i < 3", "found is None").replace("i % 3", "i")

@@ -7,8 +7,9 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq.errors import ConfigError
 from model.effects.catalogue import EFFECTS
@@ -52,7 +53,7 @@ choices = st.builds(
 )
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(choices)
 def test_what_is_written_reads_the_same(choice):
     text = choice.to_toml()
@@ -81,7 +82,7 @@ KEYS = [
 ]
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.dictionaries(st.sampled_from(KEYS), junk), st.lists(st.dictionaries(st.sampled_from(KEYS), junk), max_size=3))
 def test_whatever_is_in_it_is_read_or_refused_with_reasons(head, sections):
     raw = {"schema": SCHEMA, "run": sections} | head

@@ -396,7 +396,7 @@ def test_fit_of_a_table_says_which_rows_it_left_out(tmp_path):
     assert "rows used" not in ok(*args).err
 
 
-@pytest.mark.parametrize("command", ["fit", "report", "simulate"])
+@pytest.mark.parametrize("command", ["fit", pytest.param("report", marks=pytest.mark.slow), "simulate"])
 def test_help_and_errors_list_every_soil(command, campaign, tmp_path):
     options = " ".join(ok(command, "--help").out.split())
     assert ", ".join(SOILS) in options
@@ -423,6 +423,7 @@ def test_fit_on_a_measured_single_wheel(tmp_path):
     assert np.ptp(sinkage["measured_m"]) > 0.008, "the measured one does"
 
 
+@pytest.mark.slow
 def test_an_import_streams(logs, tmp_path):
     """Twenty times the frames take hardly more memory."""
     text = (logs / "run-1.log").read_text()

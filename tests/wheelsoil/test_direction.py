@@ -87,6 +87,7 @@ def test_on_the_report(campaign: Path, tmp_path: Path) -> None:
     _check(tmp_path / "report.html")
 
 
+@pytest.mark.slow
 def test_on_the_page_of_a_fleet(campaign: Path, tmp_path: Path) -> None:
     root = tmp_path / "field"
     shutil.copytree(campaign, root / NAME)

@@ -39,6 +39,7 @@ def test_runs_are_processed_alike(campaign: Path) -> None:
     assert one[0] == 0 and "read without what is damaged" in one[2]
 
 
+@pytest.mark.slow
 def test_every_fault_is_reported_alike(campaign: Path) -> None:
     unsigned = campaign / "unsigned.toml"
     unsigned.write_text((campaign / "vehicle.toml").read_text(encoding="utf-8").split("[signals]")[0], encoding="utf-8")

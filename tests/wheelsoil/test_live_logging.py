@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from live_browser import chromium, looking_at
 from live_client import until
 from playwright.sync_api import Page, expect
@@ -26,6 +27,7 @@ USUAL_IS_KNOWN = re.compile(r"00:[1-5]\d|0[1-9]:\d\d")
 """The run's duration from 10 s on: a signal that never changed cannot be seen to freeze."""
 
 
+@pytest.mark.slow
 def test_a_live_run_is_shown_led_and_recorded(tmp_path: Path) -> None:
     channel = f"239.{os.getpid() % 200 + 20}.163.7"
     out = tmp_path / "out"

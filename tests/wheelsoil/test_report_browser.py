@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import unescape
@@ -179,6 +179,7 @@ def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser:
         assert page.evaluate(f"{drawn}.every((one) => one.layout.shapes.length === 1)")
 
 
+@pytest.mark.slow
 def test_a_figure_is_saved_and_a_run_is_chosen(browser: Browser, written: Written, tmp_path: Path) -> None:
     with opened(browser, written.page) as page:
         page.evaluate(DRAW, "#plot-slip-driving, #plot-time-dp, #plot-track-use")
@@ -226,8 +227,8 @@ def test_figures_are_drawn_when_they_are_looked_at(browser: Browser, written: Wr
         last.locator(".main-svg").first.wait_for()
 
 
-def test_a_phone_need_not_scroll_sideways(browser: Browser, sample_report: Callable[[str], Path]) -> None:
-    with opened(browser, sample_report("sandy"), SMALL_PHONE) as page:
+def test_a_phone_need_not_scroll_sideways(browser: Browser, each: Written) -> None:
+    with opened(browser, each.page, SMALL_PHONE) as page:
         page.evaluate(DRAW, ".plot")
         assert page.evaluate("document.documentElement.scrollWidth") == SMALL_PHONE["width"]
         assert page.evaluate(EMPTY) == []

@@ -122,6 +122,7 @@ def test_export(whole, rotated, tmp_path, options):
             assert one.read_bytes() == other.read_bytes(), name
 
 
+@pytest.mark.slow
 def test_fit_and_report(whole, rotated, tmp_path):
     one, other = (ok("fit", folder, "--json").json for folder in (whole, rotated))
     assert one == other

@@ -185,16 +185,16 @@ def test_a_stated_unit_and_sign_hold(tmp_path: Path) -> None:
     assert run.channels()["vertical_load"].values.tolist() == [-1000.0, -2000.0]
 
 
-def test_our_own_exports_and_tables_read_back(tmp_path: Path) -> None:
-    for kind in ("csv", "parquet", "mat"):
-        ok("export", CLAY / "run-1.mcap", "-o", tmp_path / kind, "--format", kind, "--signal", "WFT_Forces.Fz")
-        (file,) = (tmp_path / kind).iterdir()
-        (facts,) = ok("info", file, "--json").json
-        (message,) = facts["messages"]
-        assert message["samples"] == 40_000
-        assert [(s["name"].split()[0], s["unit"]) for s in message["signals"]] == [("Fz", "N")]
-        ok("process", CLAY / "run-1.mcap", "-o", tmp_path / f"table.{kind}")
-        (facts,) = ok("info", tmp_path / f"table.{kind}", "--json").json
-        (message,) = facts["messages"]
-        units = {signal["name"].split(" [")[0]: signal["unit"] for signal in message["signals"]}
-        assert units["vertical_load_n"] == "N" and message["rate_hz"] == pytest.approx(100)
+@pytest.mark.parametrize("kind", ["csv", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("parquet", "mat"))])
+def test_our_own_exports_and_tables_read_back(kind: str, tmp_path: Path) -> None:
+    ok("export", CLAY / "run-1.mcap", "-o", tmp_path / kind, "--format", kind, "--signal", "WFT_Forces.Fz")
+    (file,) = (tmp_path / kind).iterdir()
+    (facts,) = ok("info", file, "--json").json
+    (message,) = facts["messages"]
+    assert message["samples"] == 40_000
+    assert [(s["name"].split()[0], s["unit"]) for s in message["signals"]] == [("Fz", "N")]
+    ok("process", CLAY / "run-1.mcap", "-o", tmp_path / f"table.{kind}")
+    (facts,) = ok("info", tmp_path / f"table.{kind}", "--json").json
+    (message,) = facts["messages"]
+    units = {signal["name"].split(" [")[0]: signal["unit"] for signal in message["signals"]}
+    assert units["vertical_load_n"] == "N" and message["rate_hz"] == pytest.approx(100)

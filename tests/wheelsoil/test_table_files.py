@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 from cli_support import invoke
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from property_settings import examples
 
 from daq import ConfigError, DataError, parse_toml
 from daq.config import VehicleConfig
@@ -110,7 +111,7 @@ def test_one_wheel_is_asked_for_where_one_is_expected(tmp_path: Path) -> None:
 SIZE = st.sampled_from(["", "0.1", "0.15"])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)
+@examples(40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from("ab"), SIZE, SIZE), min_size=1, max_size=8))
 def test_rows_of_one_part_agree_and_none_is_lost(tmp_path: Path, wheels: list[tuple[str, str, str]]) -> None:
     rows = [f"0.{i},100,5,{','.join(cells)}" for i, cells in enumerate(wheels)]

@@ -43,13 +43,13 @@ def test_a_plan_fits(monkeypatch):
     assert too_wide(shown.out, 80) == []
 
 
-def test_a_pipe_gets_96_columns(monkeypatch):
+@pytest.mark.parametrize("command", ["info", pytest.param("process", marks=pytest.mark.slow)])
+def test_a_pipe_gets_96_columns(command, monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     run = RECORDINGS / "clay" / "run-1.mcap"
     script = "import sys; from wheelsoil.cli.app import main; main()"
-    for command in ("info", "process"):
-        done = subprocess.run(
-            [sys.executable, "-c", script, command, run], capture_output=True, text=True, check=True, timeout=120
-        )
-        assert done.stdout
-        assert too_wide(done.stdout + done.stderr, 96) == []
+    done = subprocess.run(
+        [sys.executable, "-c", script, command, run], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stdout
+    assert too_wide(done.stdout + done.stderr, 96) == []

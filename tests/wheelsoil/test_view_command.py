@@ -47,6 +47,7 @@ def test_a_port_that_was_asked_for_and_is_taken_is_a_fault(folder: Path) -> None
     assert f"port {port} is taken" in result.err and "analyst's page" in result.err and "next:" in result.err
 
 
+@pytest.mark.slow
 def test_where_the_usual_port_is_taken_the_next_free_one_is_and_a_browser_opens_it(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -165,6 +166,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_sigterm_while_the_page_starts_says_nothing(folder: Path, tmp_path: Path) -> None:
     process = _started(folder, tmp_path, _SIGTERM_BEFORE_THE_LOOP)
     _, rest = process.communicate(timeout=60)
@@ -172,6 +174,7 @@ def test_sigterm_while_the_page_starts_says_nothing(folder: Path, tmp_path: Path
     assert not rest.removeprefix("Ctrl-C ends\n")  # which may have been read with the address
 
 
+@pytest.mark.slow
 def test_helpers_do_not_outlive_a_page_that_is_killed(folder: Path, tmp_path: Path) -> None:
     process = _started(folder, tmp_path)
     children = _helpers(process)

@@ -152,7 +152,9 @@ def run(args: Sequence[str] | None = None) -> int:
         130 interrupted, 141 the reader of stdout has closed it.
     """
     try:
-        _group().main(args=args, prog_name="wheelsoil")
+        app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False)
+        app.callback()(_root)
+        typer.main.get_command(app).main(args=args, prog_name="wheelsoil")
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     return 0
@@ -181,12 +183,6 @@ def _plain(character: str) -> str:
     if words[:1] == ["GREEK"]:
         return words[-1].lower()
     return unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode() or "?"
-
-
-def _group() -> Any:
-    app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False)
-    app.callback()(_root)
-    return typer.main.get_command(app)  # a group, with the options that switch completion on
 
 
 def _version(asked: bool) -> None:

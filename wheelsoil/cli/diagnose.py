@@ -86,9 +86,9 @@ def diagnose_command(
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns, vehicles_of
+    from wheelsoil.workflows import TableFiles, bench_of, campaigns_of, diagnosis_options, plan_campaigns, read_benches
+    from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
-    from wheelsoil.workflows.tables import TableFiles, read_benches
 
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(

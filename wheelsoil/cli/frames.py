@@ -202,8 +202,10 @@ def _print_summary(done: ReplaySummary, json: bool) -> None:
         return
     facts = [(f"sent to {name}", f"{count:,} frames") for name, count in done.frames.items()]
     repeated = f" in {done.rounds} rounds" if done.rounds > 1 else ""
-    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{repeated}"))
-    facts.append(("CPU", f"{done.cpu_s:.2f} s, {done.cpu_percent:.0f} % of a core"))
+    facts += [
+        ("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{repeated}"),
+        ("CPU", f"{done.cpu_s:.2f} s, {done.cpu_percent:.0f} % of a core"),
+    ]
     if isfinite(done.lateness_p99_s):
         late = (done.lateness_p50_s, done.lateness_p99_s, done.lateness_max_s)
         facts.append(("late", " / ".join(f"{1e3 * value:.2f}" for value in late) + " ms (median / 99 % / maximum)"))

@@ -81,10 +81,9 @@ def report_command(
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: there
     is no result, neither fit nor diagnosis, or a fault has cost a section or the diagnosis.
     """
-    from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened, report_of_tables
-    from wheelsoil.workflows.runs import Files, noted_in
-    from wheelsoil.workflows.tables import TableFiles, read_benches
+    from wheelsoil.workflows import Files, TableFiles, load_model, read_benches, report_of_tables
+    from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
+    from wheelsoil.workflows.runs import noted_in
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
     options.refuse_wheel_of_a_table(tables, wheel)
@@ -297,8 +296,7 @@ def view_command(
     address; 130 Ctrl-C, 143 SIGTERM.
     """
     from wheelsoil.view.server import serve
-    from wheelsoil.workflows.fit import known_soil
-    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows import Files, known_soil
 
     if soil is not None:
         known_soil(soil, None)

@@ -174,7 +174,10 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
         _print_losses(facts)
     if facts.events:
         print()
-        _print_events(facts)
+        rows = [
+            [moment(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events
+        ]
+        print_table(["time", "event", "severity", "text"], rows, left=4)
     if facts.messages:
         print()
         _print_messages(facts, shown_ids)
@@ -283,13 +286,6 @@ def _print_losses(facts: FileFacts) -> None:
         kind, _, where = key.partition(".")
         rows.append([where, _LOSS_KINDS.get(kind, kind), count])
     print_table(["lost on", "how", "frames"], rows, left=2)
-
-
-def _print_events(facts: FileFacts) -> None:
-    rows = [
-        [moment(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events
-    ]
-    print_table(["time", "event", "severity", "text"], rows, left=4)
 
 
 def _print_messages(facts: FileFacts, limit: int | None) -> None:

@@ -188,10 +188,9 @@ def fit_command(
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage, relative to the measured one.
     """
+    from wheelsoil.workflows import load_model, read_bench
     from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, one_terrain
-    from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.runs import Files, noted_in
-    from wheelsoil.workflows.tables import read_bench
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
     options.refuse_wheel_of_a_table(table, wheel)

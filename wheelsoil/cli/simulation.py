@@ -103,11 +103,18 @@ def _simulate_to_report(
     """
     from processing import ProcessOptions
     from wheelsoil.simulation.campaign import simulate_campaign
+    from wheelsoil.workflows import (
+        Diagnosed,
+        Files,
+        FitChoices,
+        campaigns_of,
+        diagnose_campaigns,
+        diagnosis_options,
+        fit_runs,
+        open_and_process,
+        report_of_processed,
+    )
     from wheelsoil.workflows.demo import without_ruts
-    from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
-    from wheelsoil.workflows.fit import FitChoices, fit_runs
-    from wheelsoil.workflows.report import Diagnosed, report_of_processed
-    from wheelsoil.workflows.runs import Files, open_and_process
 
     folder = output / _CAMPAIGN
     choices, process_options = FitChoices(), ProcessOptions(purpose="diagnose")
@@ -251,8 +258,7 @@ def simulate_command(
     if output is None and live is None:
         raise ConfigError.of("nothing to do", next_step="give a folder to write with -o, or --live an interface")
     from model.wheel_soil import Wheel
-    from wheelsoil.simulation.campaign import simulate_campaign
-    from wheelsoil.simulation.options import SimulationOptions
+    from wheelsoil.simulation import SimulationOptions, simulate_campaign
 
     if live is not None and wheels > 1:
         raise ConfigError.of("--live sends one wheel", found=f"--wheels {wheels}", next_step="omit one of the two")

@@ -18,21 +18,26 @@ from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
 from wheelsoil.cache.store import keeping_only, nothing_kept
-from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet import Manifest, open_store
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.store import open_store
-from wheelsoil.workflows.choice import CHOICE_FILE, Choice, load_choice
-from wheelsoil.workflows.diagnosis import (
+from wheelsoil.workflows import (
+    CHOICE_FILE,
+    BenchFiles,
+    Choice,
+    FitChoices,
+    TableFiles,
     bench_of,
     campaigns_of,
     diagnose_benches,
     diagnose_campaigns,
     diagnosis_options,
+    fit_runs,
+    fit_table,
+    load_choice,
+    process_runs,
+    read_benches,
 )
-from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table
-from wheelsoil.workflows.runs import process_runs
-from wheelsoil.workflows.tables import BenchFiles, TableFiles, read_benches
 
 _ONE_AT_A_TIME = threading.Lock()
 """What is printed is taken away from the whole process, and so is the cache."""

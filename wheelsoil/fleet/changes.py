@@ -8,6 +8,8 @@ from datetime import datetime
 from math import hypot, isfinite
 from typing import Any, Literal
 
+import pyarrow as pa
+
 from wheelsoil.fleet.earlier_campaign import OF_A_CAUSE, causes_stated
 from wheelsoil.fleet.holdings import Holdings
 from wheelsoil.workflows.last_report import Change as SizeChange
@@ -110,7 +112,6 @@ def _last_two(dated: Iterable[dict[str, Any]], of: str) -> list[tuple[dict[str, 
 
 def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, list[dict[str, Any]]]:
     """Return the causes of the verdicts of some campaigns, a row a parameter."""
-    import pyarrow as pa
     from pyarrow import dataset
 
     wanted = dataset.field("campaign").isin(pa.array(sorted(campaigns), pa.string()))

@@ -9,6 +9,9 @@ from functools import cache
 from io import BytesIO
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from wheelsoil.fleet.manifests import TAIL_BYTES, Part, PartFile
 from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.tables import packed_schema_of, schema_of
@@ -51,8 +54,6 @@ def wrong_groups(store: Store, table: str, parts: Sequence[Part], *, thorough: b
 
 def failures() -> tuple[type[Exception], ...]:
     """Return what pyarrow raises for data that it cannot read."""
-    import pyarrow as pa
-
     return (OSError, pa.ArrowException)
 
 
@@ -62,9 +63,6 @@ def _all(part: Part, what: str) -> Wrong:
 
 def _wrong_footer(store: Store, table: str, part: Part, tail: bytes) -> Wrong:
     """Return what the footer at the end of a file shows."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     if len(tail) < _SHORTEST or tail[-4:] != _MAGIC:
         return _all(part, "footer")
     length = struct.unpack("<I", tail[-8:-4])[0] + 8
@@ -84,8 +82,6 @@ def _wrong_footer(store: Store, table: str, part: Part, tail: bytes) -> Wrong:
 @cache
 def _schema(table: str, *, packed: bool) -> Any:
     """Return the schema of a table's files as Parquet has it."""
-    import pyarrow.parquet as pq
-
     buffer = BytesIO()
     pq.ParquetWriter(buffer, packed_schema_of(table) if packed else schema_of(table)).close()
     return pq.read_metadata(buffer).schema
@@ -123,8 +119,6 @@ def _differs(statistics: Any, values: Collection[str]) -> bool:
 
 def _wrong_data(store: Store, table: str, part: Part) -> Wrong:
     """Return what a file's bytes show: its checksum, and which row groups cannot be read."""
-    import pyarrow.parquet as pq
-
     file = part.files[table]
     if file.sha256 and _checksum(store, file) == file.sha256:
         return {}

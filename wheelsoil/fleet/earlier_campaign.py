@@ -9,9 +9,8 @@ from math import nan
 from typing import Any
 
 from daq import OUTPUTS, ConfigError
+from wheelsoil.fleet import Damage, Store
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
@@ -57,7 +56,9 @@ def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[
     vehicle, serial = first.vehicle.vehicle.name, first.vehicle.transducer.serial
     terrain = first.terrain.soil.name if first.terrain else ""
     own = {str(run.path.absolute().parent) for run, _ in processed}
-    start = _start(processed)
+    # When the first run began, as a store has it; None where no run has a date.
+    starts = [run.start_ns for _, run in processed if run.start_ns > 0]
+    start = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=min(starts) // 1000) if starts else None
     others = [row for row in rows if row["state"] == "done" and row["path"] not in own]
     alike = [row for row in others if (row["vehicle"] or "", row["terrain"] or "") == (vehicle, terrain)]
     earlier = [row for row in alike if row["start"] is not None and (start is None or row["start"] < start)]
@@ -71,12 +72,6 @@ def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[
             next_step="add it by `wheelsoil fleet run ROOT --store STORE`, or give the JSON file of the last report",
         )
     return max(earlier, key=lambda row: ((row["transducer"] or "") == serial, row["start"], row["campaign"]))
-
-
-def _start(processed: Processed) -> datetime | None:
-    """Return when the first run began, as a store has it; None where no run has a date."""
-    starts = [run.start_ns for _, run in processed if run.start_ns > 0]
-    return datetime.fromtimestamp(0, UTC) + timedelta(microseconds=min(starts) // 1000) if starts else None
 
 
 def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:

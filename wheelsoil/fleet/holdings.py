@@ -11,6 +11,10 @@ from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures, wrong_groups
 from wheelsoil.fleet.manifests import Damage, Manifest, Part
@@ -18,7 +22,6 @@ from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from pyarrow.dataset import Dataset, Expression
 
 T = TypeVar("T")
@@ -84,8 +87,6 @@ class Holdings:
 
     def where(self, table: str, columns: Sequence[str], wanted: Expression) -> pa.Table:
         """Return the rows of a table that a condition holds for."""
-        import pyarrow as pa
-
         found = [each.to_table(columns=list(columns), filter=wanted) for each in self.datasets(table)]
         return pa.concat_tables(found)
 
@@ -109,9 +110,6 @@ class Holdings:
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the rows of a table of all campaigns, by campaign, which is its first column."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         columns = schema_of(name).names if columns is None else list(columns)
         wanted = ["campaign", *columns]
         holding = [part for part in self.parts if name in part.files]
@@ -130,17 +128,11 @@ class Holdings:
 
 
 def _of_campaign(part: Part, rows: pa.Table) -> pa.Table:
-    import pyarrow as pa
-
     return rows.add_column(0, "campaign", pa.array([part.groups[0][0].campaign] * len(rows), pa.string()))
 
 
 def rows_of_group(store: Store, part: Part, group: int, table: str, contents: set[str]) -> pa.Table | None:
     """Return the rows of some campaigns of a group, with their campaign; None where it has none."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
-
     place = part.row_groups(table).get(group)
     if table not in part.files or place is None:
         return None

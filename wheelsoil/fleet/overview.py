@@ -196,7 +196,11 @@ def _overview(holdings: Holdings) -> Overview:
     grades = holdings.table("runs", ["grade"]).to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
     whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
-    whole = _worst_first(whole)
+    # Failed, unexplained, named, one of several, then the others; each by the largest error.
+    failed = whole["state"] == "failed"
+    order = whole["verdict"].map({"unexplained": 1, "named": 2, "one_of": 3}).fillna(4).mask(failed, 0)
+    error = whole["R0_base"].astype(float).fillna(0.0).mask(failed, 0.0)
+    whole = whole.iloc[np.lexsort((-error.to_numpy(), order.to_numpy()))]
     counts = Counter(zip(shown["family"], shown["role"], strict=True))
     families = dict.fromkeys(shown["family"])
     return Overview(
@@ -212,14 +216,6 @@ def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
     """Return the median error on held-out runs before and after, N, of campaigns that have one."""
     known = campaigns.dropna(subset=["R0_base", "R0_extended"])
     return (float(known["R0_base"].median()), float(known["R0_extended"].median())) if len(known) else None
-
-
-def _worst_first(campaigns: pd.DataFrame) -> pd.DataFrame:
-    """Return failed, unexplained, named, one of several, then the others; each by the largest error."""
-    failed = campaigns["state"] == "failed"
-    order = campaigns["verdict"].map({"unexplained": 1, "named": 2, "one_of": 3}).fillna(4).mask(failed, 0)
-    error = campaigns["R0_base"].astype(float).fillna(0.0).mask(failed, 0.0)
-    return campaigns.iloc[np.lexsort((-error.to_numpy(), order.to_numpy()))]
 
 
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:

@@ -21,7 +21,10 @@ from dataclasses import dataclass, replace
 from io import BytesIO
 from itertools import groupby, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures
@@ -29,9 +32,6 @@ from wheelsoil.fleet.holdings import Holdings, holdings_of, rows_of_group
 from wheelsoil.fleet.manifests import DONE, PACKS, Manifest, Part, quoted, sealed, sources_path, stated, text_of_pack
 from wheelsoil.fleet.store import Store, newest_of
 from wheelsoil.fleet.tables import COLUMNS, packed_schema_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 T = TypeVar("T")
 
@@ -153,8 +153,6 @@ def _packed(manifest: Manifest, newest: Mapping[str, tuple[int, str]]) -> Manife
 
 
 def _writer(table: str, buffers: dict[str, BytesIO], writers: dict[str, Any]) -> Any:
-    import pyarrow.parquet as pq
-
     if table not in writers:
         buffers[table] = BytesIO()
         writers[table] = pq.ParquetWriter(
@@ -171,8 +169,6 @@ def _batched(items: Iterable[T], size: int) -> Iterator[list[T]]:
 
 def _rows(store: Store, some: Iterable[tuple[Part, int, Manifest]]) -> dict[str, pa.Table]:
     """Return the rows of some campaigns by table, in their order."""
-    import pyarrow as pa
-
     found: dict[str, list[pa.Table]] = {}
     for (_, group), entries in groupby(some, key=lambda entry: (entry[0].name, entry[1])):
         own = list(entries)

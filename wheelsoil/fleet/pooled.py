@@ -10,6 +10,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from model.diagnosis import Information
 from model.diagnosis.pooling import (
@@ -20,10 +21,9 @@ from model.diagnosis.pooling import (
     passport_of,
     soil_departure,
 )
+from wheelsoil.fleet import Damage, Store
 from wheelsoil.fleet.changes import Change, changes_of
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
 from wheelsoil.to_json import streamed
 
 _YEAR_S = 365.25 * 86400
@@ -168,7 +168,6 @@ def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
 
 def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator[tuple[str, Observation]]:
     """Yield the campaigns of some transducers, with "" for one without a serial or a date."""
-    import pyarrow as pa
     from pyarrow import dataset
 
     serial = dataset.field("transducer")
@@ -252,17 +251,19 @@ def _passport_json(passport: Passport) -> dict[str, Any]:
         "shared": [{"effect": each.effect, "probability": each.probability} for each in passport.shared],
         "scatter": passport.scatter,
         "disagree": passport.disagree,
-        "trends": {effect: dict(_trend_json(passport, effect)) for effect in passport.trends},
+        "trends": {effect: _trend_json(passport, effect) for effect in passport.trends},
     }
 
 
-def _trend_json(passport: Passport, effect: str) -> Iterator[tuple[str, Any]]:
+def _trend_json(passport: Passport, effect: str) -> dict[str, Any]:
     trend = passport.trends[effect]
-    yield "parameter", trend.parameter
-    yield "unit", trend.unit
-    yield "date", day_of(trend.middle)
-    yield "value", trend.at[0]
-    yield "sigma", trend.at[1]
-    yield "per_month", trend.per_year[0] / 12
-    yield "per_month_sigma", trend.per_year[1] / 12
-    yield "points", [{**vars(point), "date": day_of(point.years)} for point in trend.points]
+    return {
+        "parameter": trend.parameter,
+        "unit": trend.unit,
+        "date": day_of(trend.middle),
+        "value": trend.at[0],
+        "sigma": trend.at[1],
+        "per_month": trend.per_year[0] / 12,
+        "per_month_sigma": trend.per_year[1] / 12,
+        "points": [{**vars(point), "date": day_of(point.years)} for point in trend.points],
+    }

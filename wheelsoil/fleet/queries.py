@@ -11,17 +11,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from daq import ConfigError, Fault, nearest, not_installed
 from daq.series import draft_of
+from wheelsoil.fleet import COLUMNS, Damage, Store
 from wheelsoil.fleet.holdings import Holdings, holdings_of, read
-from wheelsoil.fleet.manifests import Damage
-from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import COLUMNS
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 FORMATS = (".parquet", ".csv")
 TASKS = "tasks"
@@ -120,8 +117,6 @@ def _kind(statement: Any) -> str:
 
 
 def _tasks(holdings: Holdings) -> pa.Table:
-    import pyarrow as pa
-
     known = [manifest for part in holdings.parts for manifest in part.manifests]
     columns = {
         "campaign": pa.array([manifest.campaign for manifest in known], pa.string()),

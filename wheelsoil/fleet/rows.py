@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from daq import OUTPUTS, Note
 from daq.runs import Run, SetAsideRun
@@ -26,9 +27,6 @@ from wheelsoil.workflows.grading import grade_of, short_runs
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS, Z95
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import Traction, traction_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -58,9 +56,10 @@ class Found:
 
 def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
     """Return the rows of a campaign, by table."""
+    short = short_runs([done for _, done in found.processed])
     made = {
         "campaigns": [_campaign(found)],
-        "runs": _runs(found.processed),
+        "runs": [_run(run, done, lost) for (run, done), lost in zip(found.processed, short, strict=True)],
         "notes": list(_notes(found)),
         "fits": list(_fits(found.fit)),
         "coefficients": [*_coefficients(found.fit), *_soils(found.diagnosis)],
@@ -77,8 +76,6 @@ def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
 
 
 def _table(name: str, rows: Iterable[Mapping[str, Any]], content: str) -> pa.Table:
-    import pyarrow as pa
-
     schema = schema_of(name)
     known = [{"content": content, **{key: _known(value) for key, value in row.items()}} for row in rows]
     return pa.Table.from_pylist(known, schema=schema)
@@ -145,11 +142,6 @@ def _traction(found: Found, runs: tuple[ProcessedRun, ...]) -> Traction:
     return steady_traction(found.diagnosis, whole, wheel, found.fit.soil, found.fit.options.reading)
 
 
-def _runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[dict[str, Any]]:
-    short = short_runs([done for _, done in processed])
-    return [_run(run, done, lost) for (run, done), lost in zip(processed, short, strict=True)]
-
-
 def _run(run: Run, done: ProcessedRun, lost: Sequence[str]) -> dict[str, Any]:
     grade, traction, quality, info = grade_of(done, lost), traction_of((done,)), done.quality, done.run
     return {
@@ -179,8 +171,6 @@ def _run(run: Run, done: ProcessedRun, lost: Sequence[str]) -> dict[str, Any]:
 
 def _samples(runs: Sequence[ProcessedRun], content: str) -> pa.Table:
     """Return every run at `SAMPLES_HZ`: some of its own samples, which are filtered already, and no means."""
-    import pyarrow as pa
-
     schema = schema_of("samples")
     segments = np.array([each.name.lower() for each in Segment])
     pieces = []

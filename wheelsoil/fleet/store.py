@@ -28,6 +28,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from daq import ConfigError, not_installed
 from wheelsoil import __version__
 from wheelsoil.fleet.manifests import (
@@ -47,7 +50,6 @@ from wheelsoil.fleet.manifests import (
 from wheelsoil.fleet.tables import COLUMNS
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from fsspec import AbstractFileSystem
 
 SCHEMA = "wheelsoil/store/1"
@@ -334,8 +336,6 @@ def newest_of(packs: Iterable[Part]) -> dict[str, tuple[int, str]]:
 
 def encoded(rows: pa.Table, **options: Any) -> bytes:
     """Return rows as a Parquet file whose pages have checksums."""
-    import pyarrow.parquet as pq
-
     buffer = BytesIO()
     pq.write_table(rows, buffer, compression="zstd", write_page_checksum=True, **options)
     return buffer.getvalue()

@@ -6,10 +6,7 @@ SI units; what is not known is null. Every row has ``content``, which leads to i
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
 
 SAMPLES_HZ = 5.0
 
@@ -71,8 +68,6 @@ COLUMNS: dict[str, dict[str, str]] = {
 
 def schema_of(name: str) -> pa.Schema:
     """Return the schema of a table."""
-    import pyarrow as pa
-
     types = {
         "text": pa.string(), "number": pa.float64(), "count": pa.int64(), "truth": pa.bool_(),
         "time": pa.timestamp("us", tz="UTC"), "texts": pa.list_(pa.string()), "numbers": pa.list_(pa.float64()),
@@ -83,6 +78,4 @@ def schema_of(name: str) -> pa.Schema:
 
 def packed_schema_of(name: str) -> pa.Schema:
     """Return the schema of a table with its campaign as the first column."""
-    import pyarrow as pa
-
     return schema_of(name).insert(0, pa.field("campaign", pa.string()))

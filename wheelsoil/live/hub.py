@@ -81,7 +81,9 @@ class LiveSlip:
         for role, kept in self._speeds.items():
             self._speeds[role] = _newest(np.vstack([kept, _samples(traces.get(role), latencies.get(role))]))
         self._waiting = _newest(np.vstack([self._waiting, pull]))
-        lost = _lost(snapshot)
+        # The frames that the logger has lost; `wrapped` counts something else.
+        losses = snapshot.get("losses") or {}
+        lost = sum(int(n) for name, n in losses.items() if not name.startswith("wrapped."))
         self._begin(snapshot, lost)
         self.lost_frames = max(lost - self._lost_before, 0)
         radius_m = setup.get("wheel_radius_m")
@@ -125,12 +127,6 @@ def _held(rows: FloatArray) -> float | None:
         if first >= 0 and np.diff(time_s[first : last + 1]).max() <= _MAX_GAP_S
     ]
     return max(held, default=None)
-
-
-def _lost(snapshot: Mapping[str, Any]) -> int:
-    """Return the frames that the logger has lost; ``wrapped`` counts something else."""
-    losses = snapshot.get("losses") or {}
-    return sum(int(n) for name, n in losses.items() if not name.startswith("wrapped."))
 
 
 def _samples(trace: Mapping[str, Any] | None, latency_s: float | None) -> FloatArray:

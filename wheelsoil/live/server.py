@@ -36,27 +36,19 @@ _PR_SET_PDEATHSIG = 1
 def main() -> None:
     """Serve the page until the logger ends."""
     settings = json.load(sys.stdin)
-    _die_with(settings["logger"])
-    _give_way()
+    # Let the kernel kill this process when the logger dies, for whatever reason.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != settings["logger"]:
+        sys.exit()
+    # Yield the processor to the logger, and let the kernel kill this process first when memory is short.
+    with suppress(OSError):  # a service manager may forbid it
+        os.nice(_NICENESS)
+        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
     listening, pair = (socket.socket(fileno=int(handle)) for handle in sys.argv[1:3])
     listening.setblocking(False)
     pair.setblocking(False)
     rules = Rules.of(settings["host"], settings["bound"], settings["token"])
     asyncio.run(_serve(listening, pair, rules, settings["vehicle"]))
-
-
-def _die_with(logger: int) -> None:
-    """Let the kernel kill this process when the logger dies, for whatever reason."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != logger:
-        sys.exit()
-
-
-def _give_way() -> None:
-    """Yield the processor to the logger, and let the kernel kill this process first when memory is short."""
-    with suppress(OSError):  # a service manager may forbid it
-        os.nice(_NICENESS)
-        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
 
 
 def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGIApp:

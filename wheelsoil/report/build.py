@@ -80,6 +80,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
     groups = {name: [section for section in others if section.key in of_group] for name, of_group in keys.items()}
     appendix = {name: sections for name, sections in groups.items() if sections}
     scripts = (get_plotlyjs() if appendix else "", folder.joinpath("page.js").read_text(encoding="utf-8"))
+    hashes = (b64encode(sha256(script.encode()).digest()).decode() for script in scripts)
     page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
@@ -90,9 +91,7 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         version=__version__,
         plotly=b64encode(gzip.compress(scripts[0].encode(), mtime=0)).decode(),
         script=scripts[1],
-        script_hashes=" ".join(
-            f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'" for script in scripts
-        ),
+        script_hashes=" ".join(f"'sha256-{each}'" for each in hashes),  # the page's policy: no other script runs
         text_columns=_text_columns,
         figure_value=figure_value,
         unbroken=_unbroken,
@@ -146,7 +145,9 @@ def print_page(page: Path, output: Path, browser: str) -> None:
     with TemporaryDirectory(prefix="wheelsoil-", ignore_cleanup_errors=True) as folder:
         made = Path(folder) / "page.pdf"
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
-        output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
+        # Chromium's sandbox does not work for root; the page is our own file.
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+        output_text = _run([browser, *_OPTIONS, *sandbox, *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
             raise PrintError.of(
                 "the browser created no PDF",
@@ -166,11 +167,6 @@ def _run(command: list[str]) -> str:
     except OSError as error:
         return str(error)
     return done.stderr.decode(errors="replace")
-
-
-def _sandbox() -> list[str]:
-    """Return the option that root needs: Chromium's sandbox does not work for root; the page is our own file."""
-    return ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
 
 
 @dataclass(frozen=True)
@@ -279,9 +275,15 @@ def build_report(inputs: ReportInputs) -> Report:
         if key in omitted:
             section = Section(key, builder.title, [Text(f"Omitted: {omitted[key]}.", "missing")])
         sections.append(section)
+    # The sections, the summary's lead with what differs from the last report beyond the intervals.
+    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
+    with_change = [
+        _told(section, f"Since last time: {said}.") if said and i == 0 else section
+        for i, section in enumerate(sections)
+    ]
     return Report(
         head=_head(inputs),
-        sections=tuple(_with_change(sections)),
+        sections=tuple(with_change),
         left_out=omitted,
         made_at=datetime.now(UTC),
         not_fitted=inputs.not_fitted,
@@ -289,15 +291,6 @@ def build_report(inputs: ReportInputs) -> Report:
         set_aside=inputs.set_aside,
         has_result=bool(inputs.tables or inputs.campaign or inputs.diagnosed),
     )
-
-
-def _with_change(sections: Sequence[Section]) -> list[Section]:
-    """Return the sections, the summary's lead with what differs from the last report beyond the intervals."""
-    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
-    return [
-        _told(section, f"Since last time: {said}.") if said and i == 0 else section
-        for i, section in enumerate(sections)
-    ]
 
 
 def _told(section: Section, sentence: str) -> Section:

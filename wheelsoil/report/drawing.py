@@ -89,15 +89,11 @@ def drawn(
         Width, height and the room for names right of the lines, in pixels.
     """
     drawings = [_svg(title, plane, curves, samples, shades, size) for size in (wide, _NARROW)]
-    return Drawing(key, title, caption, drawings[0], drawings[1], _values(curves), reading)
-
-
-def _values(curves: Sequence[Curve]) -> list[Mapping[str, object]]:
     values: list[Mapping[str, object]] = []
     for curve in curves:
         edges = {name: edge for name in ("lower", "upper") if (edge := getattr(curve, name)) is not None}
         values.append({"name": curve.name, "look": curve.look, "x": curve.x, "y": curve.y, **edges})
-    return values
+    return Drawing(key, title, caption, drawings[0], drawings[1], values, reading)
 
 
 def _svg(

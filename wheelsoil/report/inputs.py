@@ -284,8 +284,7 @@ class ReportInputs:
         wheel = self.vehicle.wheel
         if wheel:
             rows += [["wheel", wheel.id]] if wheel.id else []
-            rows.append(["wheel radius r", f"{wheel.radius_m:g} m"])
-            rows.append(["wheel width b", f"{wheel.width_m:g} m"])
+            rows += [["wheel radius r", f"{wheel.radius_m:g} m"], ["wheel width b", f"{wheel.width_m:g} m"]]
         if self.campaign is None:
             return rows
         soil = self.campaign.soil

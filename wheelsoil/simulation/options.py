@@ -198,29 +198,33 @@ class SimulationOptions:
     @property
     def command(self) -> str:
         """The command line that reproduces the frames, without the output folder."""
-        words = ["wheelsoil", "simulate", *(("--model", self.model_file) if self.model_file else ("--soil", self.soil))]
-        words += ["--runs", str(self.runs), "--duration", f"{self.duration_s:g}", "--seed", str(self.seed)]
-        words += [] if self.model_file else ["--sinkage", self.reading]
+        default = SimulationOptions()
+        own_wheel = self.wheel != default.wheel and not self.model_file
+        words = [
+            *("wheelsoil", "simulate", *(("--model", self.model_file) if self.model_file else ("--soil", self.soil))),
+            *("--runs", str(self.runs), "--duration", f"{self.duration_s:g}", "--seed", str(self.seed)),
+            *([] if self.model_file else ["--sinkage", self.reading]),
+        ]
         for name, values in self.effects.items():
             words += ["--effect", f"{name}:" + ",".join(f"{key}={value!r}" for key, value in values.items())]
-        default = SimulationOptions()
-        if self.added_load_kg != default.added_load_kg:
-            words += [word for load in self.added_load_kg for word in ("--added-load", f"{load!r}")]
-        if self.pass_number != default.pass_number:
-            words += [word for number in self.pass_number for word in ("--pass-number", f"{number}")]
-        words += [word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")]
-        if self.wheel != default.wheel and not self.model_file:
-            words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
-        words += ["--wheels", f"{self.wheels}"] if self.wheels > 1 else []
-        words += ["--faulty-wheel", self.faulty_wheel] if self.faulty_wheel else []
-        words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
-        words += [] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]
-        words += [] if self.brakes is None else ["--brakes", self.brakes]
-        words += ["--lifted"] * self.lifted + ["--rut", f"{self.rut}"] * bool(self.rut)
-        if self.noise != default.noise:
-            words += ["--noise", f"{self.noise!r}"]
-        if self.start != default.start:
-            words += ["--start", self.start.isoformat()]
+        loads = self.added_load_kg if self.added_load_kg != default.added_load_kg else ()
+        passes = self.pass_number if self.pass_number != default.pass_number else ()
+        words += [
+            *(word for load in loads for word in ("--added-load", f"{load!r}")),
+            *(word for number in passes for word in ("--pass-number", f"{number}")),
+            *(word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")),
+            *(["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"] if own_wheel else []),
+            *(["--wheels", f"{self.wheels}"] if self.wheels > 1 else []),
+            *(["--faulty-wheel", self.faulty_wheel] if self.faulty_wheel else []),
+            *["--draw-soil"] * self.draw_soil,
+            *["--wheel-axes"] * self.wheel_axes,
+            *([] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]),
+            *([] if self.brakes is None else ["--brakes", self.brakes]),
+            *["--lifted"] * self.lifted,
+            *(["--rut", f"{self.rut}"] if self.rut else []),
+            *([] if self.noise == default.noise else ["--noise", f"{self.noise!r}"]),
+            *([] if self.start == default.start else ["--start", self.start.isoformat()]),
+        ]
         return shlex.join(words)
 
 

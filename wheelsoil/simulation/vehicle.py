@@ -287,7 +287,10 @@ class _Encoder:
             if name == "Counter":
                 values.setdefault(name, rolling_counter(len(time_ns), signal, self._count))
             elif name not in values:
-                values[name] = np.full(len(time_ns), _filler(signal))
+                # The value of a signal that is not simulated: its "not available", a constant, or zero.
+                raw = next((raw for raw, label in signal.labels.items() if label == _NOT_AVAILABLE), None)
+                filler = raw * signal.scale + signal.offset if raw is not None else _CONSTANT.get(signal.name, 0.0)
+                values[name] = np.full(len(time_ns), filler)
         encoded = encode(message, values, time_ns, self.bus)
         if encoded.saturated:
             raise DataError(
@@ -324,12 +327,6 @@ def _in_unit(signal: Signal, channel: Channel) -> FloatArray:
     if signal.maximum is not None and channel.unit == "rad" and signal.minimum == 0:
         values = np.mod(np.rint(values / signal.scale), round(360 / signal.scale)) * signal.scale
     return values
-
-
-def _filler(signal: Signal) -> float:
-    """Return the value of a signal that is not simulated: its "not available", a constant, or zero."""
-    raw = next((raw for raw, label in signal.labels.items() if label == _NOT_AVAILABLE), None)
-    return raw * signal.scale + signal.offset if raw is not None else _CONSTANT.get(signal.name, 0.0)
 
 
 class _Line:

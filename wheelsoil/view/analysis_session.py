@@ -31,7 +31,7 @@ from wheelsoil.view.medians import compared
 from wheelsoil.view.messages import CurveAsked, PredictionAsked, SelectedAsked, campaign_entry, fault_of_ours
 from wheelsoil.view.saving import saved
 from wheelsoil.view.trace import Signals, signal_as_json, trace_as_json
-from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
+from wheelsoil.workflows.choice import SCHEMA, parse_choice
 from wheelsoil.workflows.runs import Files
 
 _TRIES = 3
@@ -91,18 +91,15 @@ class Processing:
         while not self._closed:
             self._news.clear()
             with self._lock:
-                found = self._next()
+                waiting = [(run, c.options) for c in self._campaigns for run in c.runs if run.state == "waiting"]
+                first = [found for found in waiting if found[0] is self._preferred]
+                found = next(iter(first or waiting), None)
                 if found is not None:
                     found[0].state = "processing"
             if found is None:
                 self._news.wait()
             else:
                 self._process_one(*found)
-
-    def _next(self) -> tuple[ViewedRun, ProcessOptions] | None:
-        waiting = [(run, c.options) for c in self._campaigns for run in c.runs if run.state == "waiting"]
-        first = [found for found in waiting if found[0] is self._preferred]
-        return next(iter(first or waiting), None)
 
     def _process_one(self, run: ViewedRun, options: ProcessOptions) -> None:
         target = self._folder / f"{run.key}-{next(self._number)}.pickle"
@@ -331,7 +328,9 @@ class AnalysisSession:
                 except ConfigError:
                     campaign.choice = before
                     raise
-                self._discard_results(campaign, _changed(before, choice))
+                # The keys of choice.toml whose values differ, but for marks and comments.
+                old, new = before.without_remarks().to_mapping(), choice.without_remarks().to_mapping()
+                self._discard_results(campaign, {name for name in {*old, *new} if old.get(name) != new.get(name)})
             campaign.chosen += 1
             for run in campaign.runs:
                 if run.ended:
@@ -416,7 +415,8 @@ class AnalysisSession:
                 if error is None:
                     mine.found, mine.state, mine.share = asked.result(), "done", 1.0
                 else:
-                    mine.state, mine.faults = "failed", _faults_of(error)
+                    mine.state = "failed"
+                    mine.faults = error.faults if isinstance(error, WheelsoilError) else (fault_of_ours(error),)
 
         asked.add_done_callback(done)
         return entry
@@ -471,13 +471,3 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
 
 def _not_processed(run: ViewedRun) -> NotReadyError:
     return NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
-
-
-def _faults_of(error: BaseException) -> tuple[Fault, ...]:
-    return error.faults if isinstance(error, WheelsoilError) else (fault_of_ours(error),)
-
-
-def _changed(before: Choice, now: Choice) -> set[str]:
-    """Return the keys of choice.toml whose values differ, but for marks and comments."""
-    old, new = before.without_remarks().to_mapping(), now.without_remarks().to_mapping()
-    return {name for name in {*old, *new} if old.get(name) != new.get(name)}

@@ -19,11 +19,11 @@ from processing import LOOK, Interval, ProcessOptions, check_within, is_refused
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, PlotData
 from wheelsoil.wording.notes import texts_of
+from wheelsoil.workflows import Files, known_soil, wheel_of
 from wheelsoil.workflows.choice import CHOICE_FILE, Choice, ChosenRun, is_called, load_choice, runs_in_use
 from wheelsoil.workflows.diagnosis import Together, together
-from wheelsoil.workflows.fit import known_soil, wheel_of
 from wheelsoil.workflows.grading import Grade, grade_of, plausibility_of
-from wheelsoil.workflows.runs import Files, wheel_id
+from wheelsoil.workflows.runs import wheel_id
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
 Keeps = tuple[tuple[PlotData, tuple[Interval, ...] | None], ...]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from daq import ConfigError, VehicleConfig
-from wheelsoil.fleet import last_campaign, open_store
 from wheelsoil.to_json import plain
 from wheelsoil.wording.change_text import change_row, change_summary
 from wheelsoil.workflows.diagnosis import Processed
@@ -50,6 +49,8 @@ def changes_since_last(
     mapping
         The sentence ``says`` and the ``rows`` of the report's section; without rows where there is no such campaign.
     """
+    from wheelsoil.fleet import last_campaign, open_store  # its tables take a while to import
+
     url = store_meant(place)
     try:
         last = load_last(Path(place)) if url is None else last_campaign(open_store(url), processed)[0]

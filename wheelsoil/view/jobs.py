@@ -113,8 +113,13 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
     source, trace = source_of(run), trace_of(processed)
     [conditions] = conditions_of([processed], _UNIT_WEIGHT_N_M3)
+    # The run without the arrays that the page does not use; see `PlotData`.
+    arrays = {field.name for field in fields(processed) if isinstance(getattr(processed, field.name), np.ndarray)}
+    changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
+    changed["extras"] = {}
+    changed |= {name: getattr(processed, name).astype(np.float32) for name in _DRAWN}
     return PlotData(
-        run=_slim(processed),
+        run=replace(processed, **changed),
         trace=trace,
         lost=tuple(source.lost),
         notes=(*map(typeset, texts_of(processed.quality.notes)), *filter(None, stderr.getvalue().splitlines())),
@@ -137,15 +142,6 @@ def decoded(file: Path) -> Signals:
     """Return what `decode_run` wrote."""
     found: Signals = pickle.loads(file.read_bytes())
     return found
-
-
-def _slim(run: ProcessedRun) -> ProcessedRun:
-    """Return the run without the arrays that the page does not use; see `PlotData`."""
-    arrays = {field.name for field in fields(run) if isinstance(getattr(run, field.name), np.ndarray)}
-    changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
-    changed["extras"] = {}
-    changed |= {name: getattr(run, name).astype(np.float32) for name in _DRAWN}
-    return replace(run, **changed)
 
 
 def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None) -> dict[str, Any]:

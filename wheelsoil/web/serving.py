@@ -6,7 +6,7 @@ import asyncio
 import hmac
 import ipaddress
 import socket
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import PurePosixPath
@@ -146,7 +146,10 @@ class Guard:
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or not self._rules.knows_host(hosts[0]):
             return PlainTextResponse("unknown host name: open the page by this machine's IP address\n", 421)
-        if origins and not _same_origin(origins, hosts[0]):  # browsers send it with every POST, programs need not
+        if origins and list(origins) not in (
+            [f"http://{hosts[0]}"],
+            [f"https://{hosts[0]}"],
+        ):  # browsers send it with every POST, programs need not
             return PlainTextResponse("requested by a page of another site\n", 403)
         if path not in self._open_paths and headers.get("sec-fetch-site", "same-origin") != "same-origin":
             return PlainTextResponse("requested by a page of another site\n", 403)
@@ -174,10 +177,6 @@ def _host_name(header: str) -> str:
     if name.startswith("["):
         return name[1:].partition("]")[0]
     return name.partition(":")[0].removesuffix(".")
-
-
-def _same_origin(origins: Iterable[str], host: str) -> bool:
-    return list(origins) in ([f"http://{host}"], [f"https://{host}"])
 
 
 class Connection(H11Protocol):

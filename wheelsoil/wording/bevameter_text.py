@@ -189,7 +189,12 @@ def facts(result: BenchSoil) -> list[tuple[str, str]]:
     if result.shear:
         share, modulus = np.sqrt(np.diag(result.shear.joint.scatter))
         text = f"{100 * share:.1f} % of the strength, {100 * modulus:.1f} % of K ({_source(result.shear.joint)})"
-        angle = _angle_text(result.shear)
+        if not result.shear.separate:
+            angle = ""
+        else:
+            low, high = result.shear.joint.interval95[result.shear.joint.names.index("tan_phi")]
+            value = degrees(atan(result.shear.joint["tan_phi"]))
+            angle = f"{value:.2f} deg, 95 % interval {degrees(atan(low)):.2f} to {degrees(atan(high)):.2f}"
         lines += [("shear scatter", text), *([("friction angle", angle)] if angle else [])]
     return lines
 
@@ -250,11 +255,3 @@ def _source(joint: JointFit) -> str:
         return "assumed: no repeats"
     freedom = float(joint.freedom[0])
     return f"{joint.tests} tests, {freedom:.0f} degrees of freedom" if isfinite(freedom) else f"{joint.tests} tests"
-
-
-def _angle_text(shear: ShearStrength) -> str:
-    if not shear.separate:
-        return ""
-    low, high = shear.joint.interval95[shear.joint.names.index("tan_phi")]
-    value = degrees(atan(shear.joint["tan_phi"]))
-    return f"{value:.2f} deg, 95 % interval {degrees(atan(low)):.2f} to {degrees(atan(high)):.2f}"

@@ -163,13 +163,6 @@ def _more_than_noise(v: Values) -> str:
     )
 
 
-def _worse(v: Values) -> str:
-    return (
-        f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
-        f"({v['low']:.0f} to {v['high']:.0f})"
-    )
-
-
 def _cancel(v: Values) -> str:
     families = " and ".join(plain_name(f) for f in v["families"])
     return f"{families} cancel each other, and what remains is explained as well without {plain_name(v['without'])}"
@@ -263,7 +256,10 @@ SENTENCES: dict[str, Sentence] = {
         "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "
         "{least:g}, and no error falls for certain"
     ),
-    LackCode.CHANNEL_WORSE: _worse,
+    LackCode.CHANNEL_WORSE: lambda v: (
+        f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
+        f"({v['low']:.0f} to {v['high']:.0f})"
+    ),
     LackCode.PARTS_CANCEL: _cancel,
     LackCode.PEAK_MAY_SHIFT: lambda v: (
         f"its probability is only {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "

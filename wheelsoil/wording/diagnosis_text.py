@@ -326,12 +326,14 @@ def gain_text(gain: Gain, of_interval: str = _COVERED) -> str:
 
 
 def _soils(diagnosis: Diagnosis, width: int) -> list[str]:
-    lines = []
-    for soil in diagnosis.soils:
-        off = [f"{SOIL_LETTERS[name]} {x:+.1f}" for name, x in soil.off_laboratory.items()]
-        name = f"{soil.campaign}: " if len(diagnosis.soils) > 1 else ""
-        lines += wrapped(f"{name}{', '.join(off)}", width, "  ", "    ") if off else []
-    return ["Soil here less the laboratory's, in the laboratory's sigma", *lines] if lines else []
+    several = len(diagnosis.soils) > 1
+    texts = [
+        (f"{soil.campaign}: " if several else "")
+        + ", ".join(f"{SOIL_LETTERS[name]} {x:+.1f}" for name, x in soil.off_laboratory.items())
+        for soil in diagnosis.soils
+        if soil.off_laboratory
+    ]
+    return _notes("Soil here less the laboratory's, in the laboratory's sigma", texts, width)
 
 
 def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -351,12 +353,8 @@ def _linearisation(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
-    lines = [
-        line
-        for item in diagnosis.inconsistent
-        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {note_text(item.why)}", width, "  ", "    ")
-    ]
-    return ["Inconsistent: possible with no soil", *lines] if lines else []
+    texts = (f"{plain_name(item.channel)}: {item.rows} rows: {note_text(item.why)}" for item in diagnosis.inconsistent)
+    return _notes("Inconsistent: possible with no soil", texts, width)
 
 
 def _proposal(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -374,12 +372,7 @@ def notes_by_text(title: str, texts: dict[str, str], width: int) -> list[str]:
     about: dict[str, list[str]] = {}
     for name, text in texts.items():
         about.setdefault(text, []).append(name)
-    lines = [
-        line
-        for text, names in about.items()
-        for line in wrapped(f"{', '.join(plain_names(names))}: {text}", width, "  ", "    ")
-    ]
-    return [title, *lines] if lines else []
+    return _notes(title, (f"{', '.join(plain_names(names))}: {text}" for text, names in about.items()), width)
 
 
 def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
@@ -414,27 +407,24 @@ def _in_columns(cells: list[str], width: int) -> list[str]:
 
 
 def _corrected(diagnosis: Diagnosis, width: int) -> list[str]:
-    lines = []
-    for correction in diagnosis.corrected:
-        low, high = (number(x, 3) for x in correction.interval95)
-        text = (
-            f"{plain_name(correction.name)} {number(correction.value, 3)} {correction.unit} ({low} to {high}), "
-            f"{', '.join(correction.source)}"
-        )
-        lines += wrapped(text, width, "  ", "    ")
-    return ["Taken off before, by the lifted wheel (95 %)", *lines] if lines else []
+    texts = (
+        f"{plain_name(each.name)} {number(each.value, 3)} {each.unit} "
+        f"({' to '.join(number(x, 3) for x in each.interval95)}), {', '.join(each.source)}"
+        for each in diagnosis.corrected
+    )
+    return _notes("Taken off before, by the lifted wheel (95 %)", texts, width)
 
 
 def _static(diagnosis: Diagnosis, width: int) -> list[str]:
-    lines = []
+    texts = []
     for check in diagnosis.static:
         read = []
         for channel, (reading, sigma) in check.readings.items():
             known = f" of {number(force, 4)}" if (force := check.applied[channel]) else ""
             unit = OUTPUTS[channel].unit_text
             read.append(f"{OUTPUTS[channel].name} {number(reading, 4)}{known} {unit}, one-sigma {number(sigma, 2)}")
-        lines += wrapped(f"{plain_name(check.test)}: {'; '.join(read)}", width, "  ", "    ")
-    return ["Static tests, taken as data", *lines] if lines else []
+        texts.append(f"{plain_name(check.test)}: {'; '.join(read)}")
+    return _notes("Static tests, taken as data", texts, width)
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:

@@ -150,17 +150,6 @@ def missing_step(found: Diagnosis) -> Step | None:
     return Step("Drive another run with a standstill of 10 s, brakes released", why, _RELEASED)
 
 
-def _zero(_: float, __: VehicleConfig) -> Step:
-    return Step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", paste=_LIFTED)
-
-
-def _drift(_: float, __: VehicleConfig) -> Step:
-    return Step(
-        "Determine the zero with the wheel lifted before and after the runs; processing interpolates between them.",
-        paste="wheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
-    )
-
-
 def _latency(value: float, vehicle: VehicleConfig) -> Step:
     line = f"[sensors.ground_speed]\nlatency_s = {vehicle.latency_s('ground_speed') + value:.3f}"
     return Step("Check the delay of the ground speed; these runs suggest the value below for vehicle.toml.", paste=line)
@@ -191,8 +180,11 @@ def _gain(what: str) -> Callable[[float, VehicleConfig], Step]:
     return rule
 
 
-def _check(what: str) -> Callable[[float, VehicleConfig], Step]:
-    return lambda _value, _vehicle: Step(what)
+def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
+    return lambda _value, _vehicle: Step(what, paste=paste)
+
+
+_ZERO = _step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", _LIFTED)
 
 
 _MASS_KG, _INERTIA_KGM2 = 75.0, 8.0
@@ -217,17 +209,20 @@ _CHECKS = {
     "sinkage": "Check the sinkage against the depth of the rut, by a ruler.",
 }
 _RULES: dict[str, Callable[[float, VehicleConfig], Step]] = {
-    "torque_zero": _zero,
-    "drawbar_pull_zero": _zero,
-    "load_zero": _zero,
-    "zero_drift": _drift,
+    "torque_zero": _ZERO,
+    "drawbar_pull_zero": _ZERO,
+    "load_zero": _ZERO,
+    "zero_drift": _step(
+        "Determine the zero with the wheel lifted before and after the runs; processing interpolates between them.",
+        "wheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
+    ),
     "speed_latency": _latency,
     "wheel_radius": _radius,
     "wheel_inertia": _inertia,
     "drawbar_pull_gain": _gain("drawbar pull"),
     "torque_gain": _gain("driving torque"),
     "load_gain": _gain("vertical load"),
-    "crosstalk": _check("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis."),
-    "body_pitch": _check("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs."),
-    "speed_bias": _check("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis."),
+    "crosstalk": _step("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis."),
+    "body_pitch": _step("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs."),
+    "speed_bias": _step("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis."),
 }

@@ -77,20 +77,6 @@ def _no_repeats(v: Values) -> str:
     )
 
 
-def _few_repeats(v: Values) -> str:
-    return (
-        f"{v['tests']} tests leave {v['freedom']:.0f} degree{'s' * (v['freedom'] > 1)} of freedom for the scatter "
-        f"between tests: intervals are {v['widening']:.1f} times as wide as with many; repeat the tests"
-    )
-
-
-def _one_width(v: Values) -> str:
-    return (
-        f"one plate width (b = {v['width_m']:.4g} m) fixes k = k_c/b + k_phi = {v['stiffness'] / 1e3:.4g} kPa/m^n at "
-        "that width, not k_c and k_phi singly; test a second plate, at least 1.5 times as wide"
-    )
-
-
 def _tested(v: Values) -> str:
     return "the tested widths ({:.4g} to {:.4g} m)".format(*v["widths_m"])
 
@@ -103,21 +89,6 @@ def _k_c(v: Values) -> str:
         f"sinkage larger plates carry more pressure, which contradicts k = k_c/b + k_phi{sure}. It is reported as "
         f"it is; k is positive only for b > {-v['k_c'] / v['k_phi']:.3g} m. Use it within {_tested(v)}, or take k of "
         "the plate nearest to the wheel"
-    )
-
-
-def _k_phi(v: Values) -> str:
-    return (
-        f"k_phi = {v['k_phi'] / 1e3:.4g} kN/m^(n+2) is negative: k is positive only for b < "
-        f"{-v['k_c'] / v['k_phi']:.3g} m. Use it within {_tested(v)}, or test wider plates"
-    )
-
-
-def _one_stress(v: Values) -> str:
-    return (
-        f"one normal stress ({v['stress_pa'] / 1e3:.4g} kPa) fixes the strength c + sigma tan phi = "
-        f"{v['strength_pa'] / 1e3:.4g} kPa there, not c and phi singly; test at a second normal stress, at least "
-        "twice as large"
     )
 
 
@@ -216,15 +187,28 @@ SENTENCES: dict[str, Sentence] = {
         "sheared only to {reach_m:.3g} m with K {modulus_m:.3g} m: strength and K are hardly separated"
     ),
     BevameterCode.NO_REPEATS: _no_repeats,
-    BevameterCode.FEW_REPEATS: _few_repeats,
-    BevameterCode.ONE_WIDTH: _one_width,
+    BevameterCode.FEW_REPEATS: lambda v: (
+        f"{v['tests']} tests leave {v['freedom']:.0f} degree{'s' * (v['freedom'] > 1)} of freedom for the scatter "
+        f"between tests: intervals are {v['widening']:.1f} times as wide as with many; repeat the tests"
+    ),
+    BevameterCode.ONE_WIDTH: lambda v: (
+        f"one plate width (b = {v['width_m']:.4g} m) fixes k = k_c/b + k_phi = {v['stiffness'] / 1e3:.4g} kPa/m^n at "
+        "that width, not k_c and k_phi singly; test a second plate, at least 1.5 times as wide"
+    ),
     BevameterCode.WIDTHS_ALIKE: (
         "k_c and k_phi: correlation -{correlation:.4f} at a given n; the plate widths are too alike to part them: "
         "test one at least 1.5 times as wide"
     ),
     BevameterCode.K_C_NEGATIVE: _k_c,
-    BevameterCode.K_PHI_NEGATIVE: _k_phi,
-    BevameterCode.ONE_STRESS: _one_stress,
+    BevameterCode.K_PHI_NEGATIVE: lambda v: (
+        f"k_phi = {v['k_phi'] / 1e3:.4g} kN/m^(n+2) is negative: k is positive only for b < "
+        f"{-v['k_c'] / v['k_phi']:.3g} m. Use it within {_tested(v)}, or test wider plates"
+    ),
+    BevameterCode.ONE_STRESS: lambda v: (
+        f"one normal stress ({v['stress_pa'] / 1e3:.4g} kPa) fixes the strength c + sigma tan phi = "
+        f"{v['strength_pa'] / 1e3:.4g} kPa there, not c and phi singly; test at a second normal stress, at least "
+        "twice as large"
+    ),
     BevameterCode.STRESSES_TINY: (
         "no strength is above {strength_pa:.3g} Pa, which is rare: if the stresses are in kPa, --rename "
         "shear_stress_pa=shear_stress_pa*1000,normal_stress_pa=normal_stress_pa*1000"

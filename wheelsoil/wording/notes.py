@@ -28,11 +28,10 @@ def note_text(note: Note) -> str:
 
 def _of_a_model(code: str) -> run_notes.Sentence:
     """Return the sentence of a code of a model; those of a diagnosis need the effects, which take a while to import."""
-    from wheelsoil.wording import model_notes
+    from wheelsoil.wording import diagnosis_notes, model_notes
 
     if code in model_notes.SENTENCES:
         return model_notes.SENTENCES[code]
-    from wheelsoil.wording import diagnosis_notes
 
     return diagnosis_notes.SENTENCES[code]
 

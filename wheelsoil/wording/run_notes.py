@@ -48,8 +48,10 @@ def _missing(v: Values) -> str:
 
 
 def _ends(v: Values) -> str:
-    lost = [(v["begin_s"], f"the first {v['begin_s']:.1f} s, until {v['first']} begins")]
-    lost.append((v["end_s"], f"the last {v['end_s']:.1f} s, after {v['last']} ends"))
+    lost = [
+        (v["begin_s"], f"the first {v['begin_s']:.1f} s, until {v['first']} begins"),
+        (v["end_s"], f"the last {v['end_s']:.1f} s, after {v['last']} ends"),
+    ]
     return f"not used: {' and '.join(text for length_s, text in lost if length_s >= 0.1)}"
 
 

@@ -27,13 +27,17 @@ _SIGMA_SOURCES = {
 def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
     """Return (what, value) rows in the order of a report; notes are in ``run.quality.notes``."""
     quality = run.quality
+    counts = np.bincount(run.segment, minlength=len(Segment))
     rows = [
         ("run", run.run.id or "-"),
         ("start", moment(run.start_ns)),
         ("duration", f"{len(run) / run.rate_hz:.1f} s at {run.rate_hz:g} Hz, filtered at {run.cutoff_hz:.3g} Hz"),
         ("used", f"{100 * quality.shares.get(Reason.USED.name, 0.0):.1f} % of {len(run)} samples"),
         ("left out", _left_out(quality.shares)),
-        ("segments", _segments(run)),
+        (
+            "segments",
+            ", ".join(f"{kind.name.lower()} {counts[kind] / run.rate_hz:.1f} s" for kind in Segment if counts[kind]),
+        ),
         *_ranges(run),
         ("ground speed against wheel speed", _latency(quality.residual_latency_s, quality.residual_latency_sigma_s)),
         ("ground speed / rim speed", _with_sigma(quality.speed_scale, quality.speed_scale_sigma, ".4f", "")),
@@ -52,11 +56,6 @@ def _left_out(shares: dict[str, float]) -> str:
         if name != Reason.USED.name
     ]
     return ", ".join(parts) or "nothing"
-
-
-def _segments(run: ProcessedRun) -> str:
-    counts = np.bincount(run.segment, minlength=len(Segment))
-    return ", ".join(f"{kind.name.lower()} {counts[kind] / run.rate_hz:.1f} s" for kind in Segment if counts[kind])
 
 
 def _ranges(run: ProcessedRun) -> list[tuple[str, str]]:

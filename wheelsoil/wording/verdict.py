@@ -90,7 +90,11 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     """Return the sentences of the verdict, the most important one first, each with what it is about."""
     grounds = found.grounds
     if grounds.undecided is not None:
-        return _undecided(grounds.undecided)
+        steps = dict.fromkeys(
+            fault.next_step for fault in grounds.undecided.values.get("faults", ()) if fault.next_step
+        )
+        onward = [Statement(f"next: {'; '.join(steps)}", "next")] if steps else []
+        return _sentences([f"nothing can be decided: {note_text(grounds.undecided)}", *onward])
     if (note := several_terrains(found)) is not None:
         return _as_if_of_one_soil(found, note)
     statements = [*_verdict_of_table(found), *_error_of_form(grounds)] if grounds.table_channels else _of_runs(found)
@@ -127,8 +131,9 @@ def headline_of(found: Diagnosis) -> str:
     elif found.verdict == "one_of":
         sentence = f"Most probably {names[0]}, but not sure enough for a name"
     elif found.verdict == "unexplained":
-        if soils := _asking_for_two_soils(found):
-            return f"No known cause explains these data: {soils}."
+        if groups := groups_of_runs(found):
+            ask = f"{groups.first} ask{'s' if groups.single else ''}"
+            return f"No known cause explains these data: {ask} for another soil than {groups.second}."
         return "No known cause explains these data: do not rely on the model."
     else:
         return "No cause is detected: soil and noise explain these data."
@@ -185,7 +190,7 @@ def details_of(found: Diagnosis) -> list[str]:
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
     elsewhere = ("headline", "gain", "next", "as_if")
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
-    if _size_in_headline(found):
+    if _headline_has_size(found):
         statements = [statement for statement in statements if statement.about != "cause"]
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
     wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
@@ -200,11 +205,10 @@ def details_of(found: Diagnosis) -> list[str]:
     return texts
 
 
-def _size_in_headline(found: Diagnosis) -> bool:
+def _headline_has_size(found: Diagnosis) -> bool:
     """Return whether the headline states the whole size of a named cause."""
-    if found.verdict != "named" or len(found.causes) > 1 or falling_channel(found) is not None:
-        return False
-    return not found.causes[0].form and ":" in headline_of(found)
+    alone = found.verdict == "named" and len(found.causes) == 1 and falling_channel(found) is None
+    return alone and not found.causes[0].form and ":" in headline_of(found)
 
 
 def several_terrains(found: Diagnosis) -> Note | None:
@@ -242,11 +246,6 @@ def _not_one_soil(found: Diagnosis, note: Note) -> str:
     groups = groups_of_runs(found)
     apart = f": {groups.first} differ{'s' if groups.single else ''} from {groups.second}" if groups else ""
     return f"{of_campaign} are probably not of one soil{apart}."
-
-
-def _asking_for_two_soils(found: Diagnosis) -> str:
-    groups = groups_of_runs(found)
-    return f"{groups.first} ask{'s' if groups.single else ''} for another soil than {groups.second}" if groups else ""
 
 
 def _as_if_of_one_soil(found: Diagnosis, note: Note) -> list[Statement]:
@@ -375,12 +374,6 @@ def instead_words(found: Diagnosis) -> list[Statement]:
             for rival in found.grounds.soil_instead
         ]
     )
-
-
-def _undecided(why: Note) -> list[Statement]:
-    steps = dict.fromkeys(fault.next_step for fault in why.values.get("faults", ()) if fault.next_step)
-    onward = [Statement(f"next: {'; '.join(steps)}", "next")] if steps else []
-    return _sentences([f"nothing can be decided: {note_text(why)}", *onward])
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:
@@ -519,9 +512,8 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     alike = found.grounds.confounded
     causes = " and ".join(f"{_cause_named(cause, _explains(found))}: {size_text(cause)}" for cause in found.causes)
     statements: list[str | Statement] = [Statement(causes, "cause")]
-    if found.grounds.free_form:
-        family, over = found.grounds.free_form
-        statements.append(f"{upper(plain_name(family))} acts by another formula than the listed ones, over {over}")
+    if free := found.grounds.free_form:
+        statements.append(f"{upper(plain_name(free[0]))} acts by another formula than the listed ones, over {free[1]}")
     if worth := gain_words(found.gain, found.main_channel):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
@@ -551,21 +543,16 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         if barred is None and ((why := _unlisted_words(found.adequacy)) or sure):
             statements.append(f"None is sure enough for a name{why}")
     together = [
-        cause_set for cause_set in found.sets if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
+        f"{listed([plain_name(f) for f in cause_set.causes])} ({chance(cause_set.probability)})"
+        for cause_set in found.sets
+        if len(cause_set.causes) > 1 and cause_set.probability >= _TOGETHER_AT
     ]
     if together:
-        pairs = [
-            f"{listed([plain_name(f) for f in cause_set.causes])} ({chance(cause_set.probability)})"
-            for cause_set in together
-        ]
-        statements.append(f"Several may act together: {'; '.join(pairs)}")
-    if barred is not None and peak_bars(found):
-        rare = f"and {chance(chances[families[0]])} if it seldom does"
-        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}, {rare}")
-    elif barred is not None:
-        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}")
-    others = [family for family in found.grounds.confounded if family not in families]
-    statements += rival_words(others, chances)
+        statements.append(f"Several may act together: {'; '.join(together)}")
+    if barred is not None:
+        rare = f", and {chance(chances[families[0]])} if it seldom does" if peak_bars(found) else ""
+        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}{rare}")
+    statements += rival_words([family for family in found.grounds.confounded if family not in families], chances)
     if found.next_run:
         alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)
         statements += [*([] if alone else ["No single run decides"]), _next(found.next_run[0])]

@@ -120,8 +120,10 @@ def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
             KeyFigure(at.format("drawbar_coefficient"), coefficient, "", "three decimals", model=found.model)
         )
     best, efficiency = found.drawbar_coefficient, found.efficiency
-    figures.append(KeyFigure("drawbar_coefficient", best, "", "three decimals", model=model))
-    figures.append(KeyFigure("tractive_efficiency", efficiency, "", "percent", model=model))
+    figures += [
+        KeyFigure("drawbar_coefficient", best, "", "three decimals", model=model),
+        KeyFigure("tractive_efficiency", efficiency, "", "percent", model=model),
+    ]
     return {figure.key: figure for figure in figures if figure.value == figure.value}
 
 

@@ -13,7 +13,7 @@ import tomli_w
 
 from daq import file_name, read_toml
 from model import ExtendedEffect, ExtendedModel, Fact, averaged_model, extended_model
-from model.diagnosis import Bench, Campaign, Diagnosis, Gain, ParameterEstimate, SoilEstimate
+from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.console import check_output
@@ -77,7 +77,11 @@ def models_of(
 
 def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
     runs = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in campaign.runs)
-    gain = _gain_of_the_file(diagnosis)
+    # The held-out gain of what is in the file: of the named causes, of the average, else of nothing.
+    if diagnosis.average is not None:
+        gain = diagnosis.average.gain
+    else:
+        gain = diagnosis.gain if diagnosis.verdict == "named" else None
     facts: dict[str, Fact] = {
         "made_by": f"wheelsoil {__version__}",
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -96,13 +100,6 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
     return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN
 
 
-def _gain_of_the_file(diagnosis: Diagnosis) -> Gain | None:
-    """Return the held-out gain of what is in the file: of the named causes, of the average, else of nothing."""
-    if diagnosis.average is not None:
-        return diagnosis.average.gain
-    return diagnosis.gain if diagnosis.verdict == "named" else None
-
-
 def model_toml(model: ExtendedModel) -> str:
     """Return the file's text: what it is in words, and the model."""
     sentence = " ".join(str(model.provenance.get("sentence", "")).split())
@@ -112,11 +109,11 @@ def model_toml(model: ExtendedModel) -> str:
         effects = "; ".join(map(_effect_line, cause_set.effects)) or "no cause, the soil re-calibrated"
         head.append(f"{chance(cause_set.probability)}: {effects}")
     if model.sets:
-        head.append(str(model.provenance.get("held_out", "")))
-        head.append(
+        head += [
+            str(model.provenance.get("held_out", "")),
             f"No cause is named: {len(model.sets)} sets remain possible, each with its own soil. Their predictions "
-            f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here."
-        )
+            f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here.",
+        ]
     elif not model.effects:
         kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
         head.append(f"No cause is named, so that none is in it: {kept}.")

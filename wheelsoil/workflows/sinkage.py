@@ -112,7 +112,10 @@ def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> S
     if zeroless:
         notes = (*notes, "the zeros of drawbar pull and torque were taken as they are: no zero file says how sure")
     rows = bound_rows_of_runs(runs, lugged=_lugged(wheel))
-    return _facts(", ".join(cells.names), cells, rows, notes, _rut_sigma(runs))
+    # The one-sigma of a rut reading as sinkage, the worst of all; None where there is none.
+    sigmas = [reading.sigma_m for run in runs for reading in run.run.rut]
+    rut_sigma = float(np.hypot(max(sigmas), REBOUND_SIGMA_M)) if sigmas else None
+    return _facts(", ".join(cells.names), cells, rows, notes, rut_sigma)
 
 
 def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
@@ -154,12 +157,6 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
         notes = (*notes, f"{len(cells)} of {len(table)} rows used: {excluded} are not driven or have no torque")
     rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel), lug_height_m=wheel.lug_height_m or None)
     return _facts(table.name, cells, rows, notes, _sinkage_sigma(table, cells))
-
-
-def _rut_sigma(runs: Sequence[ProcessedRun]) -> float | None:
-    """Return the one-sigma of a rut reading as sinkage, the worst of all; None where there is none."""
-    sigmas = [reading.sigma_m for run in runs for reading in run.run.rut]
-    return float(np.hypot(max(sigmas), REBOUND_SIGMA_M)) if sigmas else None
 
 
 def _sinkage_sigma(table: WheelTable, cells: ForceCells) -> FloatArray | None:

@@ -228,16 +228,14 @@ def read_bench(
     ConfigError, DataError
         Everything that is wrong with any of them; the rows are of several wheels.
     """
-    found = read_benches([path], table_files(files), rename=rename, where=where)
+    # The files of one wheel's table.
+    vehicles = (str(files.vehicle),) if files.vehicle else ()
+    found = read_benches(
+        [path], TableFiles(vehicles, (files.terrain,) if files.terrain else (), files.soil), rename=rename, where=where
+    )
     if len(found) > 1:
         raise ConfigError(several_wheels([wheel_test.rows for wheel_test in found]))
     return found[0]
-
-
-def table_files(files: Files) -> TableFiles:
-    """Return the files of one wheel's table."""
-    vehicles = (str(files.vehicle),) if files.vehicle else ()
-    return TableFiles(vehicles, (files.terrain,) if files.terrain else (), files.soil)
 
 
 def _name(part: WheelTable, parts: Sequence[WheelTable]) -> str:

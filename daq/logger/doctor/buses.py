@@ -8,16 +8,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from daq.can.databases import messages_by_bus
+from daq import LEAST_LOAD_SHARE, STANDARD_GRAVITY_MPS2, Channel, nearest
+from daq.can import coverage, messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
-from daq.can.identify import coverage
-from daq.channels import Channel
-from daq.config import LEAST_LOAD_SHARE
-from daq.errors import nearest
 from daq.logger.doctor.links import Link, Reception, can_links
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.bus_health import bits_on_wire
-from daq.units import STANDARD_GRAVITY_MPS2
 
 _STATES = {
     "ERROR-WARNING": "many frames in error",

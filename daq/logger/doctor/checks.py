@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from daq.logger.doctor import buses, files, host
-from daq.logger.doctor.situation import Line, Situation
+from daq.logger.doctor import Line, Situation, buses, files, host
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from daq import TRANSDUCER_ROLES, ConfigError, VehicleConfig, load_zeros, zero_file_name
 from daq.can.databases import signals_of
 from daq.can.roles import unused_validity
-from daq.channels import TRANSDUCER_ROLES
-from daq.config import VehicleConfig
-from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.watched_messages import unknown_names
-from daq.zero_file import load_zeros, zero_file_name
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0

@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.clock import fit_clock
-from daq.errors import DataError, HardwareError
+from daq import DataError, HardwareError, fit_clock
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.host_monitor import megabytes
 from daq.logger.run_files import folder_lock

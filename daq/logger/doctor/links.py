@@ -15,11 +15,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from daq import BusSection, ConfigError, Fault, HardwareError, LoggerSection
 from daq.can.frames import FrameBatch, concatenate
-from daq.config import BusSection, LoggerSection
-from daq.errors import ConfigError, Fault, HardwareError
-from daq.sources.can_source import SourceCounters
-from daq.sources.interfaces import open_source
+from daq.sources import SourceCounters, open_source
 
 # linux/sockios.h, linux/if_arp.h, linux/if.h
 _SIOCGIFFLAGS, _SIOCGIFMTU, _SIOCGIFHWADDR, _SIOCGIFTXQLEN = 0x8913, 0x8921, 0x8927, 0x8942

@@ -8,19 +8,14 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from daq.can.codec import Decoder
+from daq import BusSection, Channel, VehicleConfig, check_logging, load_toml
+from daq.can import Decoder, FrameBatch, SignalRef, concatenate, split
 from daq.can.databases import Database, load_for_vehicle
-from daq.can.frames import FrameBatch, concatenate, split
-from daq.can.roles import SignalRef
-from daq.channels import Channel
-from daq.config import BusSection, VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
 from daq.logger.doctor.links import Link, Reception, is_socketcan, listen, read_link
 from daq.logger.health.watched_messages import usable_roles
-from daq.machine import check_logging
-from daq.recording import RecordingWriter
-from daq.recording.decoded_topics import DecodedWriter
+from daq.recording import DecodedWriter, RecordingWriter
 
 
 class Verdict(StrEnum):

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.arrays import FloatArray, IntArray
-from daq.sampling import sampling_of
+from daq import FloatArray, IntArray, sampling_of
 
 LEARN_NS = 3_000_000_000
 """Arrivals are watched for at least this long before their rate is used."""

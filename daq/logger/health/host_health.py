@@ -7,10 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from daq import Channel, LoggerSection
 from daq.can.roles import SignalRef
-from daq.channels import Channel
 from daq.clock import ClockFit, GnssClock
-from daq.config import LoggerSection
 from daq.logger.health.report import GnssHealth, HostStatus, Level, Reason, Recent, Since, reason, worst
 
 _RED_MINUTES = 10.0

@@ -214,7 +214,9 @@ def signal_health(message: WatchedMessage, scene: Scene) -> tuple[list[SignalHea
         if reference is None:
             level = Level.AMBER if stuck_s or is_out or is_saturated else Level.GREEN
         else:
-            stuck_s = _judged_stuck(reference.role, value, stuck_s, scene)
+            role = reference.role
+            if role in _FLAGS or (role in _SPEEDS and value == 0.0) or (role in _OF_GNSS and not scene.has_fix):
+                stuck_s = 0.0  # it has a reason to stay the same
             found = _role_reasons(message, row, reference, scene, stuck_s, is_out=is_out, is_saturated=is_saturated)
             level = max((r.level for r in found), default=Level.GREEN)
             reasons += found
@@ -227,13 +229,6 @@ def signal_health(message: WatchedMessage, scene: Scene) -> tuple[list[SignalHea
 def _in_si(reference: SignalRef, value: float) -> float:
     missing = value >= reference.no_data.above or value in reference.no_data.words
     return math.nan if missing else value * reference.si_factor + reference.si_offset
-
-
-def _judged_stuck(role: str, value: float, stuck_s: float, scene: Scene) -> float:
-    """Return how long a role's signal is stuck; 0 where it has a reason to stay the same."""
-    if role in _FLAGS or (role in _SPEEDS and value == 0.0):
-        return 0.0
-    return 0.0 if role in _OF_GNSS and not scene.has_fix else stuck_s
 
 
 def _role_reasons(

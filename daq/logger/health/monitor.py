@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.can.databases import Database
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag
+from daq import Channel, VehicleConfig
+from daq.can import Database, FrameArray, FrameBatch, FrameFlag
 from daq.can.identify import UNKNOWN, Identifier
-from daq.channels import Channel
-from daq.config import VehicleConfig
 from daq.logger.health.bus_health import BusWatch
 from daq.logger.health.host_health import Gnss, HostWatch
 from daq.logger.health.message_health import (

@@ -8,13 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from daq.arrays import BoolArray, FloatArray, IntArray
-from daq.can.bits import Message, RawKind, Signal
-from daq.can.databases import Database, messages_by_bus
+from daq import ROLES, ConfigError, Fault, FloatArray, HealthSection, IntArray, VehicleConfig, nearest
+from daq.can import Database, Message, RawKind, Signal, messages_by_bus
 from daq.can.roles import SignalRef, means_no_data, resolve_roles
-from daq.channels import ROLES
-from daq.config import HealthSection, VehicleConfig
-from daq.errors import ConfigError, Fault, nearest
 from daq.logger.health.arrivals import MessageFlow, is_named_so
 from daq.logger.health.report import Recent, SignalHealth
 
@@ -141,7 +137,11 @@ class SignalValues:
     def _count_beyond_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         beyond = (values < self._low[rows]) | (values > self._high[rows])
         if beyond.any():
-            self._exclude_labelled(rows, values, beyond)
+            # Do not count values with a label of their own as out of range.
+            first = rows.start or 0
+            for row, value in self._labelled:
+                if first <= row < first + len(values):
+                    beyond[row - first] &= values[row - first] != value
             self.out_of_range[rows] += np.count_nonzero(beyond, axis=1)
             self.beyond_ns[rows] = np.maximum(self.beyond_ns[rows], np.where(beyond, time_ns, 0).max(axis=1))
         at_end = (values <= self._bottom[rows]) | (values >= self._top[rows])
@@ -153,13 +153,6 @@ class SignalValues:
                 run &= at_end[:, shift : shift + run.shape[1]]
             self.saturated[rows] += np.count_nonzero(run, axis=1)
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
-
-    def _exclude_labelled(self, rows: slice, values: FloatArray, beyond: BoolArray) -> None:
-        """Do not count values with a label of their own as out of range."""
-        first = rows.start or 0
-        for row, value in self._labelled:
-            if first <= row < first + len(values):
-                beyond[row - first] &= values[row - first] != value
 
 
 def _measures(signal: Signal) -> bool:

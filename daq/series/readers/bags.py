@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import DataError, RecordingError, not_installed
+from daq import DataError, RecordingError, SeriesSection, not_installed
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
 from daq.series.time_stamps import refuse_rate
 
@@ -74,7 +73,9 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
                 for connection, time_ns, data in reader.messages(wanted):
                     message = reader.deserialize(data, connection.msgtype)
                     numbers = dict(_numbers("", message, connection.topic, report))
-                    row = (_stamp_ns(message) or time_ns, numbers)
+                    stamp = getattr(getattr(message, "header", None), "stamp", None)
+                    stamp_ns = 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+                    row = (stamp_ns or time_ns, numbers)
                     gathered.setdefault(connection.topic, []).append(row)
                     count += 1
                     if count % _ROWS_TOGETHER == 0:
@@ -98,11 +99,6 @@ def _block(
     nothing = float("nan")
     values = {name: np.array([row.get(name, nothing) for _, row in rows], np.float64) for name in columns}
     return report.taken(SeriesBlock(topic, time_ns, values), np.ones(len(rows), np.bool_))
-
-
-def _stamp_ns(message: Any) -> int:
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def _varies(value: Any) -> bool:

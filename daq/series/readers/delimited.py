@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.arrays import FloatArray, IntArray
-from daq.config import SeriesSection
-from daq.errors import DataError, RecordingError
+from daq import DataError, FloatArray, IntArray, RecordingError, SeriesSection
 from daq.gunzip import Gunzip, unpacked
 from daq.logs.report import share_of_file
 from daq.series.blocks import EMPTY, Blocks, Series, SeriesBlock, SeriesReport

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.config import SeriesSection
-from daq.errors import DataError
+from daq import DataError, SeriesSection
 from daq.limits import FASTEST_RATE_HZ, LAST_TIME_NS, SLOWEST_RATE_HZ
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together
 from daq.series.time_stamps import TimeStamps, at_rate, is_time_name, refuse_rate, time_columns

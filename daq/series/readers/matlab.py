@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import RecordingError, not_installed
+from daq import RecordingError, SeriesSection, not_installed
 from daq.series.blocks import Series, SeriesReport
 from daq.series.readers.groups import Column, array_column, series_of
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import DataError, RecordingError, WheelsoilError, not_installed
+from daq import DataError, RecordingError, SeriesSection, WheelsoilError, not_installed
 from daq.formatting import numbered
 from daq.logs.mf4 import start_ns_of
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport, together

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from daq import RecordingError, SeriesSection
 from daq.can.roles import unit_behind
-from daq.config import SeriesSection
-from daq.errors import RecordingError
 from daq.series.blocks import BLOCK_ROWS, Blocks, Series, SeriesBlock, SeriesReport
 from daq.series.time_stamps import TimeStamps, at_rate, time_columns
 

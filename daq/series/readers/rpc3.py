@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import RecordingError
+from daq import RecordingError, SeriesSection
 from daq.series.blocks import Series, SeriesReport
 from daq.series.readers.groups import Cells, Clock, Column, series_of
 

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
+from daq import ConfigError, DataError, Quantity, SeriesSection, find_unit
 from daq.can.roles import unit_behind
-from daq.config import SeriesSection
-from daq.errors import ConfigError, DataError
 from daq.formatting import numbered
 from daq.series.numerals import COMMA, POINT, Evidence
 from daq.series.tables import MISSING
 from daq.series.time_stamps import is_time_name, is_time_text
-from daq.units import Quantity, find_unit
 
 HEAD_BYTES = 256 << 10
 _MOST_COLUMNS = 10_000

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.config import SeriesSection
-from daq.errors import RecordingError, not_installed
+from daq import RecordingError, SeriesSection, not_installed
 from daq.series.blocks import Series, SeriesReport
 from daq.series.held import Held, state_of
 from daq.series.readers.groups import Cells, Clock, Column, series_of

@@ -150,6 +150,7 @@ def _kills(steps: range, own: Path, same: Same, tmp_path: Path, monkeypatch: pyt
     return killed
 
 
+@pytest.mark.slow
 def test_a_kill_while_it_compacts_changes_no_row(
     own: Path, same: Same, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

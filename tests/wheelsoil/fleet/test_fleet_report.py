@@ -114,6 +114,7 @@ def test_a_phone_shows_each_verdict_with_its_cause(page: Path, browser: Browser)
         expect(seen.get_by_role("columnheader", name="pull at 0.2, N")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_the_legend_of_the_map_has_its_colours_in_both_modes(page: Path, browser: Browser) -> None:
     for mode in ("light", "dark"):
         seen = browser.new_page(color_scheme=mode)

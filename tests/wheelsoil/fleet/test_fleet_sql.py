@@ -102,7 +102,10 @@ def _each(statements: str, store: Path) -> list[str]:
     return [one.replace("STORE", str(store)) for one in statements.strip().replace("\n", "; ").split("; ")]
 
 
-@pytest.mark.parametrize("statements", [STATEMENTS, SELECTS], ids=["statements", "selects"])
+@pytest.mark.parametrize(
+    "statements",
+    [pytest.param(STATEMENTS, id="statements"), pytest.param(SELECTS, id="selects", marks=pytest.mark.slow)],
+)
 def test_the_store_is_read_and_nothing_else(
     statements: str, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

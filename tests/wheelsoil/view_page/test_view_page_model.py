@@ -215,6 +215,7 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     assert view.campaigns()[0]["choice"]["effects"]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_cancelled(page: Page, view: View) -> None:
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_role("button", name="Cancel: Diagnose").click()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import APIResponse, Page, Route, expect
 from view_browser import Held, add_effect, drawn, unfold
 from view_client import PATIENCE_S, View
@@ -92,6 +93,7 @@ def test_nothing_is_saved_where_a_change_before_it_is_refused(page: Page, folder
     assert not (folder / "choice.toml").exists()
 
 
+@pytest.mark.slow
 def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view: View) -> None:
     late: list[tuple[Route, APIResponse]] = []
 

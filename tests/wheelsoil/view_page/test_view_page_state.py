@@ -12,6 +12,7 @@ from view_client import View
 ROWS = ("slip", "pull")
 
 
+@pytest.mark.slow
 def test_a_page_that_was_away_takes_what_another_one_chose(page: Page, view: View) -> None:
     unfold(page, "conditions-box")
     page.get_by_label("literal", exact=True).check()
@@ -73,6 +74,7 @@ def test_a_run_that_failed_or_cannot_be_read_is_not_shown_with_the_plots_of_anot
     drawn(page, *ROWS)
 
 
+@pytest.mark.slow
 def test_a_selection_is_counted_though_the_one_before_it_failed(page: Page, view: View) -> None:
     drag(page, 5, 8)
     start, stop = page.get_by_label("Selection from"), page.get_by_label("Selection to")

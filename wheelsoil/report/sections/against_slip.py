@@ -282,7 +282,10 @@ def _told(facts: SinkageFacts) -> list[Block]:
         Table(
             "Growth of sinkage from no slip to full slip",
             ["assumed", "mm", "95 % interval"],
-            [[name, *map(_typeset, values)] for name, *values in growth_rows(facts.growth)],
+            [
+                [name, *(value.replace("-", "−").replace("..", "…") for value in values)]
+                for name, *values in growth_rows(facts.growth)
+            ],
             note="A peak that moves forward needs less sinkage for the same forces: growing sinkage and a moving peak "
             "look alike in forces. A ruler in the rut at low and high slip parts them.",
         ),
@@ -299,11 +302,6 @@ def _told(facts: SinkageFacts) -> list[Block]:
             Text(f"Bound T/r − Dp ≤ W tan θ₁: kept in all {facts.checked} driven rows with measured sinkage.", "good")
         )
     return [*blocks, Text(f"{IN_THE_BAND[0].upper()}{IN_THE_BAND[1:]}.")]
-
-
-def _typeset(text: str) -> str:
-    """Return the terminal's numbers as this page writes them."""
-    return text.replace("-", "−").replace("..", "…")
 
 
 @dataclass(frozen=True)

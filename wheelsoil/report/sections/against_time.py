@@ -248,7 +248,8 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
         lacking = {*missing, *(["slip"] if set(missing) & set(SLIP_ROLES) else [])}
         for panel, role, values, name, colour, dash in series:
             if role not in lacking:
-                drawn[panel].append((run.run.id, _series(run, values, points, name, colour, dash)))
+                rows = decimated_rows(values, points)
+                drawn[panel].append((run.run.id, line(run.time_s[rows], values[rows], name, colour, dash, 1.5)))
     if not any(np.isfinite(run.vertical_load_n).any() for run in runs):
         drawn["load"] = []
     return [
@@ -267,8 +268,3 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
 
 def _mean(values: FloatArray) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
-
-
-def _series(run: ProcessedRun, values: FloatArray, points: int, name: str, colour: str, dash: str = "solid") -> Trace:
-    rows = decimated_rows(values, points)
-    return line(run.time_s[rows], values[rows], name, colour, dash, 1.5)

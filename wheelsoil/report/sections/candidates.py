@@ -92,19 +92,17 @@ def _table(found: Diagnosis) -> Table:
 
 def _rows(cause: Cause) -> list[list[str]]:
     form = f"{form_name(cause.form)} ({chance(cause.form_probability)})" if cause.form else ""
-    rows = []
-    for i, parameter in enumerate(cause.parameters):
-        rows.append(
-            [
-                plain_name(cause.name) if i == 0 else "",
-                letter(parameter_name(cause.key, parameter.name)),
-                number(parameter.value),
-                interval(*parameter.interval95),
-                unit(parameter.unit),
-                *([chance(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
-            ]
-        )
-    return rows
+    return [
+        [
+            plain_name(cause.name) if i == 0 else "",
+            letter(parameter_name(cause.key, parameter.name)),
+            number(parameter.value),
+            interval(*parameter.interval95),
+            unit(parameter.unit),
+            *([chance(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
+        ]
+        for i, parameter in enumerate(cause.parameters)
+    ]
 
 
 def _meaning(cause: Cause) -> str:

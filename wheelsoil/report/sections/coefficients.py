@@ -59,6 +59,9 @@ def coefficients(inputs: ReportInputs) -> Contents:
     rows = [row for model in fit.models for row in _variables(model, limits[model.name])]
     percent = f"{100 * fit.options.confidence:g} % interval"
     head = ["model", "variable", "value", "standard error", "relative error", percent, "initial", "min", "max", "unit"]
+    # What the data leave of the most correlated pair of each model: regions of 50 and 95 %.
+    figures = [figure for model in fit.models if (figure := _pair(model))]
+    pairs = [Panels(figures, _READING_PAIRS)] if figures else []
     blocks: list[Block] = [
         Text(SINGLE_LAW),
         Table(
@@ -70,7 +73,7 @@ def coefficients(inputs: ReportInputs) -> Contents:
         ),
         Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2, words=("unit", "held")),
         *_correlations(fit),
-        *_pairs(fit),
+        *pairs,
         *(Text(_meaning(model)) for model in fit.models if model.effects),
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.notes]
@@ -167,12 +170,6 @@ def _correlations(fit: CampaignFit) -> list[Block]:
         "sum, or fix one."
     )
     return [Table("Correlations", ["model", "between", "correlation"], rows, note, left=2)]
-
-
-def _pairs(fit: CampaignFit) -> list[Block]:
-    """Return what the data leave of the most correlated pair of each model: regions of 50 and 95 %."""
-    figures = [figure for model in fit.models if (figure := _pair(model))]
-    return [Panels(figures, _READING_PAIRS)] if figures else []
 
 
 def _pair(model: ModelFit) -> Figure | None:

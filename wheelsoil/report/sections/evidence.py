@@ -80,7 +80,11 @@ class _Shown:
 def evidence(inputs: ReportInputs) -> Contents:
     """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
     found = inputs.diagnosis
-    keys = _members(found)
+    # The effects to show: the causes and what would fit almost as well, as far as signatures are known.
+    known = dict.fromkeys(key for seen in found.plot_data for key in seen.signatures)
+    causes = [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known]
+    rivals = [key for key in known if family_of(key) in found.grounds.confounded and key not in causes]
+    keys = [*causes, *(rivals if causes else [])][:_MEMBERS]
     if not keys:
         return [Text(_nothing(found))], {"members": []}
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
@@ -121,14 +125,6 @@ def _of_channel(
 def _numbers(view: _Shown) -> dict[str, Bins]:
     curves = {"before": view.before, "after": view.after, **view.signatures}
     return {name: view.summary(view.slip, values) for name, values in curves.items()}
-
-
-def _members(found: Diagnosis) -> list[str]:
-    """Return the effects to show: the causes and what would fit almost as well, as far as signatures are known."""
-    known = dict.fromkeys(key for seen in found.plot_data for key in seen.signatures)
-    causes = [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known]
-    rivals = [key for key in known if family_of(key) in found.grounds.confounded and key not in causes]
-    return [*causes, *(rivals if causes else [])][:_MEMBERS]
 
 
 def _nothing(found: Diagnosis) -> str:
@@ -227,10 +223,9 @@ def gain(inputs: ReportInputs) -> Contents:
     blocks: list[Block] = [
         Text(_gain_sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"),
         _gain_table(gain, found.verdict),
+        Panels([_gain_figure(gain)], _GAIN_READING),
+        *([Text(_choices(gain))] if gain.chosen else []),
     ]
-    blocks.append(Panels([_gain_figure(gain)], _GAIN_READING))
-    if gain.chosen:
-        blocks.append(Text(_choices(gain)))
     return blocks, {"gain": gain}
 
 

@@ -47,7 +47,7 @@ from wheelsoil.wording.verdict import (
     several_terrains,
 )
 from wheelsoil.workflows.grading import Grade
-from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, KeyFigure, figures_of_diagnosis, figures_of_traction
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, figures_of_diagnosis, figures_of_traction
 
 _STEPS = 3
 _NAMED = 5
@@ -62,12 +62,21 @@ def glance(inputs: ReportInputs) -> Contents:
     sentences = _sentences(inputs)
     steps = Steps(_steps(inputs, grades), _again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
-    tiles = Tiles([_error_tile(inputs, _channel_of_headline(inputs.diagnosed)), *_other_tiles(inputs, grades)])
+    # The channel whose fall the headline tells; None where it tells of none.
+    channel_of_headline = (
+        falling_channel(inputs.diagnosed)
+        if inputs.diagnosed is not None and inputs.diagnosed.verdict in ("named", "one_of")
+        else None
+    )
+    tiles = Tiles([_error_tile(inputs, channel_of_headline), *_other_tiles(inputs, grades)])
     blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles]
     try:
         blocks.append(hero(inputs))
     except DataError as error:
         blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
+    if inputs.diagnosed is not None:
+        shared |= figures_of_diagnosis(inputs.diagnosed)
     numbers = {
         "headline": headline,
         "sentence": " ".join(sentences),
@@ -79,7 +88,7 @@ def glance(inputs: ReportInputs) -> Contents:
             for tile in (_error_tile(inputs), *_other_tiles(inputs, grades))
         },
         "cautions": list(steps.cautions),
-        "key_figures": _key_figures(inputs),
+        "key_figures": shared,
     }
     return [*blocks, steps], numbers
 
@@ -121,19 +130,8 @@ def _sentences(inputs: ReportInputs) -> list[str]:
         return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
-def _key_figures(inputs: ReportInputs) -> dict[str, KeyFigure]:
-    """Return all that other surfaces show too, by its key."""
-    of_ground = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
-    return of_ground | (figures_of_diagnosis(inputs.diagnosed) if inputs.diagnosed is not None else {})
-
-
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
     return [_confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
-
-
-def _channel_of_headline(found: Diagnosis | None) -> str | None:
-    """Return the channel whose fall the headline tells; None where it tells of none."""
-    return falling_channel(found) if found is not None and found.verdict in ("named", "one_of") else None
 
 
 def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
@@ -341,8 +339,10 @@ def _hero_of_rows(found: Diagnosis, recommendation: Recommendation) -> Drawing:
         above = repeated(seen.slip, factor * model[channel])
         half = Z95 * matched(above.centre, repeated(seen.slip, factor * seen.base_sigma[channel]))
         edges = (above.median - half, above.median + half)
-        curves.append(Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges))
-        curves.append(Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True))
+        curves += [
+            Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges),
+            Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True),
+        ]
     ends = [end for curve in curves for end in (curve.y, curve.lower, curve.upper) if end is not None]
     plane = Plane(slips_of_rows(recommendation), reach(*ends), "Slip ratio, driving", _axis(channel))
     unused = f"; {words}" if (words := rows_not_used(found)) else ""
@@ -431,19 +431,18 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     if not poor and inputs.several_terrains is not None:
         return "none. Each run is usable, but not all together."
     if not poor and inputs.to_check:
-        return f"{'none' if len(grades) > 1 else 'no'}. Check {_to_check(inputs.to_check)}."
+        # The runs with why, or how many there are.
+        to_check = (
+            f"{len(inputs.to_check)} runs; the reasons stand under Runs"
+            if len(inputs.to_check) > _NAMED
+            else listed([f"{name} ({why})" for name, why in inputs.to_check.items()])
+        )
+        return f"{'none' if len(grades) > 1 else 'no'}. Check {to_check}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     given = len(grades) + len(set_aside)
     poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
     return f"{poor_runs}; the reasons stand under Runs."
-
-
-def _to_check(runs: dict[str, str]) -> str:
-    """Return the runs with why, or how many there are."""
-    if len(runs) > _NAMED:
-        return f"{len(runs)} runs; the reasons stand under Runs"
-    return listed([f"{name} ({why})" for name, why in runs.items()])
 
 
 def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:

@@ -205,7 +205,11 @@ def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[l
     if key == "run":
         return _by_run(seen, scaled)
     values: FloatArray = getattr(seen, key)
-    return _cloud(values, scaled, np.ones(len(values)), _edges(values))
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    edges: FloatArray = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
+    edges[-1] = np.nextafter(edges[-1], np.inf)  # the greatest value belongs to the last bin
+    return _cloud(values, scaled, np.ones(len(values)), edges)
 
 
 def _cloud(
@@ -234,14 +238,6 @@ def _cloud_of_rows(x: FloatArray, residual: FloatArray, sigma: FloatArray) -> tu
         line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
     ]
     return traces, {"median": curve, "noise_sigma": noise.median}
-
-
-def _edges(x: FloatArray) -> FloatArray:
-    known = x[np.isfinite(x)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    edges: FloatArray = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
-    edges[-1] = np.nextafter(edges[-1], np.inf)  # the greatest value belongs to the last bin
-    return edges
 
 
 def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:

@@ -210,8 +210,7 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     for base, name, look in [*looks, (False, recommendation.title, "model")]:
         left = factor * recommendation.residual(channel, base=base)
         line = repeated(slip, left)
-        curves.append(Curve(_short(name), line.centre, line.median, look))
-        curves.append(Curve("", slip, left, look, points=True))
+        curves += [Curve(_short(name), line.centre, line.median, look), Curve("", slip, left, look, points=True)]
     edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     plane = Plane(
         slips_of_rows(recommendation),
@@ -286,7 +285,12 @@ def _parameters(inputs: ReportInputs) -> Table | None:
         for name, value in soil.values.items():
             sigma, text = soil.sigmas.get(name, float("nan")), SOIL_UNITS.get(name, "")
             scale, text = (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)  # as in terrain.toml
-            ends = _soil_interval(name, value, sigma)
+            # The 95 % interval of a soil's parameter; log-normal for one that is above 0 in every soil.
+            if name in _SIGNED or not (value > 0 and sigma > 0):
+                ends = (value - Z95 * sigma, value + Z95 * sigma)
+            else:
+                factor = float(np.exp(Z95 * np.sqrt(np.log1p((sigma / value) ** 2))))
+                ends = (value / factor, value * factor)
             interval_text = interval(scale * ends[0], scale * ends[1]) if ends[0] < ends[1] else "–"
             off = f"{signed(soil.off_laboratory[name], '+.1f')} σ" if name in soil.off_laboratory else "–"
             before = number(scale * soil.laboratory[name][0], 4) if name in soil.laboratory else "–"
@@ -300,14 +304,6 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
-
-
-def _soil_interval(name: str, value: float, sigma: float) -> tuple[float, float]:
-    """Return the 95 % interval of a soil's parameter; log-normal for one that is above 0 in every soil."""
-    if name in _SIGNED or not (value > 0 and sigma > 0):
-        return value - Z95 * sigma, value + Z95 * sigma
-    factor = float(np.exp(Z95 * np.sqrt(np.log1p((sigma / value) ** 2))))
-    return value / factor, value * factor
 
 
 def _with_form(cause: Cause) -> str:

@@ -16,13 +16,15 @@ _SOIL_HEAD = ["parameter", "value", "sigma", "unit", "off the laboratory's (its 
 @section("provenance", "Provenance")
 def provenance(inputs: ReportInputs) -> Contents:
     """Build the section."""
+    options = [*inputs.options.items(), *_used(inputs)]
+    rows = [[name.replace("_", " "), _value_text(value)] for name, value in options]
     blocks: list[Block] = [
         Text(f"Made by: {inputs.command}"),
         Table("Files", _FILE_HEAD, [_file_row(source) for source in inputs.sources], left=2, words=_FILE_HEAD[-1:]),
         Pair(
             [
                 Table("Vehicle and terrain", ["what", "value"], inputs.facts, left=2),
-                _options(inputs),
+                Table("Options", ["option", "value"], rows, left=2),
                 Table("Versions", ["program", "version"], [[*pair] for pair in inputs.versions.items()], left=2),
             ]
         ),
@@ -36,12 +38,6 @@ def provenance(inputs: ReportInputs) -> Contents:
         "versions": inputs.versions,
     }
     return blocks, numbers
-
-
-def _options(inputs: ReportInputs) -> Table:
-    options = [*inputs.options.items(), *_used(inputs)]
-    rows = [[name.replace("_", " "), _value_text(value)] for name, value in options]
-    return Table("Options", ["option", "value"], rows, left=2)
 
 
 def _file_row(source: Source) -> list[str]:

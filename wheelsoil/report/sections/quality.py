@@ -6,7 +6,7 @@ import numpy as np
 
 from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
-from processing import ProcessedRun, Reason, Standstill
+from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
@@ -39,11 +39,17 @@ _MOST_EVENTS = 40
 @section("quality", "Quality of the runs")
 def quality(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports."""
+    # Each note once, with the runs it concerns.
+    about = runs_by_text(inputs.runs, lambda run: run.quality.notes)
+    notes = [
+        Text(f"{'all runs' if len(ids) == len(inputs.runs) > 1 else ', '.join(ids)}: {note}.")
+        for note, ids in about.items()
+    ]
     blocks: list[Block] = [
         Panels([_shares_figure(inputs.runs)], _reading(inputs)),
         _runs_table(inputs),
         *(Text(f"Set aside: {run.run}: {run.reason}. Next: {run.next_step}.", "warning") for run in inputs.set_aside),
-        *_notes(inputs.runs),
+        *notes,
     ]
     numbers = {
         run.run.id: {
@@ -57,14 +63,6 @@ def quality(inputs: ReportInputs) -> Contents:
         for run, grade in zip(inputs.runs, inputs.grades, strict=True)
     }
     return blocks, numbers
-
-
-def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
-    """Return each note once, with the runs it concerns."""
-    about = runs_by_text(runs, lambda run: run.quality.notes)
-    return [
-        Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
-    ]
 
 
 def _reading(inputs: ReportInputs) -> str:
@@ -91,6 +89,9 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
 def _runs_table(inputs: ReportInputs) -> Table:
     rows = []
     for run, grade in zip(inputs.runs, inputs.grades, strict=True):
+        # The two reasons that exclude most samples.
+        shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
+        most = sorted(shares, key=lambda why: -shares[why])[:2]
         rows.append(
             [
                 run.run.id,
@@ -99,7 +100,7 @@ def _runs_table(inputs: ReportInputs) -> Table:
                 f"{100 * float(np.mean(run.used)) if len(run) else 0:.1f}",
                 f"{100 * grade.usable_share:.1f}" if np.isfinite(grade.usable_share) else "–",
                 f"{grade.highest_slip:.2f}" if np.isfinite(grade.highest_slip) else "–",
-                _exclusion_reasons(run),
+                ", ".join(f"{_REASONS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing",
             ]
         )
     head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "main exclusion reasons"]
@@ -108,13 +109,6 @@ def _runs_table(inputs: ReportInputs) -> Table:
         "Good from 80 % on with slip beyond 0.5; below 50 % poor; hardly driven (slip below 0.1) fair."
     )
     return Table("Runs", head, rows, note, left=2, words=("main exclusion reasons",))
-
-
-def _exclusion_reasons(run: ProcessedRun) -> str:
-    """Return the two reasons that exclude most samples."""
-    shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
-    most = sorted(shares, key=lambda why: -shares[why])[:2]
-    return ", ".join(f"{_REASONS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing"
 
 
 def _length_s(run: ProcessedRun) -> float:
@@ -212,7 +206,11 @@ def _systematic(sigmas: list[float]) -> str:
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     """Return the force readings at standstill, which show the zeros of the transducer."""
-    roles = [role for role in TRANSDUCER_ROLES if any(role in stand.levels for stand in _standstills(runs))]
+    roles = [
+        role
+        for role in TRANSDUCER_ROLES
+        if any(role in stand.levels for run in runs for stand in run.quality.standstills)
+    ]
     rows = [
         [
             run.run.id,
@@ -227,10 +225,6 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     taken = "after subtraction of the zero in zero.toml" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
-
-
-def _standstills(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
-    return [stand for run in runs for stand in run.quality.standstills]
 
 
 def _clocks(inputs: ReportInputs) -> Table:
@@ -268,7 +262,7 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
             source.run_id,
             count(source.frames) if source.frames is not None else "–",
             count(source.dropped_frames) if source.dropped_frames is not None else "not counted",
-            _ended(source),
+            "a log" if source.exit_status is None else source.exit_status or "cut off",
             "; ".join([*source.loss, *source.gaps]) or "nothing",
             ", ".join(f"{key} {text}" for key, text in source.clock_steps.items()) or "was not set",
         ]
@@ -301,12 +295,6 @@ def _events(inputs: ReportInputs) -> list[Table]:
 
 def _timed(run: ProcessedRun, source: Source | None) -> list[tuple[float, Event]]:
     return [(1e-9 * (event.time_ns - run.start_ns), event) for event in (source.events if source else ())]
-
-
-def _ended(source: Source) -> str:
-    if source.exit_status is None:
-        return "a log"
-    return source.exit_status or "cut off"
 
 
 def _with_sigma(value: float, sigma: float, form: str) -> str:

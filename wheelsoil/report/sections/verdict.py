@@ -178,6 +178,8 @@ def _trust(concerns: int) -> str:
 
 
 def _checks(inputs: ReportInputs, ranking: Ranking) -> list[Text]:
+    # Repeat what makes a run implausible: R² cannot see it, and nothing else on the page is worth then.
+    found = {note_text(note) for run in inputs.runs for note in plausibility_of(run)}
     return [
         _ended(ranking),
         *(
@@ -190,7 +192,7 @@ def _checks(inputs: ReportInputs, ranking: Ranking) -> list[Text]:
         _torque(inputs, ranking),
         _coverage(inputs),
         _losses(inputs),
-        *_implausible(inputs),
+        *[Text(f"{text}.", "warning") for text in sorted(found)[:3]],
         *(Text(f"{note_text(note)}.", "warning") for note in inputs.fit.notes),
     ]
 
@@ -263,12 +265,6 @@ def _coverage(inputs: ReportInputs) -> Text:
         why = listed([*["many samples are missing"] * few, *["high slip was not reached"] * narrow])
         return Text(f"{text}: {why}.", "warning")
     return Text(f"{text}.", "good")
-
-
-def _implausible(inputs: ReportInputs) -> list[Text]:
-    """Repeat what makes a run implausible: R² cannot see it, and nothing else on the page is worth then."""
-    found = {note_text(note) for run in inputs.runs for note in plausibility_of(run)}
-    return [Text(f"{text}.", "warning") for text in sorted(found)[:3]]
 
 
 def _losses(inputs: ReportInputs) -> Text:
