@@ -28,7 +28,7 @@ from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.result import Adequacy, Finding, LackOfFit
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import log_evidence_of_none, weighed, without_soil
+from model.diagnosis.time_series.evidence import log_evidence_of_sets
 from model.diagnosis.time_series.start import CampaignData
 
 UNLISTED = 0.02
@@ -40,8 +40,6 @@ LIMIT = 0.5
 DOUBTFUL = 0.1
 """Probability from which several models of the noise are asked: a name needs nine in ten."""
 MOST_EXCESS = 2.0
-BEAM = 40
-"""Pairs whose sets of three are weighed; sets of three of which no pair is among them are taken as nothing."""
 
 
 @dataclass(frozen=True)
@@ -155,20 +153,6 @@ def _log_weights(
         [evidence(_with_larger(grams, shapes, run, scale)) + share for scale in SCALES] for shapes, run, share in kinds
     ]
     return np.log(UNLISTED / len(SCALES)) + np.array(larger), evidence(replace(grams, own=())) + np.log1p(-UNLISTED)
-
-
-def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key: str | None = None) -> float:
-    """Return the log density of all whitened data over all sets of causes by their prior, nats.
-
-    Parameters
-    ----------
-    key : str, optional
-        Only sets with this effect.
-    """
-    reduced = without_soil(grams, grams.total)
-    listed, found = weighed(grams, reduced, excluded, most, BEAM)
-    among = np.ones(len(listed), bool) if key is None else listed.has_effect[:, listed.effects.index(key)]
-    return log_evidence_of_none(grams, reduced) + float(logsumexp((found + listed.log_prior)[among]))
 
 
 def _kinds(grams: Grams) -> Iterator[tuple[IndexArray, int | None, float]]:

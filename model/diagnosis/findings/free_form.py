@@ -16,10 +16,10 @@ from scipy.special import logsumexp
 
 from daq import IndexArray
 from model.diagnosis.core.shapes import Kind
-from model.diagnosis.findings.adequacy import LIMIT, UNLISTED, Unlisted, kinds_of, log_evidence_of_sets
+from model.diagnosis.findings.adequacy import LIMIT, UNLISTED, Unlisted, kinds_of
 from model.diagnosis.time_series.basis import Freed
 from model.diagnosis.time_series.columns import Grams, columns_of
-from model.diagnosis.time_series.evidence import best_set
+from model.diagnosis.time_series.evidence import best_set, log_evidence_of_sets
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, joined_grams
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import run_grams

@@ -37,10 +37,11 @@ from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.naming import LEAST_NATS, REMAINDER
 from model.diagnosis.core.result import Gain
-from model.diagnosis.findings.adequacy import BEAM, excess
+from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.set_fit import SetFit, fit_sets
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
+    BEAM,
     estimate,
     log_likelihood_of_run,
     posterior,

@@ -30,7 +30,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, log_ndtr, logit
+from scipy.special import expit, log_ndtr, logit, logsumexp
 
 from daq import FloatArray, IntArray
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, listed_sets, probabilities, with_triples
@@ -93,6 +93,8 @@ MANY = 40
 """Effects above which not every set of three is weighed, but those that hold one of the best pairs (several wheels)."""
 BEAM_OF_MANY = 200
 """How many pairs that are."""
+BEAM = 40
+"""Pairs whose sets of three are weighed where sets of three of which no pair is among them are taken as nothing."""
 KEEP = 3.0
 """Odds below which a set stays where it is, see `best_set`."""
 
@@ -399,3 +401,17 @@ def log_evidence_of_none(grams: Grams, reduced: FloatArray) -> float:
 def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) -> float:
     """Return the log density of one run, given all the others and a set of causes; nats."""
     return log_evidence(grams, keys) - log_evidence(grams.without(run), keys)
+
+
+def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key: str | None = None) -> float:
+    """Return the log density of all whitened data over all sets of causes by their prior, nats.
+
+    Parameters
+    ----------
+    key : str, optional
+        Only sets with this effect.
+    """
+    reduced = without_soil(grams, grams.total)
+    listed, found = weighed(grams, reduced, excluded, most, BEAM)
+    among = np.ones(len(listed), bool) if key is None else listed.has_effect[:, listed.effects.index(key)]
+    return log_evidence_of_none(grams, reduced) + float(logsumexp((found + listed.log_prior)[among]))

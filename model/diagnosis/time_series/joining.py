@@ -6,12 +6,13 @@ its transducer's noise, its load, the soil within its track. So the channels of 
 blocks of one clock, and the filter of `model.diagnosis.time_series.whitening` takes them as it takes those of one.
 Hyper-parameters of what they share are the geometric means of what each wheel says by itself. Where a wheel rolls a
 little faster or slower than its sensor says, or its blocks begin a little later, it has a speed error of its own: the
-share of it is the least of `OWN_SHARES` beyond which all data get less probable, whatever acts.
+share of it is the least of `OWN_SHARES` beyond which all data get less probable, over all sets of causes. (Where every
+shape of the catch-all may be large, these take up what is of a wheel's own, and a campaign without a cause had some.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,7 +42,7 @@ from model.diagnosis.time_series.whitening import (
 
 OWN_SPEED = "own_speed_share"
 """Name among the noise's values."""
-OWN_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
+OWN_SHARES = (0.0, 0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3, 1.0)
 _OF_A_RUN = "_run_to_run"
 """End of the names of what is one value a run of the soil."""
 _SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
@@ -570,10 +571,15 @@ def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
     )
 
 
-def own_shares(parts: Sequence[OfCampaign]) -> list[float | None]:
+def own_shares(parts: Sequence[OfCampaign], evidence: Callable[[Grams], float]) -> list[float | None]:
     """Return the share of the speed's error that each campaign's wheel has for itself; None where it is no vehicle's.
 
     Where it is known already, it is that.
+
+    Parameters
+    ----------
+    evidence : callable
+        Log density of all data of the wheels of a vehicle.
     """
     found: list[float | None] = [None] * len(parts)
     for group in groups_of([part.campaign for part in parts]):
@@ -582,16 +588,16 @@ def own_shares(parts: Sequence[OfCampaign]) -> list[float | None]:
             continue
         share = wheels[0].values.get(OWN_SPEED)
         if share is None:
-            share = _most_probable_share(wheels)
+            share = _most_probable_share(wheels, evidence)
         for i in group:
             found[i] = share
     return found
 
 
-def _most_probable_share(wheels: Sequence[OfCampaign]) -> float:
+def _most_probable_share(wheels: Sequence[OfCampaign], evidence: Callable[[Grams], float]) -> float:
     best, highest = OWN_SHARES[0], -np.inf
     for share in OWN_SHARES:
-        found = _saturated([_with_share(wheel, share) for wheel in wheels])
+        found = evidence(joined([_with_share(wheel, share) for wheel in wheels]))
         if found < highest:
             break
         best, highest = share, found
@@ -600,12 +606,3 @@ def _most_probable_share(wheels: Sequence[OfCampaign]) -> float:
 
 def _with_share(wheel: OfCampaign, share: float) -> OfCampaign:
     return replace(wheel, values={**wheel.values, OWN_SPEED: share})
-
-
-def _saturated(wheels: Sequence[OfCampaign]) -> float:
-    """Return the log density of all data, up to a constant, where every cause and every shape may act."""
-    grams = joined(wheels)
-    total = grams.total
-    inner, side = np.eye(len(total) - 1) + total[1:, 1:], total[1:, 0]
-    explained = float(side @ np.linalg.solve(inner, side))
-    return -0.5 * float(total[0, 0] - explained + np.linalg.slogdet(inner)[1] + grams.log_determinants.sum())

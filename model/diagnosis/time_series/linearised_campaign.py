@@ -41,7 +41,7 @@ from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.information import Information
 from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
-from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
+from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence, log_evidence_of_sets
 from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.joining import OWN_SPEED, joined, own_shares, part_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
@@ -260,9 +260,17 @@ def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
     return joined([part_of(data) for data in campaigns], [data.grams for data in campaigns])
 
 
+_MOST_BESIDE = 2
+"""Causes of the sets over which a share is judged."""
+
+
 def _with_own_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData, ...]:
     """Return the campaigns with the share of the speed's error that each of several wheels has for itself."""
-    shares = own_shares([part_of(data) for data in campaigns])
+
+    def evidence(grams: Grams) -> float:
+        return log_evidence_of_sets(grams, _traceless(grams), _MOST_BESIDE)
+
+    shares = own_shares([part_of(data) for data in campaigns], evidence)
     return tuple(
         data if share is None else replace(data, noise=data.noise.with_value(OWN_SPEED, share))
         for data, share in zip(campaigns, shares, strict=True)
