@@ -19,7 +19,15 @@ GENERATED = {
     "benchmarks/results.md",
     *(
         f"docs/{name}.md"
-        for name in ("blind_results", "growth_results", "health_codes", "mutants", "paper", "recovery")
+        for name in (
+            "blind_results",
+            "growth_results",
+            "health_codes",
+            "mutants",
+            "paper",
+            "recovery",
+            "wheels_results",
+        )
     ),
 }
 MOST_WORDS, MOST_OF_A_DECISION, MOST_LINES_OF_README = 50_000, 450, 95
