@@ -74,6 +74,7 @@ from .units import Unit as Unit
 from .units import find_unit as find_unit
 from .units import unit_suffix as unit_suffix
 from .units import unit_text as unit_text
+from .vehicle_sections import ALL_WHEELS as ALL_WHEELS
 from .vehicle_sections import InstrumentedWheel as InstrumentedWheel
 from .vehicle_sections import SensorSection as SensorSection
 from .vehicle_sections import SignalName as SignalName

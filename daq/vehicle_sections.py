@@ -77,6 +77,10 @@ class Placed(BriefSection):
 _PLACE = ("x_m", "y_m", "z_m")
 
 
+ALL_WHEELS = "all"
+"""In place of a wheel's id in results: of all wheels together."""
+
+
 class WheelSection(Placed):
     """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer. Without a place: (0, 0).
 
@@ -99,6 +103,8 @@ class WheelSection(Placed):
     @field_validator("id")
     @classmethod
     def _for_a_file_name(cls, value: str) -> str:
+        if value == ALL_WHEELS:
+            raise ValueError(f"{ALL_WHEELS!r} is what all wheels together are called: give the wheel another id")
         if all(letter.isalnum() or letter in "-_" for letter in value):
             return value
         raise ValueError("an id holds letters, digits, - and _ only: it becomes part of file names")

@@ -98,17 +98,16 @@ def at_wheel(effect: type[Effect], wheel: str) -> type[Effect]:
         raise KeyError(effect.key())
     if (effect.key(), wheel) not in _AT_WHEELS:
         stated = {"name": f"{effect.name}{_AT}{wheel}", "__module__": __name__, "__doc__": effect.__doc__}
-        _AT_WHEELS[effect.key(), wheel] = type(f"{effect.__name__}{_AT}{wheel}", (effect,), stated)
+        _AT_WHEELS[effect.key(), wheel] = type(f"{effect.key()}{_AT}{wheel}", (effect,), stated)
     return _AT_WHEELS[effect.key(), wheel]
 
 
 def __getattr__(name: str) -> type[Effect]:
-    """Return an effect at one wheel by its class name: how one process tells it to another."""
+    """Return an effect at one wheel by its key: how one process tells it to another."""
     plain, wheel = parted(name)
-    found = [effect for effect in EFFECTS.values() if effect.__name__ == plain] if wheel else []
-    if not found:
+    if not wheel or plain not in EFFECTS:
         raise AttributeError(name)
-    return at_wheel(found[0], wheel)
+    return at_wheel(EFFECTS[plain], wheel)
 
 
 class Library(Mapping[str, type[Effect]]):

@@ -30,6 +30,7 @@ from scipy.stats import binomtest
 
 if TYPE_CHECKING:
     from model.diagnosis import Campaign, Diagnosis
+    from wheelsoil.workflows.diagnosis import Processed
 
 WHEELS = ("FL", "FR", "RL", "RR")
 ONE = "FL"
@@ -109,11 +110,10 @@ def drawn(seed: int) -> Hidden:
     return Hidden(seed, key, float(rng.uniform(least, most)))
 
 
-def campaigns_of_wheels(hidden: Hidden) -> dict[str, tuple[Campaign, ...]]:
-    """Simulate a campaign, write it as frames and read it as `wheelsoil diagnose` does."""
+def runs_of_wheels(hidden: Hidden) -> dict[str, Processed]:
+    """Simulate a campaign, write it as frames, and read and process it as `wheelsoil diagnose` does."""
     from processing import ProcessOptions
     from wheelsoil.simulation import SimulationOptions, simulate_campaign
-    from wheelsoil.workflows.diagnosis import campaigns_of
     from wheelsoil.workflows.runs import Files, process_runs
 
     options = SimulationOptions(
@@ -131,7 +131,7 @@ def campaigns_of_wheels(hidden: Hidden) -> dict[str, tuple[Campaign, ...]]:
         simulate_campaign(folder, options)
         opened = Files().runs_of_wheels([folder], lambda _: None)
         purpose = ProcessOptions(purpose="diagnose")
-        return {w: campaigns_of([folder], process_runs(runs, purpose)) for w, runs in opened.items()}
+        return {wheel: process_runs(runs, purpose) for wheel, runs in opened.items()}
 
 
 def _found(campaigns: Sequence[Campaign]) -> Line:
@@ -156,17 +156,23 @@ def _kept(found: Diagnosis) -> Line:
     }
 
 
-def searched(hidden: Hidden) -> tuple[Hidden, dict[str, tuple[Campaign, ...]], Line | None]:
+def _by_one(processed: Processed) -> Line:
+    from wheelsoil.workflows.diagnosis import campaigns_of
+
+    return _found(campaigns_of([], processed))
+
+
+def searched(hidden: Hidden) -> tuple[Hidden, dict[str, Processed], Line | None]:
     """Return a campaign whose faulty wheel alone leaves several families open.
 
     Where no size of an error does, which a few tries tell, the next kind of error takes its place.
     """
     keys = tuple(TRANSDUCER)
     for tried in range(_MOST_TRIES * len(keys)):
-        wheels = campaigns_of_wheels(hidden)
+        wheels = runs_of_wheels(hidden)
         if not hidden.wheel:
             return hidden, wheels, None
-        alone = _found(wheels[hidden.wheel])
+        alone = _by_one(wheels[hidden.wheel])
         if leaves_open(alone):
             break
         larger = alone["verdict"] != "named"
@@ -197,8 +203,8 @@ def answer_of(seed: int) -> Line:
         "wheel": hidden.wheel,
         "family": hidden.family,
         "alone": alone,
-        "one": alone if hidden.wheel == ONE else _found(wheels[ONE]),
-        "all": _found(vehicles_of(wheels)),
+        "one": alone if hidden.wheel == ONE else _by_one(wheels[ONE]),
+        "all": _found(vehicles_of([], wheels)),
         "made_cpu_s": made,
     }
 

@@ -13,23 +13,36 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 from shared_results import made_once
 
-from daq import FloatArray, IndexArray
+from daq import FloatArray, IndexArray, StaticTest
 from model.diagnosis import Campaign, DiagnosisOptions, OfVehicle, diagnose
 from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis.findings.adequacy import Unlisted, _rms
 from model.diagnosis.findings.adequacy import kinds_of as kinds_of_shapes
 from model.diagnosis.findings.held_out import predict_held_out
 from model.diagnosis.findings.set_fit import fit_set, soils_with
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.columns import soil_places
-from model.diagnosis.time_series.joining import OWN_SPEED, joined, layout_of, part_of, runs_of, side_by_side
+from model.diagnosis.time_series.joining import (
+    OWN_SHARES,
+    OWN_SPEED,
+    joined,
+    layout_of,
+    own_shares,
+    part_of,
+    runs_of,
+    side_by_side,
+    smoothed_speeds,
+)
 from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
+from model.diagnosis.time_series.samples import on_common_blocks, samples_of
+from model.diagnosis.time_series.start import Start, begin, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_grams, whiten
 from model.effects import EFFECTS, parted
 from model.effects.catalogue import at_wheel
-from processing import ProcessOptions
+from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation import SimulationOptions, simulate_campaign
-from wheelsoil.workflows.diagnosis import campaigns_of, vehicles_of
+from wheelsoil.workflows.diagnosis import vehicles_of
 from wheelsoil.workflows.runs import Files, process_runs
 
 GAIN = 0.12
@@ -66,7 +79,7 @@ LABELS = ("tan_phi", "cohesion_pa", *SENSORS)
 @given(st.lists(st.sampled_from(["", "clay", "sandy"]), min_size=1, max_size=5))
 @settings(max_examples=30)
 def test_wheels_of_a_vehicle_have_one_soil_and_sensors_of_their_own(vehicles: list[str]) -> None:
-    given_soils = [(OfVehicle(name, f"W{i}", 2) if name else None, LABELS) for i, name in enumerate(vehicles)]
+    given_soils = [(OfVehicle(name, f"W{i}") if name else None, LABELS) for i, name in enumerate(vehicles)]
     places = soil_places(given_soils)
     soils = len({name or i for i, name in enumerate(vehicles)})
     every = np.concatenate(places)
@@ -105,7 +118,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, ...]:
     folder = made_once(tmp_path_factory, "wheels_together", simulate) / "campaign"
     opened = Files().runs_of_wheels([folder], lambda _: None)
     purpose = ProcessOptions(purpose="diagnose")
-    return vehicles_of({w: campaigns_of([folder], process_runs(runs, purpose)) for w, runs in opened.items()})
+    return vehicles_of([folder], {wheel: process_runs(runs, purpose) for wheel, runs in opened.items()})
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +128,7 @@ def linearised(wheels: tuple[Campaign, ...]) -> LinearisedCampaign:
 
 def test_campaigns_of_wheels_know_their_vehicle(wheels: tuple[Campaign, ...]) -> None:
     assert [c.name for c in wheels] == ["wheel FL", "wheel RL"]
-    assert [c.of_vehicle for c in wheels] == [OfVehicle("campaign", w, 2) for w in WHEELS]
-    two = vehicles_of({w: [replace(wheels[0], name=n) for n in ("clay", "sandy")] for w in WHEELS})
-    assert [c.name for c in two] == ["clay, wheel FL", "sandy, wheel FL", "clay, wheel RL", "sandy, wheel RL"]
-    assert {c.of_vehicle.wheels for c in two if c.of_vehicle} == {2}
+    assert [c.of_vehicle for c in wheels] == [OfVehicle("campaign", w) for w in WHEELS]
 
 
 def test_the_error_of_one_transducer_is_named_with_its_wheel(wheels: tuple[Campaign, ...]) -> None:
@@ -254,3 +264,82 @@ def test_the_fitted_problem_is_whitened_as_the_evidence_is(linearised: Linearise
     net = expected.sum(axis=0)[1:, 1:]
     np.testing.assert_allclose(jacobian, net, atol=0.05 * float(np.abs(net).max()))
     assert len(found) == len(rows) == 4
+
+
+def test_what_one_wheel_alone_shows_is_that_wheels(wheels: tuple[Campaign, ...]) -> None:
+    """With no torque at the front wheel, a gain at the rear one and a gain at all wheels are the same columns."""
+    front, rear = wheels
+    mute = tuple(replace(run, driving_torque_nm=np.full(len(run.time_s), np.nan)) for run in front.runs)
+    found = diagnose((replace(front, runs=mute), rear), DiagnosisOptions())
+    assert [cause.name for cause in found.causes] == ["torque_gain@RL"] and found.verdict == "named"
+    assert "torque_gain" not in {candidate.name for candidate in found.candidates}
+
+
+def test_wheels_of_other_cutoffs_have_common_blocks(wheels: tuple[Campaign, ...]) -> None:
+    front, rear = wheels
+    slow = replace(rear, runs=tuple(replace(run, cutoff_hz=2.0) for run in rear.runs))
+    blocks = {samples_of(campaign).block_s for campaign in on_common_blocks((front, slow))}
+    assert blocks == {0.4}
+    assert samples_of(front).block_s < 0.4
+
+
+def test_a_wheel_may_have_the_whole_error_of_the_speed_for_itself(linearised: LinearisedCampaign) -> None:
+    parts = [part_of(data) for data in linearised.campaigns]
+    most = [replace(part, values={**part.values, OWN_SPEED: OWN_SHARES[-1]}) for part in parts]
+    columns = [np.r_[1.0, np.zeros(part.columns.shared - 1)] for part in parts]
+    for speed, slope, variance in smoothed_speeds(most, columns):
+        assert np.isfinite(speed).all() and np.isfinite(slope).all() and (variance > 0).all()
+    assert 0.99 <= OWN_SHARES[-1] < 1.0, "with all of it the common process would have no variance"
+    unknown = [replace(part, values={k: v for k, v in part.values.items() if k != OWN_SPEED}) for part in parts]
+    assert own_shares(unknown, lambda _: float("nan")) == [OWN_SHARES[0]] * 2
+
+
+def test_readings_of_the_lifted_wheel_count_in_the_fit_and_in_the_evidence(wheels: tuple[Campaign, ...]) -> None:
+    """One reading under a known torque pins the gain; the last rows of the problem are those of the lifted wheels."""
+    reading = {"driving_torque_nm": 500.0 * (1.0 + GAIN), "driving_torque_sigma_nm": 0.2}
+    test = StaticTest(test="known_torque", applied_nm=500.0, applied_share=0.0, **reading)
+    read = linearise_campaigns((wheels[0], replace(wheels[1], static=(test,))))
+    problem = set_problem(read.campaigns, read.grams, ("torque_gain@RL",))
+    rows = problem.runs(np.zeros(problem.size))
+    assert len(rows) == len(read.grams.run_names) + 1
+    own = read.grams.columns_of("torque_gain@RL")[0]
+    assert float(np.sum(rows[-1][:, -1] ** 2)) == pytest.approx(
+        float(np.asarray(read.grams.static)[own, own]), rel=0.01
+    )
+    assert float(np.asarray(read.grams.static)[own, own]) > 30.0
+
+
+def test_a_misfit_of_one_run_is_measured_at_its_own_wheel(linearised: LinearisedCampaign) -> None:
+    columns = [data.columns for data in linearised.campaigns]
+    of_run = [of.catch_all.of_run[2].shapes for of in columns]
+    sizes = [np.zeros(len(shapes)) for shapes in of_run]
+    sizes[1][0] = 1.0
+    count = sum(map(len, of_run))
+    found = Unlisted(1.0, np.arange(count), 2, 1.0)
+    rms = _rms(linearised.campaigns, found, np.concatenate(sizes))
+    rear = linearised.campaigns[1]
+    curve = rear.columns.rows[:, rear.samples.run == 2, rear.columns.shared]
+    assert max(rms.values()) == pytest.approx(float(np.sqrt(np.mean(curve**2, axis=1)).max()))
+
+
+def test_every_wheel_may_show_what_it_shows_in_one_of_several_folders(wheels: tuple[Campaign, ...]) -> None:
+    """Of two vehicles, what the rear wheel identifies in one is identified; passes of two vehicles are not several."""
+
+    def start(campaign: Campaign, name: str) -> Start:
+        of = replace(campaign, of_vehicle=OfVehicle(name, campaign.of_vehicle.wheel if campaign.of_vehicle else ""))
+        return begin(of, samples_of(of), tuple(EFFECTS), "balanced", None)
+
+    first, last = wheels[1].runs[0], wheels[1].runs[3]
+    again = [replace(run, run=run.run.model_copy(update={"id": f"{run.run.id} again"})) for run in (first, last)]
+    one_load = replace(wheels[1], runs=(first, last, *again))
+    alone = not_identifiable_in_any([start(one_load, "a")])
+    both = not_identifiable_in_any([start(one_load, "a"), start(wheels[1], "b")])
+    lost = {name for name in alone if name.endswith("@RL")} - set(both)
+    assert lost, "runs of one load show less than those of three"
+    first, second = (replace(wheels[0], runs=tuple(_of_pass(run, n) for run in wheels[0].runs)) for n in (1, 2))
+    assert "multi_pass" in not_identifiable_in_any([start(first, "a"), start(second, "b")])
+    assert "multi_pass" not in not_identifiable_in_any([start(first, "a"), start(second, "a")])
+
+
+def _of_pass(run: ProcessedRun, number: int) -> ProcessedRun:
+    return replace(run, run=run.run.model_copy(update={"pass_number": number}))

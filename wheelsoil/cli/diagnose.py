@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, VehicleConfig
+from daq import ALL_WHEELS, ConfigError, VehicleConfig
 from wheelsoil.cli import options
-from wheelsoil.cli.per_wheel import ALL, PerWheel
+from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
-    from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Plan
-    from wheelsoil.workflows.diagnosis import Given
+    from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
+    from wheelsoil.workflows.diagnosis import Given, Processed
 
 
 def diagnose_command(
@@ -59,6 +59,7 @@ def diagnose_command(
     paired: Annotated[
         bool, typer.Option("--paired", help="With two wheels in --table: report what the second one does differently.")
     ] = False,
+    apart: Annotated[bool, typer.Option("--apart", help="Of several wheels: not all of them together, too.")] = False,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[
@@ -143,7 +144,7 @@ def diagnose_command(
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
     settings = replace(settings, average=output is not None)
 
-    of_wheels: dict[str, tuple[Campaign, ...]] = {}
+    of_wheels: dict[str, Processed] = {}
     configs: dict[str, VehicleConfig] = {}
     show = _shown(per_wheel, configs, verbose=verbose)
 
@@ -153,13 +154,13 @@ def diagnose_command(
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        of_wheels[per_wheel.wheel] = campaigns_of(paths, processed, soil)
-        _diagnose(of_wheels[per_wheel.wheel], settings, target, show, force=force)
+        of_wheels[per_wheel.wheel] = processed
+        _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
 
     def together() -> None:
-        _diagnose(vehicles_of(of_wheels), replace(settings, average=False), None, show, force=force)
+        _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
 
-    per_wheel.each(work, together)
+    per_wheel.each(work, None if apart else together)
 
 
 def _diagnose(
@@ -230,14 +231,16 @@ def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: 
     """
 
     def show(diagnosis: Diagnosis) -> None:
+        from model import DiagnosisCode
         from model.effects import parted
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines
         from wheelsoil.wording.verdict import headline_of
 
         width = terminal_width()
-        if wheels.wheel == ALL:  # what a sensor shows stands at its wheel
-            notes = tuple(note for note in diagnosis.notes if "campaign" not in note.values)
+        if wheels.wheel == ALL_WHEELS:  # what a sensor shows stands at its wheel
+            of_sensors = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)
+            notes = tuple(note for note in diagnosis.notes if note.code not in of_sensors)
             diagnosis = replace(diagnosis, notes=notes)
         places = [parted(cause.name)[1] for cause in diagnosis.causes]
         vehicle = vehicles.get(next(filter(None, places), wheels.wheel))

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from daq import ALL_WHEELS
 from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
 
 _OF_CAUSES = ("causes", "further_causes")
-ALL = "all"
-"""In JSON in place of a wheel's id: of all of them together."""
 
 
 def print_set_aside(runs: Sequence[SetAsideRun]) -> None:
@@ -63,7 +62,7 @@ class PerWheel:
                 with collected.catch(self._heading if wheel else ""):
                     work(runs)
             if together and self.several and not collected.errors:
-                self.wheel, self.set_aside_runs = ALL, []
+                self.wheel, self.set_aside_runs = ALL_WHEELS, []
                 say(self._heading)
                 with collected.catch(self._heading):
                     together()
@@ -97,7 +96,7 @@ class PerWheel:
 
     @property
     def _heading(self) -> str:
-        return "all wheels together" if self.wheel == ALL else f"wheel {self.wheel}"
+        return "all wheels together" if self.wheel == ALL_WHEELS else f"wheel {self.wheel}"
 
     def _with_wheel(self, found: dict[str, Any]) -> dict[str, Any]:
         """Return JSON with the wheel's id beside it and beside every cause in it; its size, if any, as `wheel_size`.
@@ -106,8 +105,8 @@ class PerWheel:
         """
         if not self.wheel:
             return found
-        if self.wheel == ALL:
-            return {"wheel": ALL, **found}
+        if self.wheel == ALL_WHEELS:
+            return {"wheel": ALL_WHEELS, **found}
         of_causes = {
             key: [{"wheel": self.wheel, **cause} for cause in found[key]] for key in _OF_CAUSES if key in found
         }

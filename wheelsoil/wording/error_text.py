@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 
 from model.diagnosis import Cause
+from model.effects import parted
 from wheelsoil.wording.numbers import measured, number
 
 
@@ -59,4 +60,5 @@ def error_text(cause: Cause, channel: str) -> str:
     if isfinite(low) and isfinite(high):
         ends = sorted((abs(low), abs(high))) if low * high > 0 else (low, high)
         size = f"{size} ({' to '.join(measured(end, first.sigma) for end in ends)})"
-    return ERRORS[cause.name](_IN_CHANNEL.get(cause.name, channel), size, first.value)
+    family, _ = parted(cause.name)
+    return ERRORS[family](_IN_CHANNEL.get(family, channel), size, first.value)

@@ -21,7 +21,7 @@ from model.diagnosis import (
     NextRun,
     Reduction,
 )
-from model.effects import EFFECTS
+from model.effects import EFFECTS, parted
 from wheelsoil.wording.error_text import ERRORS, error_text
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
@@ -179,7 +179,7 @@ def _fall_of(found: Diagnosis, channel: str) -> str:
 
 
 def _finding_or_size(cause: Cause, channel: str) -> str:
-    if cause.name not in ERRORS or not cause.parameters:
+    if parted(cause.name)[0] not in ERRORS or not cause.parameters:
         return size_text(cause)
     text = error_text(cause, OUTPUTS[channel].name)
     return f"{text[0].lower()}{text[1:]}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -164,36 +163,53 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     ConfigError
         A soil or a wheel is not known.
     """
+    return _with_unique_names([campaign for _, campaign in _campaigns(paths, processed, soil)])
+
+
+def _campaigns(paths: Sequence[Path], processed: Processed, soil: str | None) -> list[tuple[Together, Campaign]]:
     groups: dict[Together, list[tuple[Run, ProcessedRun]]] = {}
     for run, done in processed:
         groups.setdefault(together(run, paths, soil), []).append((run, done))
     collected = Collected()
-    found: list[Campaign] = []
+    found: list[tuple[Together, Campaign]] = []
     for group, members in groups.items():
         with collected.catch():
             campaign = _campaign(group.folder, members, soil)
             # the static tests of a folder count once
-            counted = any(campaign.static and campaign.static == other.static for other in found)
-            found.append(replace(campaign, static=()) if counted else campaign)
+            counted = any(campaign.static and campaign.static == other.static for _, other in found)
+            found.append((group, replace(campaign, static=()) if counted else campaign))
     collected.stop_if_any()
-    return _with_unique_names(found)
+    return found
 
 
-def vehicles_of(wheels: Mapping[str, Sequence[Campaign]]) -> tuple[Campaign, ...]:
-    """Return the campaigns of several wheels as those of their vehicles: on one soil, with one receiver.
+def vehicles_of(
+    paths: Sequence[Path], wheels: Mapping[str, Processed], soil: str | None = None
+) -> tuple[Campaign, ...]:
+    """Group the runs of several wheels into campaigns of their vehicles: one for each folder, soil and wheel.
+
+    Those of one folder and soil are driven together: on one soil, with one receiver.
 
     Parameters
     ----------
-    wheels : mapping wheel -> campaigns
-        Of each wheel; campaigns of one name are driven together.
+    paths, soil
+        See `campaigns_of`.
+    wheels : mapping wheel -> processed runs
     """
-    counts = Counter(campaign.name for campaigns in wheels.values() for campaign in campaigns)
-    before = {name: f"{name}, " if len(counts) > 1 else "" for name in counts}
-    return tuple(
-        replace(c, name=f"{before[c.name]}wheel {wheel}", of_vehicle=OfVehicle(c.name, wheel, counts[c.name]))
-        for wheel, campaigns in wheels.items()
-        for c in campaigns
-    )
+    places: dict[tuple[str, SoilSection | None], list[tuple[str, Campaign]]] = {}
+    for wheel, processed in wheels.items():
+        for group, campaign in _campaigns(paths, processed, soil):
+            places.setdefault((group.folder, group.ground), []).append((wheel, campaign))
+    firsts = _with_unique_names([members[0][1] for members in places.values()])
+    found = [
+        replace(
+            campaign,
+            name=f"{f'{first.name}, ' if len(places) > 1 else ''}wheel {wheel}",
+            of_vehicle=OfVehicle(first.name, wheel),
+        )
+        for first, members in zip(firsts, places.values(), strict=True)
+        for wheel, campaign in members
+    ]
+    return _with_unique_names(found)
 
 
 class Together(NamedTuple):

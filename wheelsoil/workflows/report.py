@@ -262,9 +262,7 @@ def diagnosed_vehicle(
     if len(given) < 2:
         return NOT_DIAGNOSED
     with computing("diagnosing all wheels together"):
-        return _diagnosed(
-            lambda: vehicles_of({wheel.wheel: campaigns_of(paths, wheel.processed, soil) for wheel in given}), choices
-        )
+        return _diagnosed(lambda: vehicles_of(paths, {wheel.wheel: wheel.processed for wheel in given}, soil), choices)
 
 
 def _diagnosed(campaigns: Callable[[], Sequence[Campaign]], choices: FitChoices) -> Diagnosed:

@@ -20,6 +20,10 @@ ONE_LOAD = 0.08
 """Spread of loads, over their mean, below which they are one load."""
 
 
+BLOCK_S = 0.2
+"""Length of a sample, where no filter is slow."""
+
+
 @dataclass(frozen=True)
 class OfVehicle:
     """Which of several wheels of one vehicle a campaign is of.
@@ -32,13 +36,13 @@ class OfVehicle:
         Name of what all of them are of: the folder's.
     wheel : str
         Its id.
-    wheels : int
-        How many there are.
+    block_s : float
+        Least length of a sample.
     """
 
     campaign: str
     wheel: str
-    wheels: int
+    block_s: float = BLOCK_S
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ simulated there. A statistic is that height over its one-sigma by the noise mode
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,7 @@ from model.diagnosis.core.result import Adequacy, Finding, LackOfFit
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import log_evidence_of_sets
+from model.diagnosis.time_series.joining import runs_of
 from model.diagnosis.time_series.start import CampaignData
 
 UNLISTED = 0.02
@@ -116,22 +117,25 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
 
 
 def over_noises(
-    weighted: Sequence[tuple[Grams, float]], excluded: frozenset[str] = frozenset(), most: int = 3
+    weighted: Iterable[tuple[Grams, float]], excluded: frozenset[str] = frozenset(), most: int = 3
 ) -> Unlisted:
     """Weigh it over several models of the noise.
 
     Parameters
     ----------
-    weighted : sequence of (Grams, float)
+    weighted : iterable of (Grams, float)
         Whitened by each, and the logarithm of the prior density of its hyper-parameters; one at least.
     excluded, most
         See `unlisted`.
     """
-    kinds = list(_kinds(weighted[0][0]))
-    if not kinds:
-        return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
-    each = [_log_weights(grams, kinds, excluded, most) for grams, _ in weighted]
-    priors = np.array([log_prior for _, log_prior in weighted])
+    kinds: list[tuple[IndexArray, int | None, float]] = []
+    each, priors = [], []
+    for grams, log_prior in weighted:
+        kinds = kinds or list(_kinds(grams))
+        if not kinds:
+            return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
+        each.append(_log_weights(grams, kinds, excluded, most))
+        priors.append(log_prior)
     found = logsumexp([larger + p for (larger, _), p in zip(each, priors, strict=True)], axis=0)
     against = logsumexp([listed + p for (_, listed), p in zip(each, priors, strict=True)])
     kind, scale = np.unravel_index(int(np.argmax(found)), found.shape)
@@ -241,24 +245,32 @@ def _role(shape: Shape) -> str:
 
 def _rms(campaigns: Sequence[CampaignData], found: Unlisted, size: FloatArray) -> dict[str, float]:
     """Return the root mean square of the fitted curve over the samples of the campaign that shows it most."""
-    first_shape = first_run = 0
     largest: dict[str, float] = {}
-    for data in campaigns:
-        columns, of_run = data.columns, data.columns.catch_all.of_run
-        rows = columns.rows[..., columns.shared - len(columns.catch_all.shapes) : columns.shared]
-        own = found.shapes - first_shape
-        if found.run is not None:
-            local = found.run - first_run
-            inside = 0 <= local < len(of_run)
-            rows = columns.rows[:, data.samples.run == local, columns.shared : columns.varying]
-            own = found.shapes if inside else found.shapes[:0]
+    for data, rows, first in _shown(campaigns, found.run):
+        own = found.shapes - first
         mine = (own >= 0) & (own < rows.shape[-1])
         curve = rows[..., own[mine]] @ size[: len(own)][mine] if mine.any() else np.zeros((len(rows), 1))
         for channel, x in zip(data.linear.channels, curve, strict=True):
             role = OUTPUTS[channel].role
             largest[role] = max(largest.get(role, 0.0), float(np.sqrt(np.mean(x**2))))
-        first_shape, first_run = first_shape + len(columns.catch_all.shapes), first_run + len(of_run)
     return {role: x for role, x in largest.items() if x > 0.0}
+
+
+def _shown(campaigns: Sequence[CampaignData], run: int | None) -> Iterator[tuple[CampaignData, FloatArray, int]]:
+    """Yield the shapes' columns of each campaign, or of one run only, and the number of the first among all."""
+    first = 0
+    if run is None:
+        for data in campaigns:
+            columns, count = data.columns, len(data.columns.catch_all.shapes)
+            yield data, columns.rows[..., columns.shared - count : columns.shared], first
+            first += count
+        return
+    for at, number in runs_of([(data.campaign, data.samples) for data in campaigns])[run]:
+        data = campaigns[at]
+        count = len(data.columns.catch_all.of_run[number].shapes)
+        begin = data.columns.shared
+        yield data, data.columns.rows[:, data.samples.run == number, begin : begin + count], first
+        first += count
 
 
 def excess(grams: Grams, keys: tuple[str, ...]) -> float:

@@ -25,7 +25,7 @@ from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.explained import Fits, Keys
 from model.diagnosis.findings.held_out import bagged, predict_held_out
-from model.diagnosis.findings.set_fit import SetFit, parameters_within, soils_with, spread_within
+from model.diagnosis.findings.set_fit import SetFit, of_soils, parameters_within, soils_with, spread_within
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.soils import SOIL_PARAMETERS
@@ -69,7 +69,7 @@ def _fitted(linearised: LinearisedCampaign, fit: SetFit, found: Posterior, proba
         causes=causes,
         soils=soils_with(fit, linearised, spread),
         names=(*SOIL_PARAMETERS, *of_causes),
-        covariances=tuple(_covariance(fit, spread, index) for index in range(len(linearised.campaigns))),
+        covariances=tuple(_covariance(fit, spread, index) for index in of_soils(linearised)),
     )
 
 

@@ -7,7 +7,7 @@ unlisted acts is weighed over several models where it is in doubt, each by its p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import exp
 
@@ -38,24 +38,19 @@ def plausible_grams(linearised: LinearisedCampaign) -> Grams:
     return _grams(linearised, [_plausible(data, data.noise) for data in linearised.campaigns])
 
 
-def grams_around(linearised: LinearisedCampaign) -> list[tuple[Grams, float]]:
-    """Return the Gram matrices under several plausible models of the noise, the most probable one first.
+def grams_around(linearised: LinearisedCampaign) -> Iterator[tuple[Grams, float]]:
+    """Yield the Gram matrices under several plausible models of the noise, the most probable one first.
 
-    Returns
-    -------
-    list of (Grams, float)
-        With the logarithm of each model's prior density.
+    With the logarithm of each model's prior density.
     """
     at_centre = [data.noise for data in linearised.campaigns]
     models = [at_centre]
     for ends in _DIRECTIONS:
         models += [[_moved(noise, ends, step) for noise in at_centre] for step in (STEP, -STEP)]
-    found = []
     for model in models:
         noises = [_plausible(data, noise) for data, noise in zip(linearised.campaigns, model, strict=True)]
         log_prior = sum(_log_prior(data, noise) for data, noise in zip(linearised.campaigns, noises, strict=True))
-        found.append((_grams(linearised, noises), log_prior))
-    return found
+        yield _grams(linearised, noises), log_prior
 
 
 def _moved(noise: Noise, ends: tuple[str, ...], step: float) -> Noise:

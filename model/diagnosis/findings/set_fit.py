@@ -32,6 +32,7 @@ from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate, posterior, prior_information
+from model.diagnosis.time_series.joining import groups_of
 from model.diagnosis.time_series.linearised_campaign import STEPS, LinearisedCampaign
 from model.diagnosis.time_series.start import CampaignData
 from model.effects.catalogue import EFFECTS
@@ -440,13 +441,18 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
     return soils_with(fit, linearised, spread.covariance)
 
 
+def of_soils(linearised: LinearisedCampaign) -> dict[int, str]:
+    """Return the place of a campaign for every soil, with the soil's name: wheels of one vehicle have one."""
+    campaigns = [data.campaign for data in linearised.campaigns]
+    found = {group[0]: campaigns[group[0]] for group in groups_of(campaigns)}
+    return {i: of.of_vehicle.campaign if of.of_vehicle else of.name for i, of in found.items()}
+
+
 def soils_with(fit: SetFit, linearised: LinearisedCampaign, covariance: FloatArray) -> tuple[SoilEstimate, ...]:
     """Return the soil of every campaign, of wheels of one vehicle once; with the covariance of the fit's p numbers."""
-    found: list[SoilEstimate] = []
-    for part, data in zip(fit.problem.parts, linearised.campaigns, strict=True):
-        name = vehicle.campaign if (vehicle := data.campaign.of_vehicle) else data.campaign.name
-        if any(vehicle and soil.campaign == name for soil in found):
-            continue
+    found = []
+    for i, name in of_soils(linearised).items():
+        part, data = fit.problem.parts[i], linearised.campaigns[i]
         space = part.simulation.space
         u = fit.estimate[part.soil]
         jacobian = space.jacobian(u)

@@ -7,7 +7,7 @@ are consistent. What is one value a run is projected out of every run with its p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ import numpy as np
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box, prior_information
-from model.diagnosis.time_series.joining import OfCampaign, groups_of, joined, vehicle_rows
+from model.diagnosis.time_series.joining import OfCampaign, groups_of, joined, shared_values, vehicle_rows
 from model.diagnosis.time_series.linearise import (
     SENSORS,
     Linear,
@@ -229,12 +229,21 @@ class SetProblem:
         values = [part.data.noise.values for part in self.parts]
         for group in self.groups:
             plain = _score(self._whitened(group, columns, x, values))
-            for i in group:
-                for name, sigma in self.parts[i].data.noise.log_sigmas.items():
-                    moved = [*values]
+            for moving, name, sigma in self._hyper_parameters(group):
+                moved = [*values]
+                for i in moving:
                     moved[i] = {**values[i], name: values[i][name] * float(np.exp(sigma))}
-                    found.append(_score(self._whitened(group, columns, x, moved)) - plain)
+                found.append(_score(self._whitened(group, columns, x, moved)) - plain)
         return np.array(found).reshape(len(found), len(x))
+
+    def _hyper_parameters(self, group: Sequence[int]) -> Iterator[tuple[Sequence[int], str, float]]:
+        """Yield the parts that a hyper-parameter is of, its name and its own one-sigma; what wheels share is one."""
+        noises = {i: self.parts[i].data.noise.log_sigmas for i in group}
+        shared = shared_values(self.parts[group[0]].frozen.channels) if len(group) > 1 else ()
+        for name in shared:
+            yield group, name, float(np.mean([sigmas[name] for sigmas in noises.values()]))
+        for i, sigmas in noises.items():
+            yield from (([i], name, sigma) for name, sigma in sigmas.items() if name not in shared)
 
 
 def _score(rows: Sequence[FloatArray]) -> FloatArray:

@@ -71,10 +71,10 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
-from model.diagnosis.findings.laboratory import Place, refuted_soil, soil_instead
+from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.findings.noise_models import grams_around, plausible_grams
 from model.diagnosis.findings.proposal import propose_for
-from model.diagnosis.findings.set_fit import parameters_of
+from model.diagnosis.findings.set_fit import of_soils, parameters_of
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
 from model.diagnosis.planning.naming_chance import Outlook, outlook
 from model.diagnosis.planning.next_run import members_of, next_runs
@@ -166,7 +166,10 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         if (after := confirmed(verdict, found, explained.causes)) != verdict:
             verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
-        spaces = _soils(linearised)
+        spaces = [
+            (name, linearised.campaigns[i].simulation.space, linearised.soil_of(i))
+            for i, name in of_soils(linearised).items()
+        ]
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
         named = explained.extended if verdict.verdict == "named" else ()
@@ -237,15 +240,6 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         static=tuple(test for data in linearised.campaigns for test in data.campaign.static),
         corrected=corrected_zeros([run for data in linearised.campaigns for run in data.campaign.runs]),
     )
-
-
-def _soils(linearised: LinearisedCampaign) -> list[Place]:
-    """Return every soil with its campaign's name and the places of its columns; wheels of one vehicle have one."""
-    found: dict[str, Place] = {}
-    for i, data in enumerate(linearised.campaigns):
-        name = vehicle.campaign if (vehicle := data.campaign.of_vehicle) else data.campaign.name
-        found.setdefault(name, (name, data.simulation.space, linearised.soil_of(i)))
-    return list(found.values())
 
 
 def _judged(linearised: LinearisedCampaign) -> tuple[Adequacy, float, Unlisted]:

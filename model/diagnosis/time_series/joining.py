@@ -42,13 +42,11 @@ from model.diagnosis.time_series.whitening import (
 
 OWN_SPEED = "own_speed_share"
 """Name among the noise's values."""
-OWN_SHARES = (0.0, 0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3, 1.0)
+OWN_SHARES = (0.0, 0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3, 0.99)
 _OF_A_RUN = "_run_to_run"
 """End of the names of what is one value a run of the soil."""
 _SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
 """Fields of `Linear` by which the noise is seen."""
-_CHANNEL_SETS = 8
-"""More than the numbers by which `RunGrams.measured` tells the channels of one wheel."""
 
 
 @dataclass(frozen=True)
@@ -246,20 +244,18 @@ def _labelled(campaign: str, label: str, several: bool) -> str:
 
 def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
     """Return the Gram matrices of each drive of the wheels of one vehicle, in the columns of all."""
-    width = turns[0].shape[1]
     drives = drives_of([wheel.samples.run_names for wheel in wheels])
     found = _integrated(wheels, turns, ranks)
-    counts, measured = np.zeros(len(drives), np.intp), np.zeros(len(drives), np.intp)
-    static = np.zeros((width, width))
-    for i, (wheel, turn) in enumerate(zip(wheels, turns, strict=True)):
+    counts, measured = np.zeros(len(drives), np.intp), np.zeros((len(drives), len(wheels)), np.intp)
+    static = found.matrices[len(drives) :].sum(axis=0)
+    for i, wheel in enumerate(wheels):
         at = np.array([list(drives).index(name) for name in wheel.samples.run_names], np.intp)
         rests, lifted = wheel.samples.rests, wheel.samples.rests.lifted
         np.add.at(counts, at[wheel.samples.run], wheel.columns.present.sum(axis=0))
         np.add.at(counts, at[rests.run[~lifted]], wheel.columns.rests_present[:, ~lifted].sum(axis=0))
-        measured[at] += measured_of(wheel.samples, wheel.linear, wheel.columns) * _CHANNEL_SETS**i
-        read = _resting(wheel)[0][:, lifted, : len(turn)].reshape(-1, len(turn)) @ turn
-        static += read.T @ read
-    return replace(found, samples=counts, measured=measured, static=static)
+        measured[at, i] = measured_of(wheel.samples, wheel.linear, wheel.columns)
+    kinds = np.unique(measured, axis=0, return_inverse=True)[1].ravel()
+    return replace(found.runs(len(drives)), samples=counts, measured=kinds, static=static)
 
 
 def _integrated(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
@@ -355,6 +351,8 @@ def _shapes_of_drive(
 def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield whitened rows of some drives of one vehicle after the other, and ln det, as `whitened_rows` does.
 
+    Where a wheel was lifted, that comes last.
+
     Parameters
     ----------
     turns : sequence of array, shape (m, width)
@@ -391,6 +389,19 @@ def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> I
             np.add.at(log_determinants, of_run[inside] - first, logs[:, inside].sum(axis=0))
         found = whiten(space.runs(first, last), np.concatenate(rows, axis=2))
         yield np.concatenate([found.columns, *rests], axis=1), found.log_determinants + log_determinants
+    if any(wheel.samples.rests.lifted.any() for wheel in wheels):
+        yield _lifted(wheels, turns, found.columns.shape[-1])
+
+
+def _lifted(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], width: int) -> tuple[FloatArray, FloatArray]:
+    """Return what the lifted wheels read as if it were a drive, shape (1, rows, width), and ln det."""
+    rows, logs = [], 0.0
+    for wheel, turn in zip(wheels, turns, strict=True):
+        lifted, (resting, of_variance) = wheel.samples.rests.lifted, _resting(wheel)
+        read = resting[:, lifted, : len(turn)].reshape(-1, len(turn)) @ turn
+        rows.append(np.pad(read, ((0, 0), (0, width - turn.shape[1]))))
+        logs += float(of_variance[:, lifted].sum())
+    return np.concatenate(rows)[None], np.array([logs])
 
 
 def _times(rows: FloatArray, into: FloatArray) -> FloatArray:
@@ -444,11 +455,16 @@ def _resting(wheel: OfCampaign) -> tuple[FloatArray, FloatArray]:
     return columns.rests / np.sqrt(variance)[..., None], np.log(variance)
 
 
+def shared_values(channels: tuple[str, ...]) -> list[str]:
+    """Return the names of the hyper-parameters of what the wheels of a vehicle share."""
+    shared = [p for p in processes(channels) if p.has_slope]
+    of_runs = dict.fromkeys(name for name, _ in constants(channels) if name.endswith(_OF_A_RUN))
+    return [*(name for p in shared for name in (p.deviation, p.time) if name), *of_runs]
+
+
 def _with_common_values(wheels: Sequence[OfCampaign]) -> list[OfCampaign]:
     """Return the wheels with one value of each hyper-parameter of what they share."""
-    shared = [p for p in processes(wheels[0].linear.channels) if p.has_slope]
-    names = [name for p in shared for name in (p.deviation, p.time) if name]
-    names += [name for name in wheels[0].values if name.endswith(_OF_A_RUN)]
+    names = shared_values(wheels[0].linear.channels)
     common = {name: float(np.exp(np.mean([np.log(wheel.values[name]) for wheel in wheels]))) for name in names}
     return [replace(wheel, values={**wheel.values, **common}) for wheel in wheels]
 
@@ -598,7 +614,7 @@ def _most_probable_share(wheels: Sequence[OfCampaign], evidence: Callable[[Grams
     best, highest = OWN_SHARES[0], -np.inf
     for share in OWN_SHARES:
         found = evidence(joined([_with_share(wheel, share) for wheel in wheels]))
-        if found < highest:
+        if not found >= highest:
             break
         best, highest = share, found
     return best

@@ -47,7 +47,7 @@ from model.diagnosis.time_series.joining import OWN_SPEED, joined, own_shares, p
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
-from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
+from model.diagnosis.time_series.samples import Samples, on_common_blocks, places_of, samples_of, steps_of
 from model.diagnosis.time_series.selection import without_near_cuts, without_outliers
 from model.diagnosis.time_series.start import (
     CampaignData,
@@ -58,6 +58,7 @@ from model.diagnosis.time_series.start import (
     soil_places_of,
 )
 from model.diagnosis.time_series.whitening import StateSpace, run_grams, smoothed
+from model.effects.catalogue import parted
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -464,7 +465,7 @@ def linearise_campaigns(
         A campaign has fewer than 50 usable samples, or neither drawbar pull nor torque.
     """
     options = options or DiagnosisOptions()
-    clock = Clock()
+    clock, campaigns = Clock(), on_common_blocks(campaigns)
     with clock.stage("samples"):
         starts = [
             begin(c, samples_of(c, options.channels), options.effects, options.reading, noises[i] if noises else None)
@@ -540,7 +541,15 @@ def _choice(most_causes: int) -> Callable[[Grams, SetEstimate | None], SetEstima
 
 
 def _traceless(grams: Grams) -> frozenset[str]:
-    """Return the effects whose columns are zero in every run."""
+    """Return the effects whose columns are zero in every run, and those of all wheels that show at one of them only."""
     power = np.einsum("rii->i", grams.matrices)[grams.cause_columns]
     traced = {c.key for c, x in zip(grams.causes, power, strict=True) if x > _NOTHING}
-    return frozenset(c.key for c in grams.causes) - traced
+    alone = {parted(c.key)[0] for c in grams.causes if parted(c.key)[1] and _alike(grams, c.key)}
+    return frozenset(c.key for c in grams.causes) - traced | alone
+
+
+def _alike(grams: Grams, key: str) -> bool:
+    """Return whether an effect at one wheel has the columns of that at all of them, but for their length."""
+    own, every = (list(grams.columns_of(key)) for key in (key, parted(key)[0]))
+    both = np.diag(grams.total)[own] * np.diag(grams.total)[every]
+    return bool((both > _NOTHING).any() and (grams.total[own, every] ** 2 >= (1.0 - _NOTHING) * both).all())

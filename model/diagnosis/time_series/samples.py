@@ -18,7 +18,7 @@ from math import sqrt
 import numpy as np
 
 from daq import CHANNELS, OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note, Use
-from model.diagnosis.core.campaign import Campaign, Coverage
+from model.diagnosis.core.campaign import BLOCK_S, Campaign, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from model.wheel_soil.run_conditions import body_pitch, campaign_times, line_positions
@@ -27,7 +27,6 @@ from processing.pipeline import kernel_sigma_s, slip_of
 
 FEWEST = 50
 """Usable samples below which nothing can be said."""
-BLOCK_S = 0.2
 LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
@@ -186,7 +185,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
-        block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
+        block_s=max((block_seconds(run, campaign) for run in campaign.runs), default=BLOCK_S),
         excluded=dict(excluded),
         notes=notes,
     )
@@ -238,9 +237,23 @@ def _shared_extras(runs: Sequence[ProcessedRun]) -> Iterator[str]:
             yield channel.role
 
 
-def block_seconds(run: ProcessedRun) -> float:
-    """Return the length of a block: 0.2 s, or longer where the common filter is slow."""
-    return max(BLOCK_S, 0.8 / run.cutoff_hz) if np.isfinite(run.cutoff_hz) else BLOCK_S
+def block_seconds(run: ProcessedRun, campaign: Campaign) -> float:
+    """Return the length of a block: 0.2 s, or longer where the common filter of the run, or of a vehicle, is slow."""
+    least = campaign.of_vehicle.block_s if campaign.of_vehicle else BLOCK_S
+    return max(least, 0.8 / run.cutoff_hz) if np.isfinite(run.cutoff_hz) else least
+
+
+def on_common_blocks(campaigns: Sequence[Campaign]) -> list[Campaign]:
+    """Return the campaigns with the longest block of a vehicle's runs for all of its wheels."""
+    longest: dict[str, float] = {}
+    for campaign in campaigns:
+        if vehicle := campaign.of_vehicle:
+            own = max((block_seconds(run, campaign) for run in campaign.runs), default=BLOCK_S)
+            longest[vehicle.campaign] = max(longest.get(vehicle.campaign, BLOCK_S), own)
+    return [
+        replace(c, of_vehicle=replace(c.of_vehicle, block_s=longest[c.of_vehicle.campaign])) if c.of_vehicle else c
+        for c in campaigns
+    ]
 
 
 def _typical(arrays: list[FloatArray]) -> float:
@@ -253,7 +266,7 @@ def _blocks(
     run: ProcessedRun, position: FloatArray, clock: FloatArray, campaign: Campaign, excluded: Counter[str]
 ) -> dict[str, FloatArray]:
     """Return the block means of one run by the names of `Conditions` and of the channels, and its instants."""
-    step = max(1, round(block_seconds(run) * run.rate_hz))
+    step = max(1, round(block_seconds(run, campaign) * run.rate_hz))
     starts = _starts(run.used, step)
     excluded.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
     rows = starts[:, None] + np.arange(step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -16,6 +16,7 @@ from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of
 from model.diagnosis.time_series.whitening import RunGrams
 from model.effects.catalogue import EFFECTS, parted
+from model.notes import LackCode
 from model.wheel_soil.wheel_soil_model import Reading
 
 
@@ -159,13 +160,33 @@ def first_causes(starts: Sequence[Start]) -> tuple[dict[str, float], ...]:
 
 
 def not_identifiable_in_any(starts: Sequence[Start]) -> dict[str, Note]:
-    """Return what is not identifiable in any campaign; of what may act at one wheel alone, what is not at that one."""
-    passages = {run.passage for s in starts if s.campaign.of_vehicle for run in s.campaign.runs}
-    covered = [coverage_of(s.campaign, s.samples) for s in starts]
-    each = [not_identifiable(replace(c, several_passes=c.several_passes or len(passages) > 1)) for c in covered]
-    shared = set.intersection(*(set(found) for found in each)) if each else set()
-    found = {family: why for family, why in each[0].items() if family in shared} if each else {}
-    for start, own in zip(starts, each, strict=True):
-        alone = {parted(e.name)[0]: e.name for e in start.simulation.effects if parted(e.name)[1]}
-        found |= {alone[family]: why for family, why in own.items() if family in alone}
+    """Return what is not identifiable in any campaign; of what may act at one wheel alone, in any of that wheel."""
+    passages: dict[str, set[int]] = {}
+    for start in starts:
+        if vehicle := start.campaign.of_vehicle:
+            passages.setdefault(vehicle.campaign, set()).update(run.passage for run in start.campaign.runs)
+    each = [_not_identifiable(start, passages) for start in starts]
+    found = _in_all(each)
+    wheels = dict.fromkeys(start.campaign.of_vehicle.wheel for start in starts if start.campaign.of_vehicle)
+    for wheel in wheels:
+        own = [i for i, s in enumerate(starts) if s.campaign.of_vehicle and s.campaign.of_vehicle.wheel == wheel]
+        alone = {parted(e.name)[0]: e.name for i in own for e in starts[i].simulation.effects if parted(e.name)[1]}
+        found |= {alone[family]: why for family, why in _in_all([each[i] for i in own]).items() if family in alone}
     return found
+
+
+def _not_identifiable(start: Start, passages: Mapping[str, set[int]]) -> dict[str, Note]:
+    """Return what one campaign does not identify; the axles of a vehicle are several passes."""
+    coverage, vehicle = coverage_of(start.campaign, start.samples), start.campaign.of_vehicle
+    several = coverage.several_passes or bool(vehicle and len(passages[vehicle.campaign]) > 1)
+    return not_identifiable(replace(coverage, several_passes=several))
+
+
+def _in_all(each: Sequence[dict[str, Note]]) -> dict[str, Note]:
+    """Return what all have, with the first reason that is not the want of a channel."""
+    shared = [family for family in each[0] if all(family in found for found in each)] if each else []
+    reasons = {family: [found[family] for found in each] for family in shared}
+    return {
+        family: next((why for why in own if why.code is not LackCode.CHANNEL_MISSING), own[0])
+        for family, own in reasons.items()
+    }
