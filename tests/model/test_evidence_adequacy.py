@@ -28,6 +28,7 @@ from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import Grams, OwnGram
 from model.diagnosis.time_series.evidence import hypotheses, log_evidence_of_none, posterior, without_soil
+from model.diagnosis.time_series.linearise import SENSORS
 
 UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))
 
@@ -215,6 +216,17 @@ def test_two_terrains_are_seen_and_one_is_not(drawn: World) -> None:
     assert mixed is not None
     assert set(mixed[0]) == {"run 3", "run 4"}
     assert set(mixed[1]) == {"run 0", "run 1", "run 2", "run 5"}
+
+
+@pytest.mark.parametrize("wheel", ["", "wheel FL: "])
+def test_sensors_are_the_same_on_all_terrains(drawn: World, wheel: str) -> None:
+    """What differs from run to run as an error of a sensor would is no second soil."""
+    other = np.zeros(drawn.soil.shape[:2])
+    other[3:5] = drawn.soil[3:5] @ np.array([0.0, 0.0, 0.0, 3.0, -3.0, 3.0])
+    mixed = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(8), extra=other)
+    assert two_soils(mixed) is not None
+    of_sensors = replace(mixed, soil=(*mixed.soil[:3], *(f"{wheel}{sensor}" for sensor in SENSORS)))
+    assert two_soils(of_sensors) is None
 
 
 def test_two_terrains_are_seen_among_many_runs() -> None:

@@ -25,6 +25,7 @@ from model.diagnosis.time_series.columns import soil_places
 from model.diagnosis.time_series.joining import (
     OWN_SHARES,
     OWN_SPEED,
+    _on_one_clock,
     joined,
     layout_of,
     own_shares,
@@ -235,6 +236,20 @@ def test_blocks_that_one_wheel_lacks_are_no_samples(wheels: tuple[Campaign, ...]
     assert linearised.grams.run_names == ("run-1", "run-2", "run-3", "run-4")
     alone = sum(int(data.grams.samples.sum()) for data in linearised.campaigns)
     assert int(linearised.grams.samples.sum()) == alone
+
+
+def test_a_wheel_whose_run_begins_later_is_on_the_blocks_of_the_others(linearised: LinearisedCampaign) -> None:
+    front, rear = (part_of(data) for data in linearised.campaigns)
+    first = rear.campaign.runs[0]
+    late = replace(first, start_ns=first.start_ns + 400_000_000)
+    later = replace(rear, campaign=replace(rear.campaign, runs=(late, *rear.campaign.runs[1:])))
+    drives = list(front.samples.run_names)
+    (before, _), (plain, _) = _on_one_clock([front, rear], drives), _on_one_clock([front, later], drives)
+    own = rear.samples.run == 0
+    for wheels, blocks in ((before, 0), (plain, 2)):
+        present = np.flatnonzero(wheels[1].columns.present.any(axis=0) & (wheels[1].samples.run == 0))
+        expected = rear.samples.time_s[own & rear.columns.present.any(axis=0)] + blocks * rear.samples.block_s
+        np.testing.assert_allclose(wheels[1].samples.time_s[present], expected, atol=0.51 * rear.samples.block_s)
 
 
 def test_a_held_out_drive_is_predicted_at_every_wheel(linearised: LinearisedCampaign) -> None:
