@@ -221,9 +221,13 @@ def test_two_terrains_are_seen_and_one_is_not(drawn: World) -> None:
 @pytest.mark.parametrize("wheel", ["", "wheel FL: "])
 def test_sensors_are_the_same_on_all_terrains(drawn: World, wheel: str) -> None:
     """What differs from run to run as an error of a sensor would is no second soil."""
-    other = np.zeros(drawn.soil.shape[:2])
-    other[3:5] = drawn.soil[3:5] @ np.array([0.0, 0.0, 0.0, 3.0, -3.0, 3.0])
-    mixed = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(8), extra=other)
+    rng = np.random.default_rng(8)
+    parts = drawn.soil.copy()
+    parts[..., 3:] = rng.normal(size=parts[..., 3:].shape)
+    of_run = replace(drawn, soil=parts)
+    other = np.zeros(parts.shape[:2])
+    other[3:5] = parts[3:5] @ np.array([0.0, 0.0, 0.0, 3.0, -3.0, 3.0])
+    mixed = of_run.grams(np.zeros(len(drawn.columns)), rng, extra=other)
     assert two_soils(mixed) is not None
     of_sensors = replace(mixed, soil=(*mixed.soil[:3], *(f"{wheel}{sensor}" for sensor in SENSORS)))
     assert two_soils(of_sensors) is None
