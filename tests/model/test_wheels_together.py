@@ -23,12 +23,13 @@ from model.diagnosis.findings.set_fit import fit_set, soils_with
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.columns import soil_places
 from model.diagnosis.time_series.joining import (
+    APART,
     OWN_SHARES,
     OWN_SPEED,
     _on_one_clock,
     joined,
     layout_of,
-    own_shares,
+    most_probable_shares,
     part_of,
     runs_of,
     side_by_side,
@@ -298,15 +299,29 @@ def test_wheels_of_other_cutoffs_have_common_blocks(wheels: tuple[Campaign, ...]
     assert samples_of(front).block_s < 0.4
 
 
-def test_a_wheel_may_have_the_whole_error_of_the_speed_for_itself(linearised: LinearisedCampaign) -> None:
+def test_a_wheel_may_have_nearly_the_whole_error_of_the_speed_for_itself(linearised: LinearisedCampaign) -> None:
     parts = [part_of(data) for data in linearised.campaigns]
-    most = [replace(part, values={**part.values, OWN_SPEED: OWN_SHARES[-1]}) for part in parts]
+    most = [replace(part, values={**part.values, OWN_SPEED: APART}) for part in parts]
     columns = [np.r_[1.0, np.zeros(part.columns.shared - 1)] for part in parts]
     for speed, slope, variance in smoothed_speeds(most, columns):
         assert np.isfinite(speed).all() and np.isfinite(slope).all() and (variance > 0).all()
-    assert 0.99 <= OWN_SHARES[-1] < 1.0, "with all of it the common process would have no variance"
-    unknown = [replace(part, values={k: v for k, v in part.values.items() if k != OWN_SPEED}) for part in parts]
-    assert own_shares(unknown, lambda _: float("nan")) == [OWN_SHARES[0]] * 2
+    assert OWN_SHARES[-1] < APART < 1.0, "with all of it the common process would have no variance"
+    assert most_probable_shares(parts, lambda _: float("nan")) == [OWN_SHARES[0]] * 2
+
+
+def test_the_point_of_a_vehicle_has_one_ground_speed(linearised: LinearisedCampaign) -> None:
+    """Blocks are on one clock, and what is added to the measured speed of a block is the same at both wheels."""
+    front, rear = (data.samples for data in linearised.campaigns)
+    added = [data.linear.point.speed_mps for data in linearised.campaigns]
+    for run in range(front.runs):
+        own = [np.flatnonzero(samples.run == run) for samples in (front, rear)]
+        times = [samples.time_s[at] for samples, at in zip((front, rear), own, strict=True)]
+        blocks = [(time - times[0][0]) / front.block_s for time in times]
+        ticks = [np.rint(of_wheel).astype(int) for of_wheel in blocks]
+        np.testing.assert_allclose(blocks[1], ticks[1], atol=0.02)
+        _, here, there = np.intersect1d(*ticks, return_indices=True)
+        np.testing.assert_allclose(added[0][own[0][here]], added[1][own[1][there]], atol=1e-9)
+    assert {data.noise.values[OWN_SPEED] for data in linearised.campaigns} == {OWN_SHARES[0]}
 
 
 def test_readings_of_the_lifted_wheel_count_in_the_fit_and_in_the_evidence(wheels: tuple[Campaign, ...]) -> None:

@@ -4,10 +4,13 @@ The wheels of a vehicle are driven together: a run is the drive of all of them. 
 error is one process, seen by all channels of all wheels; and the soil of a run is one. What is left is of each wheel:
 its transducer's noise, its load, the soil within its track. So the channels of all wheels stand side by side on the
 blocks of one clock, and the filter of `model.diagnosis.time_series.whitening` takes them as it takes those of one.
-Hyper-parameters of what they share are the geometric means of what each wheel says by itself. Where a wheel rolls a
-little faster or slower than its sensor says, or its blocks begin a little later, it has a speed error of its own: the
-share of it is the least of `OWN_SHARES` beyond which all data get less probable, over all sets of causes. (Where every
-shape of the catch-all may be large, these take up what is of a wheel's own, and a campaign without a cause had some.)
+Hyper-parameters of what they share are the geometric means of what each wheel says by itself.
+
+Where a wheel rolls a little faster or slower than its sensor says, it has a speed error of its own: a small share of
+that of all (`OWN_SPEED`). The linearisation begins as if each wheel had all of it for itself: wheels that miss the same
+cause would agree on a wrong ground speed, and its points lead away from that cause. Once it rests, it goes on with the
+smallest share, and then with another one at which all data are more probable, over all sets of causes. The point has
+one ground speed then.
 """
 
 from __future__ import annotations
@@ -42,7 +45,9 @@ from model.diagnosis.time_series.whitening import (
 
 OWN_SPEED = "own_speed_share"
 """Name among the noise's values."""
-OWN_SHARES = (0.0, 0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3, 0.99)
+APART = 0.99
+"""That share while the wheels are linearised as if each had a receiver."""
+OWN_SHARES = (0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3)
 _OF_A_RUN = "_run_to_run"
 """End of the names of what is one value a run of the soil."""
 _SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
@@ -271,6 +276,9 @@ def smoothed_speeds(
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return the error of the ground speed that all wheels of a vehicle ask for, its slope and variance, at each wheel.
 
+    It is one for all of them, but while they are linearised apart. What a wheel has for itself is left to the noise:
+    about different speeds the wheels would not agree, since the model bends, and so would ask for ever more of it.
+
     Parameters
     ----------
     parts : sequence of OfCampaign
@@ -305,21 +313,25 @@ def _of_wheels(
     space: StateSpace, left: FloatArray, at: Places, parts: Sequence[OfCampaign], places: Sequence[IndexArray]
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return what `smoothed_speeds` does from what is left of all channels, shape (drives, blocks, channels)."""
-    near = space.near()
-    own = len(parts) if parts[0].values[OWN_SPEED] else 0
+    near, own = space.near(), len(parts)
     count = len(near.now) // (own + 1)
-    weights = np.zeros((len(parts), 2, len(space.variance)))
-    for i, part in enumerate(parts):
-        for states in ([slice(i * count, (i + 1) * count)] if own else []) + [slice(own * count, None)]:
-            weights[i, 0, near.now[states]] = 1.0
-            weights[i, 1, near.later[states]] = 0.5 / part.samples.block_s
-            weights[i, 1, near.before[states]] = -0.5 / part.samples.block_s
+    common, block_s = np.zeros((3, len(space.variance))), parts[0].samples.block_s
+    for row, states in enumerate((near.now, near.later, near.before)):
+        common[row, states[own * count :]] = 1.0
+    alone = np.zeros((own, *common.shape))
+    for i in range(own):
+        for row, states in enumerate((near.now, near.later, near.before)):
+            alone[i, row, states[i * count : (i + 1) * count]] = 1.0
+    apart = parts[0].values[OWN_SPEED] >= APART
     found: list[list[FloatArray]] = [[] for _ in parts]
     for first in range(0, len(left), RUNS_AT_ONCE):
         last = min(first + RUNS_AT_ONCE, len(left))
         means, covariances = smoothed(space.runs(first, last), left[first:last])
-        for of, (now, slope) in zip(found, weights, strict=True):
-            of.append(np.stack([means @ now, means @ slope, covariances @ now @ now], axis=-1))
+        for of, mine in zip(found, alone, strict=True):
+            now, later, before = common + mine if apart else common
+            both = common[0] + mine[0]
+            variance = covariances @ both @ both + (means @ (both - now)) ** 2
+            of.append(np.stack([means @ now, means @ (later - before) * 0.5 / block_s, variance], axis=-1))
     flat = [at.flat(np.concatenate(of)) for of in found]
     return [tuple(x[own].T) for x, own in zip(flat, places, strict=True)]
 
@@ -587,10 +599,8 @@ def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
     )
 
 
-def own_shares(parts: Sequence[OfCampaign], evidence: Callable[[Grams], float]) -> list[float | None]:
+def most_probable_shares(parts: Sequence[OfCampaign], evidence: Callable[[Grams], float]) -> list[float | None]:
     """Return the share of the speed's error that each campaign's wheel has for itself; None where it is no vehicle's.
-
-    Where it is known already, it is that.
 
     Parameters
     ----------
@@ -600,13 +610,10 @@ def own_shares(parts: Sequence[OfCampaign], evidence: Callable[[Grams], float]) 
     found: list[float | None] = [None] * len(parts)
     for group in groups_of([part.campaign for part in parts]):
         wheels = [parts[i] for i in group]
-        if not wheels[0].campaign.of_vehicle:
-            continue
-        share = wheels[0].values.get(OWN_SPEED)
-        if share is None:
+        if wheels[0].campaign.of_vehicle:
             share = _most_probable_share(wheels, evidence)
-        for i in group:
-            found[i] = share
+            for i in group:
+                found[i] = share
     return found
 
 

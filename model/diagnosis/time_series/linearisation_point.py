@@ -14,7 +14,7 @@ import numpy as np
 from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.columns import Columns, Grams
 from model.diagnosis.time_series.evidence import SetEstimate
-from model.diagnosis.time_series.joining import groups_of, part_of, smoothed_speeds
+from model.diagnosis.time_series.joining import APART, OWN_SPEED, groups_of, part_of, smoothed_speeds
 from model.diagnosis.time_series.linearise import DELAY, Linear, Point
 from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.start import CampaignData, Start, soil_places_of
@@ -67,6 +67,8 @@ def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
     """Return the laboratory's soil with the given causes, and the noise of the prior."""
     samples = start.samples
     noise = start.noise or Noise({name: b.centre for name, b in hyper_priors(samples).items()})
+    if start.campaign.of_vehicle:
+        noise = noise.with_value(OWN_SPEED, APART)
     variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
     point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
     return LinearisationPoint(point, noise, np.full(len(samples), variance))

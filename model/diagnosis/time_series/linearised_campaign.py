@@ -43,7 +43,7 @@ from model.diagnosis.core.result import Linearisation
 from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence, log_evidence_of_sets
 from model.diagnosis.time_series.hyper import blocks_of, estimated
-from model.diagnosis.time_series.joining import OWN_SPEED, joined, own_shares, part_of
+from model.diagnosis.time_series.joining import APART, OWN_SHARES, OWN_SPEED, joined, most_probable_shares, part_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, first_point, linearisation_points
 from model.diagnosis.time_series.linearise import Linear, linearise
 from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes, swing_seen
@@ -228,9 +228,7 @@ def campaigns_at(
         if not any(at.loses(linear) for at, linear in zip(tried, models, strict=True)):
             break
     each = zip(starts, samples, models, tried, strict=True)
-    found = tuple(_campaign_data(*parts, clock, keep_noise=keep_noise, catch_all=catch_all) for parts in each)
-    with clock.stage("noise"):
-        return _with_own_shares(found), step
+    return tuple(_campaign_data(*parts, clock, keep_noise=keep_noise, catch_all=catch_all) for parts in each), step
 
 
 def _campaign_data(
@@ -250,7 +248,9 @@ def _campaign_data(
     if start.noise is None and not keep_noise:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)
+            share = {name: noise.values[name] for name in (OWN_SPEED,) if name in noise.values}
             noise = estimated(blocks, hyper_priors(samples), noise.values)
+            noise = replace(noise, values=noise.values | share)
     with clock.stage("whitening"):
         grams = run_grams(samples, linear, columns, noise.values, variance)
     return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
@@ -265,13 +265,19 @@ _MOST_BESIDE = 2
 """Causes of the sets over which a share is judged."""
 
 
-def _with_own_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData, ...]:
-    """Return the campaigns with the share of the speed's error that each of several wheels has for itself."""
+def _with_other_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData, ...] | None:
+    """Return the campaigns of a vehicle with the share of the speed's error that belongs next; None where it stays."""
 
     def evidence(grams: Grams) -> float:
         return log_evidence_of_sets(grams, _traceless(grams), _MOST_BESIDE)
 
-    shares = own_shares([part_of(data) for data in campaigns], evidence)
+    now = [data.noise.values.get(OWN_SPEED) for data in campaigns]
+    if APART in now:
+        shares = [None if share is None else OWN_SHARES[0] for share in now]
+    else:
+        shares = most_probable_shares([part_of(data) for data in campaigns], evidence)
+    if shares == now:
+        return None
     return tuple(
         data if share is None else replace(data, noise=data.noise.with_value(OWN_SPEED, share))
         for data, share in zip(campaigns, shares, strict=True)
@@ -481,6 +487,14 @@ def linearise_campaigns(
         again = relinearise(starts, points, choose, clock)
         best_found = replace(again, chosen_sets=(*best_found.chosen_sets, *again.chosen_sets))
         found = [best_found]
+    for _ in range(_MOST_SHARES):
+        together = _with_other_shares(best_found.campaigns) if best_found.converged else None
+        if together is None:
+            break
+        points = linearisation_points(together, best_found.grams, best_found.best)
+        again = relinearise(starts, points, choose, clock)
+        best_found = replace(again, chosen_sets=(*best_found.chosen_sets, *again.chosen_sets))
+        found = [best_found]
     if not best_found.converged:
         chosen_sets = tuple(dict.fromkeys(keys for f in found for keys in f.chosen_sets))
         best_found = converged_alternative(starts, best_found, chosen_sets, choose, clock)
@@ -499,6 +513,8 @@ def linearise_campaigns(
     )
 
 
+_MOST_SHARES = 3
+"""Times that another share of the speed's error is taken, the first included."""
 _NOISE_KNOWN = 2
 """Iterations after which the noise is estimated, and with it which samples are near a cut."""
 
