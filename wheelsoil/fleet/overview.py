@@ -89,8 +89,9 @@ class Overview:
         return streamed(values, {"campaigns": self._rows(), "transducers": passports_json(self.pooled)})
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        for start in range(0, len(self.campaigns), _AT_ONCE):
-            some = self.campaigns.iloc[start : start + _AT_ONCE]
+        rows = self.campaigns if self.campaigns["wheel"].any() else self.campaigns.drop(columns="wheel")
+        for start in range(0, len(rows), _AT_ONCE):
+            some = rows.iloc[start : start + _AT_ONCE]
             yield from json.loads(some.to_json(orient="records", date_format="iso"))
 
     @property
