@@ -253,8 +253,6 @@ def contradictions(wheels: Sequence[InstrumentedWheel]) -> Iterator[str]:
     if len(wheels) > 1 and any(wheel.axle is None for wheel in wheels):
         without = ", ".join(wheel.id for wheel in wheels if wheel.axle is None)
         yield f"{without}: axle is missing: with several wheels each needs it, from 1 at the front"
-    if any(wheel.id == "all" for wheel in wheels):
-        yield 'wheel all: "all" stands for all wheels together; give it another id'
     for one, other in combinations(wheels, 2):
         yield from _contradict(one, other)
 

@@ -124,11 +124,6 @@ def test_all_contradictions_are_listed_at_once() -> None:
     assert "serial" in str(caught.value) and "is not ahead of" in str(caught.value)
 
 
-def test_an_id_does_not_stand_for_all_wheels() -> None:
-    with pytest.raises(ConfigError, match='"all" stands for all wheels together; give it another id'):
-        parsed(wheel(*FRONT), wheel("all", *REAR[1:]))
-
-
 def test_a_command_of_one_wheel_asks_which() -> None:
     several = parsed(wheel(*FRONT), wheel(*REAR))
     with pytest.raises(ConfigError, match=r"several wheels(.|\n)*found: FL, RL\n(.|\n)*--wheel FL"):

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
+from daq import ALL_WHEELS, ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun
-from model import one_thread, processes
+from model import DiagnosisCode, one_thread, processes
 from model.diagnosis import DiagnosisOptions
 from processing import LOOK
 from wheelsoil import __version__
@@ -24,7 +24,6 @@ from wheelsoil.cache.store import keeping_only, nothing_kept
 from wheelsoil.fleet import Manifest, open_store
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
-from wheelsoil.fleet.tables import ALL
 from wheelsoil.workflows import (
     CHOICE_FILE,
     BenchFiles,
@@ -128,7 +127,7 @@ def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True)
             options=asdict(options),
             cpu_s=round(time.process_time() - start_s, 3),
             peak_bytes=peak_memory_bytes(),
-            wheels=sum(each.wheel != ALL for each in found),
+            wheels=sum(each.wheel != ALL_WHEELS for each in found),
         )
         store.put(manifest, tables, task.older)
         return Done(manifest)
@@ -146,7 +145,7 @@ def _fault_in(found: Sequence[Found]) -> str:
     """Return what is wrong with a campaign, with the wheels that it is of."""
     places: dict[str, list[str]] = {}
     for each in found:
-        place = "all wheels together" if each.wheel == ALL else each.wheel and f"wheel {each.wheel}"
+        place = "all wheels together" if each.wheel == ALL_WHEELS else each.wheel and f"wheel {each.wheel}"
         places.setdefault(each.fault, []).append(place)
     return "; ".join(": ".join(filter(None, (", ".join(own), fault))) for fault, own in places.items() if fault)
 
@@ -154,7 +153,7 @@ def _fault_in(found: Sequence[Found]) -> str:
 def _verdict_of(found: Sequence[Found]) -> str:
     """Return the verdict on a campaign: of all its wheels together, else the gravest of any."""
     verdicts = {each.wheel: each.diagnosis.verdict for each in found if each.diagnosis}
-    return verdicts.get(ALL) or min(verdicts.values(), key=_GRAVEST.index, default="")
+    return verdicts.get(ALL_WHEELS) or min(verdicts.values(), key=_GRAVEST.index, default="")
 
 
 def content_of(source: Source, inputs: object, options: FleetOptions) -> str:
@@ -198,7 +197,7 @@ def _of_wheels(source: Source, opened: _Opened, options: FleetOptions) -> list[F
         return [_of_runs(source, runs, opened, options) for runs in opened.runs.values()]
     found = [_tried(source, wheel, _of_runs, runs, opened, options) for wheel, runs in opened.runs.items()]
     if not any(each.fault for each in found):
-        found.append(_tried(source, ALL, _together, found, opened, options))
+        found.append(_tried(source, ALL_WHEELS, _together, found, opened, options))
     return found
 
 
@@ -211,9 +210,10 @@ def _tried(source: Source, wheel: str, work: Callable[..., Found], *given: objec
 
 
 def _together(source: Source, wheels: Sequence[Found], opened: _Opened, options: FleetOptions) -> Found:
-    own = {each.wheel: campaigns_of([Path(source.path)], each.processed) for each in wheels}
-    diagnosis = diagnose_campaigns(vehicles_of(own), _settings(opened, options))
-    notes = tuple(note for note in diagnosis.notes if "campaign" not in note.values)  # those stand at their wheel
+    vehicles = vehicles_of([Path(source.path)], {each.wheel: each.processed for each in wheels})
+    diagnosis = diagnose_campaigns(vehicles, _settings(opened, options))
+    of_sensors = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)  # they stand at their wheel
+    notes = tuple(note for note in diagnosis.notes if note.code not in of_sensors)
     return Found(source, diagnosis=replace(diagnosis, notes=notes))
 
 

@@ -71,7 +71,7 @@ def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[
             "the store has no earlier campaign of this vehicle and terrain",
             url,
             found=f"{len(others)} other campaigns, {len(alike)} of this vehicle and terrain",
-            expected=f"vehicle {vehicle!r} on {terrain!r}{day}",
+            expected=f"vehicle {vehicle!r} on {terrain!r}{f', wheel {wheel}' if wheel else ''}{day}",
             next_step="add it by `wheelsoil fleet run ROOT --store STORE`, or give the JSON file of the last report",
         )
     order = ("wheel", "start", "campaign")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from daq import ALL_WHEELS
 from daq.series import draft_of, write_whole
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
@@ -31,7 +32,6 @@ from wheelsoil.fleet.pooled import (
     pooled_values,
 )
 from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import ALL
 from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
@@ -213,12 +213,12 @@ def _overview(holdings: Holdings) -> Overview:
     together = campaigns_together(holdings)
     if together:
         vehicles = campaigns[campaigns["campaign"].isin(together)].drop_duplicates("campaign")
-        campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL)])
+        campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS)])
     key = ["campaign", "wheel"]
     diagnoses = holdings.table("diagnoses", ["wheel", "verdict", "R0_base", "R0_extended"]).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
     shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
-    at = shown["at_wheel"].where(shown["wheel"] == ALL)
+    at = shown["at_wheel"].where(shown["wheel"] == ALL_WHEELS)
     shown["name"] = shown["family"].map(plain_name) + (" of wheel " + at).fillna("")
     names = shown.groupby(key)["name"].agg(", ".join).rename("cause")
     grades = (
@@ -245,7 +245,7 @@ def _overview(holdings: Holdings) -> Overview:
 
 def _counted(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that count: where all wheels of a campaign are diagnosed together, those of all."""
-    of_all = rows["wheel"] == ALL
+    of_all = rows["wheel"] == ALL_WHEELS
     return rows[of_all | ~rows["campaign"].isin(rows.loc[of_all, "campaign"])]
 
 
@@ -258,13 +258,15 @@ def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
 
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     """Return what the table shows of a campaign."""
-    report = Path(row["path"]) / REPORT
+    of_campaign = Path(row["path"]) / REPORT
+    of_wheel = of_campaign.with_stem(f"{of_campaign.stem}-{row['wheel']}")
+    report = of_wheel if row["wheel"] and of_wheel.is_file() else of_campaign
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
         "name": row["campaign"],
-        "wheel": "all wheels" if known["wheel"] == ALL else known["wheel"] and f"wheel {known['wheel']}",
+        "wheel": "all wheels" if known["wheel"] == ALL_WHEELS else known["wheel"] and f"wheel {known['wheel']}",
         "link": os.path.relpath(report, folder.absolute()) if report.is_file() else "",
         "date": f"{row['start']:%Y-%m-%d}" if not pd.isna(row["start"]) else "",
         "terrain": known["terrain"],

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from daq import ALL_WHEELS
 from model.diagnosis import Information
 from model.diagnosis.pooling import (
     OF_THE_TRANSDUCER,
@@ -25,7 +26,6 @@ from model.diagnosis.pooling import (
 from wheelsoil.fleet import Damage, Store
 from wheelsoil.fleet.changes import Change, changes_of
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.tables import ALL
 from wheelsoil.to_json import streamed
 
 _YEAR_S = 365.25 * 86400
@@ -157,7 +157,7 @@ def _named(holdings: Holdings) -> tuple[NamedError, ...]:
     for row in rows:
         wheel, own, effect = row.pop("wheel"), known.get(row["campaign"], {}), row.pop("family")
         at, of_transducer = row.pop("at_wheel") or "", effect in OF_THE_TRANSDUCER
-        if wheel != ALL and row["campaign"] in together:
+        if wheel != ALL_WHEELS and row["campaign"] in together:
             continue
         for place in [at] if at or not of_transducer else own or [""]:  # at all wheels it is each transducer's
             serial, start = own.get(place) or ("", next((start for _, start in own.values()), None))
@@ -169,7 +169,7 @@ def campaigns_together(holdings: Holdings) -> set[str]:
     """Return the campaigns whose wheels are diagnosed together: that counts, and not what one of them shows."""
     from pyarrow import dataset
 
-    found = holdings.where("diagnoses", ("campaign",), dataset.field("wheel") == ALL)
+    found = holdings.where("diagnoses", ("campaign",), dataset.field("wheel") == ALL_WHEELS)
     return set(found["campaign"].to_pylist())
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from daq import OUTPUTS, Note
+from daq import ALL_WHEELS, OUTPUTS, Note
 from daq.runs import Run, SetAsideRun
 from model.diagnosis import Diagnosis
 from model.effects import parted
@@ -18,7 +18,7 @@ from model.fit import CampaignFit
 from processing import ProcessedRun, Segment
 from wheelsoil import __version__
 from wheelsoil.fleet.roots import Source
-from wheelsoil.fleet.tables import ALL, SAMPLES_HZ, schema_of
+from wheelsoil.fleet.tables import SAMPLES_HZ, schema_of
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
@@ -43,8 +43,8 @@ class Found:
     set_aside : tuple of SetAsideRun
         Runs that were given and are not used.
     wheel : str
-        Id of the wheel that it is of, where there are several; `ALL`: what is found of all of them together, which is
-        a row of ``campaigns`` only where it failed.
+        Id of the wheel that it is of, where there are several; `ALL_WHEELS`: what is found of all of them together, of
+        which there is a row of ``campaigns`` only where it failed.
     """
 
     source: Source
@@ -91,7 +91,7 @@ def _once(rows: Iterable[dict[str, Any]], key_of: Callable[[dict[str, Any]], Any
 
 
 def _rows_of(found: Found) -> dict[str, Iterable[dict[str, Any]]]:
-    diagnosis, together = found.diagnosis, found.wheel == ALL
+    diagnosis, together = found.diagnosis, found.wheel == ALL_WHEELS
     short = short_runs([done for _, done in found.processed])
     return {
         "campaigns": [] if together and not found.fault else [_campaign(found)],

@@ -1,8 +1,8 @@
 """The store's tables and their columns.
 
 SI units; what is not known is null. Every row has ``content``, which leads to its rows of ``campaigns``, and ``wheel``:
-the id of one of several wheels, `ALL` of all of them together, and an empty text of the only one or of the vehicle. A
-row of ``evidence`` is a `model.diagnosis.Information`, its matrix row by row.
+the id of one of several wheels, `daq.ALL_WHEELS` of all of them together, an empty text of the only one or of the
+vehicle. A row of ``evidence`` is a `model.diagnosis.Information`, its matrix row by row.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 import pyarrow as pa
 
 SAMPLES_HZ = 5.0
-ALL = "all"
-"""In place of a wheel's id: of all wheels of a campaign, diagnosed together."""
 
 _ESTIMATE = {"parameter": "text", "unit": "text", "value": "number", "lower95": "number", "upper95": "number"}
 COLUMNS: dict[str, dict[str, str]] = {

@@ -15,7 +15,8 @@ from cli_support import invoke, ok
 from fleet_support import differing, in_one_process, killed_at, rows_of
 from shared_results import made_once
 
-from wheelsoil.fleet import Overview, ask, compact, holdings_of, open_store, overview_of, plan_fleet
+from daq import DataError
+from wheelsoil.fleet import Overview, ask, compact, holdings_of, open_store, overview_of, plan_fleet, pool
 from wheelsoil.fleet.tables import COLUMNS
 
 IDS = ("FL", "RL")
@@ -180,6 +181,30 @@ def test_a_wheel_that_fails_says_why_and_the_other_has_its_rows(field: Path, tmp
     mended(day, "can1:WFT_Moments.Mq", "can1:WFT_Moments.My")
     ok("fleet", "run", tmp_path / "field", "--store", url)
     assert keys(rows_of(url)["diagnoses"]) == {("day-1", wheel) for wheel in (*IDS, "all")}
+
+
+@pytest.mark.usefixtures("warm", "one_process")
+def test_a_diagnosis_of_all_wheels_that_fails_leaves_each_its_own(
+    field: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> object:
+        raise DataError.of("nothing in common")
+
+    shutil.copytree(field / "day-2", tmp_path / "field" / "day-2")
+    (tmp_path / "field" / "day-2" / "report-RL.html").touch()
+    monkeypatch.setattr("wheelsoil.fleet.campaign_task.vehicles_of", refused)
+    failed = invoke("fleet", "run", tmp_path / "field", "--store", tmp_path / "s", "--json")
+    assert failed.code == 1 and failed.json["failed"] == {"day-2": "all wheels together: nothing in common"}
+    tables = rows_of(tmp_path / "s")
+    assert keys(tables["diagnoses"]) == {("day-2", wheel) for wheel in IDS}
+    faults = {row["wheel"]: row["fault"] for row in tables["campaigns"].to_pylist()}
+    assert faults == {"FL": None, "RL": None, "all": "nothing in common"}
+    store = open_store(str(tmp_path / "s"))
+    assert [(error.wheel, error.serial) for error in pool(store).named] == [("RL", "WFT-RL")]
+    overview = overview_of(store)
+    assert (overview.count, overview.done, overview.causes["torque_zero"]) == (1, 0, (1, 0))
+    page = overview.html(tmp_path)
+    assert page.count('href="field/day-2/report-RL.html"') == 1 and "▲ 1 failed" in page
 
 
 @pytest.mark.usefixtures("warm", "one_process")

@@ -83,6 +83,8 @@ def test_a_wheel_is_compared_with_itself(own: Store) -> None:
     assert (last.name, error.value) == ("both", 41.0)
     assert last_campaign(own, runs_of(5, wheel="RL"))[0].name == "single"
     assert last_campaign(own, runs_of(5))[0].name == "single"
+    with pytest.raises(ConfigError, match="tractor' on 'clay', wheel RL, before 2026-05-02"):
+        last_campaign(own, runs_of(1, wheel="RL"))
 
 
 def test_its_soil_causes_pull_error_and_data_are_compared(own: Store) -> None:
