@@ -218,8 +218,10 @@ def _overview(holdings: Holdings) -> Overview:
     diagnoses = holdings.table("diagnoses", ["wheel", "verdict", "R0_base", "R0_extended"]).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
     shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
-    at = shown["at_wheel"].where(shown["wheel"] == ALL_WHEELS)
-    shown["name"] = shown["family"].map(plain_name) + (" of wheel " + at).fillna("")
+    shown["name"] = [
+        plain_name(family) + (f" of wheel {at}" if wheel == ALL_WHEELS and isinstance(at, str) else "")
+        for wheel, at, family in zip(shown["wheel"], shown["at_wheel"], shown["family"], strict=True)
+    ]
     names = shown.groupby(key)["name"].agg(", ".join).rename("cause")
     grades = (
         holdings.table("runs", ["wheel", "grade"]).to_pandas().groupby([*key, "grade"]).size().unstack(fill_value=0)

@@ -6,6 +6,7 @@ import re
 import shutil
 import tarfile
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import pyarrow as pa
 import pytest
 from cli_support import invoke, ok
 from fleet_support import differing, in_one_process, killed_at, rows_of
+from live_browser import shown
+from playwright.sync_api import Browser, expect
 from shared_results import made_once
 
 from daq import DataError
@@ -153,6 +156,16 @@ def test_the_page_has_each_wheel_and_counts_campaigns(overview: Overview, tmp_pa
     ]
     assert "torque zero of wheel RL" in page
     assert len(re.findall(r'<circle class="dens', page)) == 2
+
+
+def test_a_search_counts_campaigns_and_not_their_rows(overview: Overview, tmp_path: Path, browser: Browser) -> None:
+    page, _ = overview.write(tmp_path / "fleet.html")
+    seen = browser.new_page()
+    with closing(seen), shown(seen, page.as_uri(), {}):
+        expect(seen.locator("#count")).to_have_text("2 campaigns")
+        seen.get_by_label("Search").fill("wheel RL day-2")
+        expect(seen.locator("#count")).to_have_text("1 of 2")
+        expect(seen.locator("#table tbody tr:not([hidden])")).to_have_count(2)
 
 
 def mended(folder: Path, before: str, after: str) -> None:
