@@ -172,7 +172,7 @@ def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInput
     assert written["fit"]["traction"]["pull"]["pull_n"] == written["cost"]["costs"][0]["with_causes"]
     assert inputs.traction.efficiency >= cost(material).costs[2].with_causes
     found = Found(Source("a", "a"), processed_of(campaign), fit=material.fit, diagnosis=diagnosis())
-    [row_of_fleet] = tables_of(found, "")["campaigns"].to_pylist()
+    [row_of_fleet] = tables_of([found], "")["campaigns"].to_pylist()
     assert row_of_fleet["pull_at_slip_0_2_n"] == pull.pull_n
     assert row_of_fleet["pull_at_slip_0_2_lower95_n"] == pull.interval95[0]
 

@@ -221,7 +221,7 @@ def fleet_sql(
     """Ask the store by SQL; docs/fleet.md has ten queries to begin with.
 
     Tables: campaigns, runs, samples, notes, fits, coefficients, diagnoses, causes, gains, sensors, evidence; and tasks,
-    which says what each campaign cost. Each row has its campaign.
+    which says what each campaign cost. Each row has its campaign and, of several, its wheel.
     """
     from wheelsoil.fleet import ask, open_store, write_answer
 

@@ -7,13 +7,16 @@ import hashlib
 import io
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from daq import ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
-from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun, one_wheel, open_runs
-from model import one_thread, processes
+import pyarrow as pa
+
+from daq import ALL_WHEELS, ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
+from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun
+from model import DiagnosisCode, one_thread, processes
+from model.diagnosis import DiagnosisOptions
 from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
@@ -25,6 +28,7 @@ from wheelsoil.workflows import (
     CHOICE_FILE,
     BenchFiles,
     Choice,
+    Files,
     FitChoices,
     TableFiles,
     bench_of,
@@ -37,10 +41,12 @@ from wheelsoil.workflows import (
     load_choice,
     process_runs,
     read_benches,
+    vehicles_of,
 )
 
 _ONE_AT_A_TIME = threading.Lock()
 """What is printed is taken away from the whole process, and so is the cache."""
+_GRAVEST = ("unexplained", "named", "one_of", "nothing_detectable")
 
 
 @dataclass(frozen=True)
@@ -70,11 +76,11 @@ class Done:
 
 @dataclass(frozen=True)
 class _Opened:
-    """A campaign's runs or tables, and a hash of all that its rows depend on."""
+    """A campaign's runs by wheel or its tables, and a hash of all that its rows depend on."""
 
     content: str
     facts: Facts = field(default_factory=dict)
-    runs: tuple[Run, ...] = ()
+    runs: dict[str, list[Run]] = field(default_factory=dict)
     benches: tuple[BenchFiles, ...] = ()
     choice: Choice = field(default_factory=Choice)
     unreadable: tuple[SetAsideRun, ...] = ()
@@ -104,26 +110,50 @@ def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True)
             opened = _open(source, facts, options)
             if opened.content == task.content or store.has(source.name, opened.content):
                 return Done(Manifest(source.name, opened.content, "done"), new=False)
-            found = _of_tables(source, opened, options) if source.is_table else _of_runs(source, opened, options)
-            tables = tables_of(found, opened.content)
+            found = [_of_tables(source, opened, options)] if source.is_table else _of_wheels(source, opened, options)
+            content, tables = _made(found, opened, options)
         except Exception as error:  # noqa: BLE001  # the boundary of a campaign: the others go on
-            found = Found(source, fault=_fault_of(error), state="failed")
-            opened = replace(opened, content=content_of(source, ["failed", opened.content], options))
-            tables = tables_of(found, opened.content)
+            found = [Found(source, fault=_fault_of(error), state="failed")]
+            content, tables = _made(found, opened, options)
+        fault = _fault_in(found)
         manifest = Manifest(
             source.name,
-            opened.content,
-            found.state,
-            found.fault,
-            found.diagnosis.verdict if found.diagnosis else "",
+            content,
+            "failed" if fault else "done",
+            fault,
+            "" if fault else _verdict_of(found),
             opened.facts,
             rows={name: len(rows) for name, rows in tables.items()},
             options=asdict(options),
             cpu_s=round(time.process_time() - start_s, 3),
             peak_bytes=peak_memory_bytes(),
+            wheels=sum(each.wheel != ALL_WHEELS for each in found),
         )
         store.put(manifest, tables, task.older)
         return Done(manifest)
+
+
+def _made(found: Sequence[Found], opened: _Opened, options: FleetOptions) -> tuple[str, dict[str, pa.Table]]:
+    """Return the content of a campaign and its rows; one that failed has another, so that it can be tried again."""
+    failed = any(each.fault for each in found)
+    inputs = ["failed", opened.content]
+    content = content_of(found[0].source, inputs, options) if failed else opened.content
+    return content, tables_of(found, content)
+
+
+def _fault_in(found: Sequence[Found]) -> str:
+    """Return what is wrong with a campaign, with the wheels that it is of."""
+    places: dict[str, list[str]] = {}
+    for each in found:
+        place = "all wheels together" if each.wheel == ALL_WHEELS else each.wheel and f"wheel {each.wheel}"
+        places.setdefault(each.fault, []).append(place)
+    return "; ".join(": ".join(filter(None, (", ".join(own), fault))) for fault, own in places.items() if fault)
+
+
+def _verdict_of(found: Sequence[Found]) -> str:
+    """Return the verdict on a campaign: of all its wheels together, else the gravest of any."""
+    verdicts = {each.wheel: each.diagnosis.verdict for each in found if each.diagnosis}
+    return verdicts.get(ALL_WHEELS) or min(verdicts.values(), key=_GRAVEST.index, default="")
 
 
 def content_of(source: Source, inputs: object, options: FleetOptions) -> str:
@@ -139,14 +169,15 @@ def _open(source: Source, facts: Facts, options: FleetOptions) -> _Opened:
         benches = tuple(read_benches([Path(source.path)], files))
         return _Opened(content_of(source, _hashes(facts), options), facts, benches=benches)
     unreadable: list[SetAsideRun] = []
-    runs = tuple(one_wheel(open_runs([source.path], left_out=unreadable.append), None))
+    wheels = Files().runs_of_wheels([Path(source.path)], unreadable.append)
+    runs = next(iter(wheels.values()), [])
     facts = facts | facts_of(file for run in runs for file in run.files)
     chosen = source.folder / CHOICE_FILE
     described = [{name: hashlib.sha256(data).hexdigest() for name, data in run.attachments.items()} for run in runs]
     return _Opened(
         content_of(source, [_hashes(facts), described], options),
         facts,
-        runs,
+        wheels or {"": []},
         choice=load_choice(chosen) if chosen.is_file() else Choice(),
         unreadable=tuple(unreadable),
     )
@@ -160,11 +191,42 @@ def _hashes(files: Iterable[str]) -> list[list[str]]:
     return found
 
 
-def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
+def _of_wheels(source: Source, opened: _Opened, options: FleetOptions) -> list[Found]:
+    """Return what is found of each wheel, and of all of them together where nothing is wrong with any."""
+    if len(opened.runs) == 1:
+        return [_of_runs(source, runs, opened, options) for runs in opened.runs.values()]
+    found = [_tried(source, wheel, _of_runs, runs, opened, options) for wheel, runs in opened.runs.items()]
+    if not any(each.fault for each in found):
+        found.append(_tried(source, ALL_WHEELS, _together, found, opened, options))
+    return found
+
+
+def _tried(source: Source, wheel: str, work: Callable[..., Found], *given: object) -> Found:
+    """Return what is found of a wheel, or what is wrong with it."""
+    try:
+        return replace(work(source, *given), wheel=wheel)
+    except Exception as error:  # noqa: BLE001  # the boundary of a wheel: the others go on
+        return Found(source, fault=_fault_of(error), state="failed", wheel=wheel)
+
+
+def _together(source: Source, wheels: Sequence[Found], opened: _Opened, options: FleetOptions) -> Found:
+    vehicles = vehicles_of([Path(source.path)], {each.wheel: each.processed for each in wheels})
+    diagnosis = diagnose_campaigns(vehicles, _settings(opened, options))
+    of_sensors = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)  # they stand at their wheel
+    notes = tuple(note for note in diagnosis.notes if note.code not in of_sensors)
+    return Found(source, diagnosis=replace(diagnosis, notes=notes))
+
+
+def _settings(opened: _Opened, options: FleetOptions) -> DiagnosisOptions:
+    reading = opened.choice.fit_choices().reading
+    return diagnosis_options(reading, effects=options.effects, most_causes=options.most_causes)
+
+
+def _of_runs(source: Source, runs: Sequence[Run], opened: _Opened, options: FleetOptions) -> Found:
     choice, fit, remarks = opened.choice, None, []
     aside = list(opened.unreadable)
     processed = process_runs(
-        opened.runs,
+        runs,
         choice.process_options(LOOK),
         choice=choice,
         accept_implausible=True,
@@ -174,12 +236,11 @@ def _of_runs(source: Source, opened: _Opened, options: FleetOptions) -> Found:
         fit = fit_runs(processed, choice.fit_choices(), None)
     except WheelsoilError as error:
         remarks.append(("fit", _fault_of(error)))
-    settings = diagnosis_options(choice.fit_choices().reading, effects=options.effects, most_causes=options.most_causes)
     campaigns = campaigns_of([Path(source.path)], processed)
     if len(campaigns) > 1:
         step = "put the runs of each soil and wheel into a folder of their own"
         raise ConfigError(Fault("the runs are of several soils or wheels", next_step=step))
-    diagnosis = diagnose_campaigns(campaigns, settings)
+    diagnosis = diagnose_campaigns(campaigns, _settings(opened, options))
     return Found(source, processed, fit=fit, diagnosis=diagnosis, remarks=tuple(remarks), set_aside=tuple(aside))
 
 

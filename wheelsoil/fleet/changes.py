@@ -9,6 +9,7 @@ from math import hypot, isfinite
 from typing import Any, Literal
 
 import pyarrow as pa
+from pyarrow import dataset
 
 from wheelsoil.fleet.earlier_campaign import OF_A_CAUSE, causes_stated
 from wheelsoil.fleet.holdings import Holdings
@@ -16,7 +17,7 @@ from wheelsoil.workflows.last_report import Change as SizeChange
 from wheelsoil.workflows.last_report import changes_between
 
 _PULL = "pull_at_slip_0_2_n"
-_COLUMNS = ("state", "vehicle", "transducer", "terrain", "start", "wheel_radius_m", "tread", _PULL)
+_COLUMNS = ("wheel", "state", "vehicle", "transducer", "terrain", "start", "wheel_radius_m", "tread", _PULL)
 _EDGES = ("pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
 _COMPARED = ("vehicle", "transducer", "terrain", "wheel_radius_m", "tread", "verdict", "causes")
 
@@ -40,7 +41,7 @@ class PullChange:
 
 @dataclass(frozen=True)
 class Change:
-    """The last campaign of a vehicle or a terrain, and the one before it.
+    """The last campaign of a vehicle or a terrain, and the one before it; of several wheels one.
 
     Attributes
     ----------
@@ -63,6 +64,7 @@ class Change:
     differs: dict[str, tuple[Any, Any]]
     pull: PullChange | None
     sizes: tuple[SizeChange, ...] = ()
+    wheel: str = ""
 
 
 def changes_of(holdings: Holdings) -> tuple[Change, ...]:
@@ -74,21 +76,24 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
     dated.sort(key=lambda row: (row["start"], row["campaign"]))
     kinds: tuple[Literal["vehicle", "terrain"], ...] = ("vehicle", "terrain")
     pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
-    shown = {row["campaign"] for _, *pair in pairs for row in pair}
-    stated = _causes(holdings, shown)
-    causes = {name: tuple(dict.fromkeys(str(row["family"]) for row in rows)) for name, rows in stated.items()}
-    known = (manifest for part in holdings.parts for manifest in part.manifests)
-    verdicts = {manifest.campaign: manifest.verdict for manifest in known if manifest.campaign in shown}
+    shown = pa.array(sorted({row["campaign"] for _, *pair in pairs for row in pair}), pa.string())
+    wanted = dataset.field("campaign").isin(shown)
+    stated: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    of_verdicts = wanted & dataset.field("role").isin(["named", "one_of"])
+    for row in holdings.where("causes", ("campaign", "wheel", *OF_A_CAUSE), of_verdicts).to_pylist():
+        stated.setdefault(_key(row), []).append(row)
+    diagnoses = holdings.where("diagnoses", ("campaign", "wheel", "verdict"), wanted).to_pylist()
+    verdicts = {_key(row): row["verdict"] for row in diagnoses}
     found = []
     for of, before, now in pairs:
         for row in (before, now):
-            row["verdict"] = verdicts[row["campaign"]]
-            row["causes"] = causes.get(row["campaign"], ())
+            row["verdict"] = verdicts.get(_key(row), "")
+            row["causes"] = tuple(dict.fromkeys(str(cause["family"]) for cause in stated.get(_key(row), ())))
         differs = {what: (before[what], now[what]) for what in _COMPARED if before[what] != now[what]}
         names = now["campaign"], before["campaign"], now["start"], before["start"]
-        both = (causes_stated(stated.get(row["campaign"], ())) for row in (before, now))
+        both = (causes_stated(stated.get(_key(row), ())) for row in (before, now))
         sizes = tuple(size for size in changes_between(*both) if size.beyond and isfinite(size.difference))
-        found.append(Change(of, now[of], *names, differs, _pull(before, now), sizes))
+        found.append(Change(of, now[of], *names, differs, _pull(before, now), sizes, now["wheel"] or ""))
     return tuple(sorted(found, key=lambda change: change.start, reverse=True))
 
 
@@ -98,28 +103,21 @@ def _rows(holdings: Holdings) -> list[dict[str, Any]]:
 
 
 def _last_two(dated: Iterable[dict[str, Any]], of: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Return the last campaign of each vehicle or terrain and the latest of an earlier time."""
-    last: dict[str, dict[str, Any]] = {}
-    before: dict[str, dict[str, Any]] = {}
+    """Return the last campaign of each vehicle or terrain and the latest of an earlier time, each wheel by itself."""
+    last: dict[tuple[str, str], dict[str, Any]] = {}
+    before: dict[tuple[str, str], dict[str, Any]] = {}
     for row in dated:
         if not row[of]:
             continue
-        if row[of] in last and last[row[of]]["start"] < row["start"]:
-            before[row[of]] = last[row[of]]
-        last[row[of]] = row
+        name = row[of], row["wheel"] or ""
+        if name in last and last[name]["start"] < row["start"]:
+            before[name] = last[name]
+        last[name] = row
     return [(before[name], last[name]) for name in last if name in before]
 
 
-def _causes(holdings: Holdings, campaigns: Iterable[str]) -> dict[str, list[dict[str, Any]]]:
-    """Return the causes of the verdicts of some campaigns, a row a parameter."""
-    from pyarrow import dataset
-
-    wanted = dataset.field("campaign").isin(pa.array(sorted(campaigns), pa.string()))
-    wanted = wanted & dataset.field("role").isin(["named", "one_of"])
-    found: dict[str, list[dict[str, Any]]] = {}
-    for row in holdings.where("causes", ("campaign", *OF_A_CAUSE), wanted).to_pylist():
-        found.setdefault(row["campaign"], []).append(row)
-    return found
+def _key(row: Mapping[str, Any]) -> tuple[str, str]:
+    return row["campaign"], row["wheel"] or ""
 
 
 def _pull(before: Mapping[str, Any], now: Mapping[str, Any]) -> PullChange | None:

@@ -70,9 +70,9 @@ def _wrong_footer(store: Store, table: str, part: Part, tail: bytes) -> Wrong:
         [tail] = store.contents([part.files[table].path], start=-length, gone=b"")
     try:
         footer = pq.read_metadata(pa.BufferReader(tail))
-        expected = packed_schema_of(table) if part.is_pack else schema_of(table)
         schema = footer.schema
-        if not schema.equals(_schema(table, packed=part.is_pack)) and not _means(schema, expected):
+        expected, as_written = _schemas(table, packed=part.is_pack, wheels=part.has_wheels)
+        if not schema.equals(as_written) and not _means(schema, expected):
             return _all(part, "another table")
         return dict.fromkeys(_others(footer, table, part), "another campaign")
     except (OSError, pa.ArrowException, ValueError, IndexError):
@@ -80,11 +80,12 @@ def _wrong_footer(store: Store, table: str, part: Part, tail: bytes) -> Wrong:
 
 
 @cache
-def _schema(table: str, *, packed: bool) -> Any:
-    """Return the schema of a table's files as Parquet has it."""
+def _schemas(table: str, *, packed: bool, wheels: bool) -> tuple[Any, Any]:
+    """Return the schema of a table's files, and the same as Parquet has it."""
+    schema = (packed_schema_of if packed else schema_of)(table, wheels=wheels)
     buffer = BytesIO()
-    pq.ParquetWriter(buffer, packed_schema_of(table) if packed else schema_of(table)).close()
-    return pq.read_metadata(buffer).schema
+    pq.ParquetWriter(buffer, schema).close()
+    return schema, pq.read_metadata(buffer).schema
 
 
 def _means(schema: Any, expected: Any) -> bool:

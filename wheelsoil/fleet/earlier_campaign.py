@@ -17,7 +17,7 @@ from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
 from wheelsoil.workflows.last_report import LEAST_COMPARED, LastReport, Stated, sizes_with_interval
 
 _PULL = ("pull_at_slip_0_2_n", "pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
-_CAMPAIGN = ("state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
+_CAMPAIGN = ("wheel", "state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
 _ESTIMATE = ("parameter", "unit", "value", "lower95", "upper95")
 OF_A_CAUSE = ("family", "role", "probability", *_ESTIMATE)
 _TABLES = ("campaigns", "coefficients", "causes", "gains")
@@ -27,7 +27,8 @@ _SOILS = (CALIBRATED_SOIL, MODELS["named"])
 def last_campaign(store: Store, processed: Processed) -> tuple[LastReport, tuple[Damage, ...]]:
     """Return the latest earlier campaign of the vehicle and terrain of some runs, and what was set aside for it.
 
-    One with the transducer of the runs comes before one with another; their own folder does not count.
+    One with the transducer of the runs comes before one with another, and one that has their wheel among several before
+    one of a single wheel; their own folder does not count.
 
     Parameters
     ----------
@@ -59,6 +60,8 @@ def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[
     # When the first run began, as a store has it; None where no run has a date.
     starts = [run.start_ns for _, run in processed if run.start_ns > 0]
     start = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=min(starts) // 1000) if starts else None
+    wheel = first.vehicle.wheel.id if first.vehicle.wheel else ""
+    rows = [row | {"wheel": row["wheel"] or ""} for row in rows if row["wheel"] in (None, "", wheel)]
     others = [row for row in rows if row["state"] == "done" and row["path"] not in own]
     alike = [row for row in others if (row["vehicle"] or "", row["terrain"] or "") == (vehicle, terrain)]
     earlier = [row for row in alike if row["start"] is not None and (start is None or row["start"] < start)]
@@ -68,24 +71,24 @@ def _before(rows: list[dict[str, Any]], processed: Processed, url: str) -> dict[
             "the store has no earlier campaign of this vehicle and terrain",
             url,
             found=f"{len(others)} other campaigns, {len(alike)} of this vehicle and terrain",
-            expected=f"vehicle {vehicle!r} on {terrain!r}{day}",
+            expected=f"vehicle {vehicle!r} on {terrain!r}{f', wheel {wheel}' if wheel else ''}{day}",
             next_step="add it by `wheelsoil fleet run ROOT --store STORE`, or give the JSON file of the last report",
         )
-    return max(earlier, key=lambda row: ((row["transducer"] or "") == serial, row["start"], row["campaign"]))
+    order = ("wheel", "start", "campaign")
+    return max(earlier, key=lambda row: ((row["transducer"] or "") == serial, *(row[key] for key in order)))
 
 
 def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:
     """Yield what is compared of a campaign, by the names that `stated_in` gives."""
-    name = row["campaign"]
-    for soil in _rows(holdings, "coefficients", name, ("model", *_ESTIMATE)):
+    for soil in _rows(holdings, "coefficients", row, ("model", *_ESTIMATE)):
         if soil["model"] in _SOILS:
             yield _of_estimate("soil", f"soil.{soil['parameter']}", soil, SOIL_UNITS.get(soil["parameter"], ""))
-    yield from causes_stated(_rows(holdings, "causes", name, OF_A_CAUSE))
+    yield from causes_stated(_rows(holdings, "causes", row, OF_A_CAUSE))
     if row[_PULL[0]] is not None:
         pull = dict(zip(("value", "lower95", "upper95"), (row[key] for key in _PULL), strict=True))
         yield _of_estimate("pull", "pull_at_slip_0.2", pull, "N")
     channels = {output.role: (channel, output.unit_text) for channel, output in OUTPUTS.items()}
-    for gain in _rows(holdings, "gains", name, ("channel", "model", "R0")):
+    for gain in _rows(holdings, "gains", row, ("channel", "model", "R0")):
         if gain["model"] == "base" and gain["R0"] is not None:
             channel, unit = channels[gain["channel"]]
             yield Stated("error", f"error.{channel}.{CALIBRATED_SOIL}", gain["R0"], nan, unit)
@@ -107,11 +110,11 @@ def causes_stated(rows: Iterable[Mapping[str, Any]]) -> Iterator[Stated]:
         yield from sizes_with_interval(each)
 
 
-def _rows(holdings: Holdings, table: str, campaign: str, columns: Iterable[str]) -> list[dict[str, Any]]:
+def _rows(holdings: Holdings, table: str, of: Mapping[str, Any], columns: Iterable[str]) -> list[dict[str, Any]]:
     from pyarrow import dataset
 
-    rows: list[dict[str, Any]] = holdings.where(table, [*columns], dataset.field("campaign") == campaign).to_pylist()
-    return rows
+    rows = holdings.where(table, [*columns, "wheel"], dataset.field("campaign") == of["campaign"]).to_pylist()
+    return [row for row in rows if (row["wheel"] or "") == of["wheel"]]
 
 
 def _of_estimate(kind: str, name: str, row: Mapping[str, Any], unit: str) -> Stated:

@@ -19,7 +19,7 @@ from daq import ConfigError
 from wheelsoil.fleet.checks import failures, wrong_groups
 from wheelsoil.fleet.manifests import Damage, Manifest, Part
 from wheelsoil.fleet.store import Store
-from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of
+from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of, with_later_columns
 
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset, Expression
@@ -100,12 +100,13 @@ class Holdings:
         fragments = []
         for part in parts:
             path = f"{store.root}/{part.files[table].path}"
+            known = dataset.scalar(True) if part.has_wheels else dataset.field("wheel") == ""
             if part.is_pack:
                 groups = [place for group, place in part.row_groups(table).items() if group not in part.lost]
-                fragments += [format.make_fragment(path, files, row_groups=groups)] if groups else []
+                fragments += [format.make_fragment(path, files, known, groups)] if groups else []
             else:
                 named = dataset.field("campaign") == part.groups[0][0].campaign
-                fragments.append(format.make_fragment(path, files, partition_expression=named))
+                fragments.append(format.make_fragment(path, files, partition_expression=named & known))
         return dataset.FileSystemDataset(fragments, packed_schema_of(table), format, files)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
@@ -119,7 +120,7 @@ class Holdings:
             singles, self.store.contents([single.files[name].path for single in singles]), strict=True
         ):
             rows = pq.ParquetFile(BytesIO(data), page_checksum_verification=True).read(columns, use_threads=False)
-            pieces.append(_of_campaign(part, rows))
+            pieces.append(_of_campaign(part, rows).select(wanted))
         packs = replace(self, parts=tuple(part for part in holding if part.is_pack))
         if packs.parts:
             pieces += [each.to_table(columns=wanted, use_threads=False) for each in packs.datasets(name)]
@@ -128,7 +129,8 @@ class Holdings:
 
 
 def _of_campaign(part: Part, rows: pa.Table) -> pa.Table:
-    return rows.add_column(0, "campaign", pa.array([part.groups[0][0].campaign] * len(rows), pa.string()))
+    campaign = pa.array([part.groups[0][0].campaign] * len(rows), pa.string())
+    return with_later_columns(rows).add_column(0, "campaign", campaign)
 
 
 def rows_of_group(store: Store, part: Part, group: int, table: str, contents: set[str]) -> pa.Table | None:
@@ -139,9 +141,12 @@ def rows_of_group(store: Store, part: Part, group: int, table: str, contents: se
     with store.files.open(f"{store.root}/{part.files[table].path}", "rb") as opened:
         file = pq.ParquetFile(opened, page_checksum_verification=True)
         if not part.is_pack:
-            return _of_campaign(part, file.read(use_threads=False)).cast(packed_schema_of(table))
-        rows = file.read_row_group(place, use_threads=False)
-    return rows.filter(pc.is_in(rows["content"], pa.array(sorted(contents))))
+            rows = _of_campaign(part, file.read(use_threads=False))
+        else:
+            rows = with_later_columns(file.read_row_group(place, use_threads=False))
+            rows = rows.filter(pc.is_in(rows["content"], pa.array(sorted(contents))))
+    schema = packed_schema_of(table)
+    return rows.select(schema.names).cast(schema)
 
 
 def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thorough: bool = False) -> Holdings:

@@ -45,6 +45,8 @@ class Manifest:
         Of its own files; empty in a pack. Stores of older versions have none, or not the last one.
     made_at_ns : int
         Of two packs with a campaign the one with the later time counts.
+    wheels : int
+        Number of wheels that its rows are of; 0: they were written before there was a column for it.
     """
 
     campaign: str
@@ -60,6 +62,7 @@ class Manifest:
     version: str = __version__
     parts: dict[str, list[Any]] = field(default_factory=dict)
     made_at_ns: int = 0
+    wheels: int = 1
 
     @property
     def name(self) -> str:
@@ -126,6 +129,7 @@ _KINDS: dict[str, Any] = {
     "cpu_s": lambda value: isinstance(value, int | float) and value >= 0,
     "peak_bytes": _is_count,
     "made_at_ns": _is_count,
+    "wheels": _is_count,
     "parts": _are_files,
 }
 
@@ -134,7 +138,7 @@ _NEEDED = {"campaign", "content", "state"}
 _ELSEWHERE = {"files", "options", "parts"}
 """Of a manifest, what its pack has in sources.json or for all."""
 _SCALARS = {str, int, float, type(None)}
-_DEFAULTS = {key: value for key, value in vars(Manifest("", "", "done")).items() if key not in _NEEDED}
+_DEFAULTS = {key: value for key, value in vars(Manifest("", "", "done", wheels=0)).items() if key not in _NEEDED}
 
 
 @dataclass(frozen=True)
@@ -198,6 +202,11 @@ class Part:
     def is_pack(self) -> bool:
         """Whether it is of many campaigns, which are a column of its tables."""
         return self.name.startswith(PACKS)
+
+    @property
+    def has_wheels(self) -> bool:
+        """Whether its tables have the column of the wheel."""
+        return any(manifest.wheels for manifest in self.all)
 
     @property
     def all(self) -> Iterator[Manifest]:

@@ -17,11 +17,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from daq import ALL_WHEELS
 from daq.series import draft_of, write_whole
 from model.diagnosis.pooling import Passport
 from wheelsoil import __version__
 from wheelsoil.fleet.holdings import Holdings, read
-from wheelsoil.fleet.pooled import TABLES, Pooled, day_of, passports_json, pooled_of, pooled_values
+from wheelsoil.fleet.pooled import (
+    TABLES,
+    Pooled,
+    campaigns_together,
+    day_of,
+    passports_json,
+    pooled_of,
+    pooled_values,
+)
 from wheelsoil.fleet.store import Store
 from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_drawings
 from wheelsoil.report import ticks
@@ -42,6 +51,7 @@ _MOST_ROWS = 5_000
 _AT_ONCE = 1_000
 _MAP, _LEAST_KM = (720, 300), 0.1
 _COLOURS = 5
+_OF_A_VEHICLE = ["campaign", "content", "kind", "state", "path", "vehicle", "terrain", "start", "runs", "version"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +61,8 @@ class Overview:
     Attributes
     ----------
     campaigns : pandas.DataFrame
-        A row each: those of the store's tables that the page has, with counts of the runs' grades.
+        A row each, of several wheels one for each and one for all together: those of the store's tables that the page
+        has, with counts of the runs' grades.
     causes : mapping family -> (named, one of several)
         Number of campaigns.
     """
@@ -78,8 +89,9 @@ class Overview:
         return streamed(values, {"campaigns": self._rows(), "transducers": passports_json(self.pooled)})
 
     def _rows(self) -> Iterator[dict[str, Any]]:
-        for start in range(0, len(self.campaigns), _AT_ONCE):
-            some = self.campaigns.iloc[start : start + _AT_ONCE]
+        rows = self.campaigns if self.campaigns["wheel"].any() else self.campaigns.drop(columns="wheel")
+        for start in range(0, len(rows), _AT_ONCE):
+            some = rows.iloc[start : start + _AT_ONCE]
             yield from json.loads(some.to_json(orient="records", date_format="iso"))
 
     @property
@@ -109,16 +121,25 @@ class Overview:
         return f"No cause is named in any of {self.done} campaigns."
 
     @property
+    def count(self) -> int:
+        """Number of campaigns."""
+        return int(self.campaigns["campaign"].nunique())
+
+    @property
     def done(self) -> int:
         """Campaigns that did not fail."""
-        return int((self.campaigns["state"] == "done").sum())
+        return self.count - int(self.campaigns.loc[self.campaigns["state"] == "failed", "campaign"].nunique())
 
     @property
     def pulls(self) -> list[dict[str, Any]]:
-        """Drawbar pull at slip 0.2 of each terrain: median over campaigns, its 95 % interval by order statistics."""
+        """Drawbar pull at slip 0.2 of each terrain: median over campaigns, its 95 % interval by order statistics.
+
+        That of a campaign is the mean of its wheels.
+        """
         found = []
-        for terrain, own in self.campaigns.dropna(subset="pull_at_slip_0_2_n").groupby("terrain"):
-            pull = np.sort(own["pull_at_slip_0_2_n"].to_numpy(float))
+        by_campaign = self.campaigns.groupby(["terrain", "campaign"])["pull_at_slip_0_2_n"].mean().dropna()
+        for terrain, own in by_campaign.groupby(level="terrain"):
+            pull = np.sort(own.to_numpy(float))
             low, high = median_interval(pull)
             found.append(
                 {
@@ -180,7 +201,7 @@ class Overview:
 
 def overview_of(store: Store) -> Overview:
     """Return the overview of a store."""
-    found, damaged = read(store, ("diagnoses", "runs", *TABLES), _overview)
+    found, damaged = read(store, ("runs", *TABLES), _overview)
     return replace(found, pooled=replace(found.pooled, damaged=damaged))
 
 
@@ -189,18 +210,30 @@ def _overview(holdings: Holdings) -> Overview:
 
     pooled = pooled_of(holdings)  # first: it takes the most memory while it works
     campaigns = holdings.table("campaigns").to_pandas()
-    diagnoses = holdings.table("diagnoses", ["verdict", "R0_base", "R0_extended"]).to_pandas()
+    together = campaigns_together(holdings)
+    if together:
+        vehicles = campaigns[campaigns["campaign"].isin(together)].drop_duplicates("campaign")
+        campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS)])
+    key = ["campaign", "wheel"]
+    diagnoses = holdings.table("diagnoses", ["wheel", "verdict", "R0_base", "R0_extended"]).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
-    shown = holdings.where("causes", ("campaign", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
-    names = shown.groupby("campaign")["family"].agg(lambda own: ", ".join(map(plain_name, own))).rename("cause")
-    grades = holdings.table("runs", ["grade"]).to_pandas().groupby(["campaign", "grade"]).size().unstack(fill_value=0)
+    shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
+    shown["name"] = [
+        plain_name(family) + (f" of wheel {at}" if wheel == ALL_WHEELS and isinstance(at, str) else "")
+        for wheel, at, family in zip(shown["wheel"], shown["at_wheel"], shown["family"], strict=True)
+    ]
+    names = shown.groupby(key)["name"].agg(", ".join).rename("cause")
+    grades = (
+        holdings.table("runs", ["wheel", "grade"]).to_pandas().groupby([*key, "grade"]).size().unstack(fill_value=0)
+    )
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
-    whole = campaigns.merge(diagnoses, on="campaign", how="left").join(names, on="campaign").join(grades, on="campaign")
+    whole = campaigns.merge(diagnoses, on=key, how="left").join(names, on=key).join(grades, on=key)
     # Failed, unexplained, named, one of several, then the others; each by the largest error.
     failed = whole["state"] == "failed"
     order = whole["verdict"].map({"unexplained": 1, "named": 2, "one_of": 3}).fillna(4).mask(failed, 0)
     error = whole["R0_base"].astype(float).fillna(0.0).mask(failed, 0.0)
     whole = whole.iloc[np.lexsort((-error.to_numpy(), order.to_numpy()))]
+    shown = _counted(shown).drop_duplicates(["campaign", "family", "role"])
     counts = Counter(zip(shown["family"], shown["role"], strict=True))
     families = dict.fromkeys(shown["family"])
     return Overview(
@@ -212,20 +245,30 @@ def _overview(holdings: Holdings) -> Overview:
     )
 
 
+def _counted(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that count: where all wheels of a campaign are diagnosed together, those of all."""
+    of_all = rows["wheel"] == ALL_WHEELS
+    return rows[of_all | ~rows["campaign"].isin(rows.loc[of_all, "campaign"])]
+
+
 def _errors(campaigns: pd.DataFrame) -> tuple[float, float] | None:
     """Return the median error on held-out runs before and after, N, of campaigns that have one."""
-    known = campaigns.dropna(subset=["R0_base", "R0_extended"])
+    errors = ["R0_base", "R0_extended"]
+    known = _counted(campaigns.dropna(subset=errors)).groupby("campaign")[errors].mean()
     return (float(known["R0_base"].median()), float(known["R0_extended"].median())) if len(known) else None
 
 
 def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     """Return what the table shows of a campaign."""
-    report = Path(row["path"]) / REPORT
+    of_campaign = Path(row["path"]) / REPORT
+    of_wheel = of_campaign.with_stem(f"{of_campaign.stem}-{row['wheel']}")
+    report = of_wheel if row["wheel"] and of_wheel.is_file() else of_campaign
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
         "name": row["campaign"],
+        "wheel": "all wheels" if known["wheel"] == ALL_WHEELS else known["wheel"] and f"wheel {known['wheel']}",
         "link": os.path.relpath(report, folder.absolute()) if report.is_file() else "",
         "date": f"{row['start']:%Y-%m-%d}" if not pd.isna(row["start"]) else "",
         "terrain": known["terrain"],
@@ -257,7 +300,9 @@ def _days(passport: Passport) -> tuple[str, str]:
 
 def _map(campaigns: pd.DataFrame) -> dict[str, Any] | None:
     """Return the places of campaigns in pixels, by fifths of the pull at slip 0.2; None where no place is known."""
-    known = campaigns.dropna(subset=["latitude_deg", "longitude_deg", "pull_at_slip_0_2_n"]).head(_MOST_ROWS)
+    columns = ["latitude_deg", "longitude_deg", "pull_at_slip_0_2_n"]
+    known = campaigns.dropna(subset=columns).groupby("campaign", sort=False)[columns].mean().reset_index()
+    known = known.head(_MOST_ROWS)
     if known.empty:
         return None
     east = known["longitude_deg"].to_numpy(float) * np.cos(np.radians(known["latitude_deg"].mean())) * 111.32

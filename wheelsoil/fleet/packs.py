@@ -149,7 +149,8 @@ def _write(
 
 def _packed(manifest: Manifest, newest: Mapping[str, tuple[int, str]]) -> Manifest:
     """Return a manifest as a pack holds it: it has to be newer than one of the same campaign in another pack."""
-    return replace(manifest, made_at_ns=max(manifest.made_at_ns, newest.get(manifest.campaign, (-1, ""))[0] + 1))
+    made_at_ns = max(manifest.made_at_ns, newest.get(manifest.campaign, (-1, ""))[0] + 1)
+    return replace(manifest, made_at_ns=made_at_ns, wheels=max(manifest.wheels, 1))
 
 
 def _writer(table: str, buffers: dict[str, BytesIO], writers: dict[str, Any]) -> Any:

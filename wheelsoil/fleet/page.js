@@ -21,14 +21,14 @@ function sort(column) {
   body.replaceChildren(...keyed.map(([, row]) => row));
 }
 
+/** Number of campaigns: one of several wheels has several rows. */
+const campaigns = (some) => new Set(some.map((row) => row.dataset.campaign)).size;
+
 function filter() {
   const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-  let shown = 0;
-  rows.forEach((row, i) => {
-    row.hidden = !words.every((word) => texts[i].includes(word));
-    shown += !row.hidden;
-  });
-  document.getElementById("count").textContent = words.length ? `${shown} of ${rows.length}` : `${rows.length} campaigns`;
+  rows.forEach((row, i) => { row.hidden = !words.every((word) => texts[i].includes(word)); });
+  const all = campaigns(rows), shown = campaigns(rows.filter((row) => !row.hidden));
+  document.getElementById("count").textContent = words.length ? `${shown} of ${all}` : `${all} campaigns`;
 }
 
 headings.forEach((heading, column) => heading.firstElementChild.addEventListener("click", () => sort(column)));

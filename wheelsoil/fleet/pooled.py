@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from daq import ALL_WHEELS
 from model.diagnosis import Information
 from model.diagnosis.pooling import (
     OF_THE_TRANSDUCER,
     Observation,
     Passport,
+    Point,
     SoilDeparture,
     passport_of,
     soil_departure,
@@ -32,14 +34,17 @@ _SURPRISING = 0.01
 _AT_ONCE = 5_000
 """Campaigns whose evidence, some 20 kB each, is in memory together; more only if one transducer has more."""
 _ROWS = 256
-TABLES = ("evidence", "campaigns", "causes")
+TABLES = ("evidence", "campaigns", "causes", "diagnoses")
 """What is read of a store."""
 _LISTS = ("soil", "effects", "parameters", "units", "scales", "neutrals", "one_sided", "about")
 
 
 @dataclass(frozen=True)
 class NamedError:
-    """An error of the measurement that the diagnosis of one campaign names; `serial` and `start` as far as known."""
+    """An error of the measurement that the diagnosis of one campaign names.
+
+    `serial`, `start` and, of several wheels, the `wheel` are as far as known.
+    """
 
     campaign: str
     serial: str
@@ -51,6 +56,7 @@ class NamedError:
     lower95: float
     upper95: float
     probability: float
+    wheel: str = ""
 
     @property
     def is_transducers(self) -> bool:
@@ -112,8 +118,8 @@ def pooled_of(holdings: Holdings) -> Pooled:
     """Pool the evidence of the campaigns that can be read; that of `_AT_ONCE` campaigns is in memory together."""
     listed = holdings.table("evidence", ("transducer", "start")).to_pydict()
     rows = list(zip(listed["campaign"], listed["transducer"], listed["start"], strict=True))
-    nameless = tuple(campaign for campaign, serial, _ in rows if not serial)
-    dateless = tuple(campaign for campaign, serial, start in rows if serial and start is None)
+    nameless = tuple(dict.fromkeys(campaign for campaign, serial, _ in rows if not serial))
+    dateless = tuple(dict.fromkeys(campaign for campaign, serial, start in rows if serial and start is None))
     surprising = _SURPRISING / max(len(rows), 1)
     passports: dict[str, Passport] = {}
     far: list[SoilDeparture] = []
@@ -140,16 +146,31 @@ def _named(holdings: Holdings) -> tuple[NamedError, ...]:
     columns = [field.name for field in fields(NamedError) if field.name not in ("serial", "start", "effect")]
     wanted = (dataset.field("role") == "named") & (dataset.field("kind") == "measurement")
     wanted = wanted & dataset.field("value").is_valid()
-    rows = holdings.where("causes", (*columns, "family"), wanted).to_pylist()
+    rows = holdings.where("causes", (*columns, "family", "at_wheel"), wanted).to_pylist()
     if not rows:
         return ()
-    campaigns = holdings.table("campaigns", ("transducer", "start")).to_pylist()
-    known = {row["campaign"]: (row["transducer"] or "", row["start"]) for row in campaigns}
+    together = campaigns_together(holdings)
+    known: dict[str, dict[str, tuple[str, datetime | None]]] = {}
+    for row in holdings.table("campaigns", ("wheel", "transducer", "start")).to_pylist():
+        known.setdefault(row["campaign"], {})[row["wheel"] or ""] = row["transducer"] or "", row["start"]
     found = []
     for row in rows:
-        serial, start = known.get(row["campaign"], ("", None))
-        found.append(NamedError(serial=serial, start=start, effect=row.pop("family"), **row))
+        wheel, own, effect = row.pop("wheel"), known.get(row["campaign"], {}), row.pop("family")
+        at, of_transducer = row.pop("at_wheel") or "", effect in OF_THE_TRANSDUCER
+        if wheel != ALL_WHEELS and row["campaign"] in together:
+            continue
+        for place in [at] if at or not of_transducer else own or [""]:  # at all wheels it is each transducer's
+            serial, start = own.get(place) or ("", next((start for _, start in own.values()), None))
+            found.append(NamedError(serial=serial, start=start, effect=effect, wheel=place, **row))
     return tuple(sorted(found, key=lambda error: (-(error.start.timestamp() if error.start else 0.0), error.campaign)))
+
+
+def campaigns_together(holdings: Holdings) -> set[str]:
+    """Return the campaigns whose wheels are diagnosed together: that counts, and not what one of them shows."""
+    from pyarrow import dataset
+
+    found = holdings.where("diagnoses", ("campaign",), dataset.field("wheel") == ALL_WHEELS)
+    return set(found["campaign"].to_pylist())
 
 
 def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
@@ -187,7 +208,8 @@ def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator
             information = Information(matrix=matrix, samples=row["samples"], **lists)
             dated = row["start"] is not None
             years = row["start"].timestamp() / _YEAR_S if dated else 0.0
-            yield (row["transducer"] or "") if dated else "", Observation(row["campaign"], years, information)
+            observation = Observation(row["campaign"], years, information, row["wheel"] or "")
+            yield (row["transducer"] or "") if dated else "", observation
 
 
 def _known(passport: Passport, observation: Observation) -> np.ndarray[Any, Any] | None:
@@ -221,9 +243,9 @@ def pooled_values(found: Pooled) -> dict[str, Any]:
     """Return all but the transducers as plain mappings."""
     return {
         "schema": "wheelsoil/fleet-diagnosis/1",
-        "soils_off_laboratory": [vars(soil) for soil in found.soils],
+        "soils_off_laboratory": list(map(_with_wheel, found.soils)),
         "named_by_campaigns": [
-            {**vars(error), "start": error.start.isoformat() if error.start else None} for error in found.named
+            {**_with_wheel(error), "start": error.start.isoformat() if error.start else None} for error in found.named
         ],
         "changes": [_change_json(change) for change in found.changes],
         "without_serial": list(found.nameless),
@@ -232,10 +254,15 @@ def pooled_values(found: Pooled) -> dict[str, Any]:
     }
 
 
+def _with_wheel(found: SoilDeparture | NamedError | Change | Point) -> dict[str, Any]:
+    """Return it as a mapping, with the wheel where there are several."""
+    return {key: value for key, value in vars(found).items() if value or key != "wheel"}
+
+
 def _change_json(change: Change) -> dict[str, Any]:
     pull = change.pull and {**vars(change.pull), "beyond": change.pull.is_beyond}
     dates = {"start": change.start.isoformat(), "start_before": change.start_before.isoformat()}
-    own = {key: value for key, value in vars(change).items() if key not in ("pull", "sizes")}
+    own = {key: value for key, value in _with_wheel(change).items() if key not in ("pull", "sizes")}
     sizes = [vars(size) | {"difference": size.difference} for size in change.sizes]
     return {**own, **dates, "pull_at_slip_0_2": pull, "sizes": sizes}
 
@@ -265,5 +292,5 @@ def _trend_json(passport: Passport, effect: str) -> dict[str, Any]:
         "sigma": trend.at[1],
         "per_month": trend.per_year[0] / 12,
         "per_month_sigma": trend.per_year[1] / 12,
-        "points": [{**vars(point), "date": day_of(point.years)} for point in trend.points],
+        "points": [{**_with_wheel(point), "date": day_of(point.years)} for point in trend.points],
     }

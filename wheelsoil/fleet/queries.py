@@ -122,6 +122,8 @@ def _tasks(holdings: Holdings) -> pa.Table:
         "campaign": pa.array([manifest.campaign for manifest in known], pa.string()),
         "content": pa.array([manifest.content for manifest in known], pa.string()),
         "state": pa.array([manifest.state for manifest in known], pa.string()),
+        "verdict": pa.array([manifest.verdict or None for manifest in known], pa.string()),
+        "wheels": pa.array([max(manifest.wheels, 1) for manifest in known], pa.int64()),
         "cpu_s": pa.array([manifest.cpu_s for manifest in known], pa.float64()),
         "peak_memory_bytes": pa.array([manifest.peak_bytes for manifest in known], pa.int64()),
         "made_at": pa.array([manifest.made_at_ns // 1000 or None for manifest in known], pa.timestamp("us", tz="UTC")),

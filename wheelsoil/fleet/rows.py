@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
 from typing import Any
@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from daq import OUTPUTS, Note
+from daq import ALL_WHEELS, OUTPUTS, Note
 from daq.runs import Run, SetAsideRun
 from model.diagnosis import Diagnosis
+from model.effects import parted
 from model.fit import CampaignFit
 from processing import ProcessedRun, Segment
 from wheelsoil import __version__
@@ -41,6 +42,9 @@ class Found:
         What was said while it was worked on.
     set_aside : tuple of SetAsideRun
         Runs that were given and are not used.
+    wheel : str
+        Id of the wheel that it is of, where there are several; `ALL_WHEELS`: what is found of all of them together, of
+        which there is a row of ``campaigns`` only where it failed.
     """
 
     source: Source
@@ -52,32 +56,61 @@ class Found:
     remarks: tuple[tuple[str, str], ...] = ()
     state: str = field(default="done")
     set_aside: tuple[SetAsideRun, ...] = ()
+    wheel: str = ""
 
 
-def tables_of(found: Found, content: str) -> dict[str, pa.Table]:
-    """Return the rows of a campaign, by table."""
+def tables_of(wheels: Sequence[Found], content: str) -> dict[str, pa.Table]:
+    """Return the rows of a campaign, by table: of each wheel its own, and once those that are of the vehicle."""
+    made: dict[str, list[dict[str, Any]]] = {}
+    for found in wheels:
+        for name, rows in _rows_of(found).items():
+            made.setdefault(name, []).extend({**row, "wheel": found.wheel} for row in rows)
+    signals = [
+        {(role, str(s)) for role, s in found.processed[0][0].vehicle.signals.items()}
+        for found in wheels
+        if found.processed
+    ]
+    shared = {role for role, _ in set.intersection(*signals)} if len(signals) > 1 else set()
+    made["sensors"] = _once(made["sensors"], lambda row: (row["run"], row["role"]) if row["role"] in shared else None)
+    made["notes"] = _once(made["notes"], lambda row: (row["run"], row["text"]) if row["of"] == "opening" else None)
+    tables = {name: _table(name, rows, content) for name, rows in made.items() if rows}
+    sampled = [_samples(done, content, found.wheel) for found in wheels for _, done in found.processed]
+    return tables | ({"samples": pa.concat_tables(sampled)} if sampled else {})
+
+
+def _once(rows: Iterable[dict[str, Any]], key_of: Callable[[dict[str, Any]], Any]) -> list[dict[str, Any]]:
+    """Return rows; those that two wheels have under one key once, as the vehicle's."""
+    kept: dict[Any, dict[str, Any]] = {}
+    for i, row in enumerate(rows):
+        key = key_of(row)
+        if key in kept and kept[key]["wheel"] != row["wheel"]:
+            kept[key] = {**kept[key], "wheel": ""}
+        else:
+            kept[i if key is None or key in kept else key] = row
+    return list(kept.values())
+
+
+def _rows_of(found: Found) -> dict[str, Iterable[dict[str, Any]]]:
+    diagnosis, together = found.diagnosis, found.wheel == ALL_WHEELS
     short = short_runs([done for _, done in found.processed])
-    made = {
-        "campaigns": [_campaign(found)],
+    return {
+        "campaigns": [] if together and not found.fault else [_campaign(found)],
         "runs": [_run(run, done, lost) for (run, done), lost in zip(found.processed, short, strict=True)],
-        "notes": list(_notes(found)),
-        "fits": list(_fits(found.fit)),
-        "coefficients": [*_coefficients(found.fit), *_soils(found.diagnosis)],
-        "diagnoses": [] if found.diagnosis is None else [_diagnosis(found.diagnosis)],
-        "causes": [] if found.diagnosis is None else list(_causes(found.diagnosis)),
-        "gains": [] if found.diagnosis is None else list(_gains(found.diagnosis)),
-        "evidence": list(_evidence(found)),
+        "notes": _notes(found),
+        "fits": _fits(found.fit),
+        "coefficients": [*_coefficients(found.fit), *_soils(diagnosis)],
+        "diagnoses": [] if diagnosis is None else [_diagnosis(diagnosis)],
+        "causes": [] if diagnosis is None else _causes(diagnosis, "" if together else found.wheel),
+        "gains": [] if diagnosis is None else _gains(diagnosis),
+        "evidence": [] if together else _evidence(found),
         "sensors": [row for run, done in found.processed for row in _sensors(run, done)],
     }
-    tables = {name: _table(name, rows, content) for name, rows in made.items() if rows}
-    if found.processed:
-        tables["samples"] = _samples([done for _, done in found.processed], content)
-    return tables
 
 
 def _table(name: str, rows: Iterable[Mapping[str, Any]], content: str) -> pa.Table:
     schema = schema_of(name)
-    known = [{"content": content, **{key: _known(value) for key, value in row.items()}} for row in rows]
+    known = [{key: _known(value) for key, value in row.items()} for row in rows]
+    known = [{**row, "content": content, "wheel": row["wheel"] or ""} for row in known]
     return pa.Table.from_pylist(known, schema=schema)
 
 
@@ -169,25 +202,23 @@ def _run(run: Run, done: ProcessedRun, lost: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _samples(runs: Sequence[ProcessedRun], content: str) -> pa.Table:
-    """Return every run at `SAMPLES_HZ`: some of its own samples, which are filtered already, and no means."""
+def _samples(run: ProcessedRun, content: str, wheel: str) -> pa.Table:
+    """Return a run at `SAMPLES_HZ`: some of its own samples, which are filtered already, and no means."""
     schema = schema_of("samples")
     segments = np.array([each.name.lower() for each in Segment])
-    pieces = []
-    for run in runs:
-        rows = np.arange(0, len(run), max(round(run.rate_hz / SAMPLES_HZ), 1))
-        time = (run.start_ns + np.round(run.time_s[rows] * 1e9).astype(np.int64)) // 1000
-        own = {
-            "content": np.full(len(rows), content),
-            "run": np.full(len(rows), run.run.id),
-            "time": time if run.start_ns > 0 else [None] * len(rows),
-            "segment": segments[run.segment[rows]],
-            "used": run.used[rows],
-        }
-        values = [own[name] if name in own else run.column(name)[rows] for name in schema.names]
-        arrays = [pa.array(each, from_pandas=True, type=kind) for each, kind in zip(values, schema.types, strict=True)]
-        pieces.append(pa.table(arrays, schema=schema))
-    return pa.concat_tables(pieces)
+    rows = np.arange(0, len(run), max(round(run.rate_hz / SAMPLES_HZ), 1))
+    time = (run.start_ns + np.round(run.time_s[rows] * 1e9).astype(np.int64)) // 1000
+    own = {
+        "content": np.full(len(rows), content),
+        "wheel": np.full(len(rows), wheel),
+        "run": np.full(len(rows), run.run.id),
+        "time": time if run.start_ns > 0 else [None] * len(rows),
+        "segment": segments[run.segment[rows]],
+        "used": run.used[rows],
+    }
+    values = [own[name] if name in own else run.column(name)[rows] for name in schema.names]
+    arrays = [pa.array(each, from_pandas=True, type=kind) for each, kind in zip(values, schema.types, strict=True)]
+    return pa.table(arrays, schema=schema)
 
 
 def _notes(found: Found) -> Iterator[dict[str, Any]]:
@@ -274,15 +305,23 @@ def _diagnosis(found: Diagnosis) -> dict[str, Any]:
     return row
 
 
-def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
-    """Yield the causes of the verdict, a row a parameter, and every other candidate, a row each."""
+def _causes(found: Diagnosis, wheel: str) -> Iterator[dict[str, Any]]:
+    """Yield the causes of the verdict, a row a parameter, and every other candidate, a row each.
+
+    `wheel` is that at which those act that are not of one wheel by their name.
+    """
+
+    def place(name: str) -> dict[str, Any]:
+        family, own = parted(name)
+        return {"family": family, "at_wheel": own or wheel}
+
     for cause, _ in found.stated:
         own = {
-            "family": cause.name,
+            **place(cause.name),
             "kind": cause.kind,
             "role": found.verdict if cause in found.causes else "barred",
             "probability": cause.probability,
-            "effect": cause.key,
+            "effect": parted(cause.key)[0],
             "form_probability": cause.form_probability,
         }
         estimates = [_estimate(p.name, p.unit, p.value, *p.interval95) for p in cause.parameters]
@@ -290,7 +329,7 @@ def _causes(found: Diagnosis) -> Iterator[dict[str, Any]]:
     shown = {cause.name for cause, _ in found.stated}
     for candidate in found.candidates:
         if candidate.name not in shown:
-            yield {"family": candidate.name, "role": "candidate", "probability": candidate.probability}
+            yield {**place(candidate.name), "role": "candidate", "probability": candidate.probability}
 
 
 def _gains(found: Diagnosis) -> Iterator[dict[str, Any]]:

@@ -260,7 +260,7 @@ def _given_up(plan: Plan, item: Task, lost: Lost) -> Done:
     """Write down that a campaign was lost; without facts of its files, so that the next call tries it again."""
     source = item.source
     content = content_of(source, "lost", plan.options)
-    tables = tables_of(Found(source, fault=lost.why, state="failed"), content)
+    tables = tables_of([Found(source, fault=lost.why, state="failed")], content)
     rows = {name: len(table) for name, table in tables.items()}
     manifest = Manifest(source.name, content, "failed", lost.why, rows=rows, options=asdict(plan.options))
     plan.store.put(manifest, tables, item.older)

@@ -1,7 +1,8 @@
 """The store's tables and their columns.
 
-SI units; what is not known is null. Every row has ``content``, which leads to its row of ``campaigns``. A row of
-``evidence`` is a `model.diagnosis.Information`, its matrix row by row.
+SI units; what is not known is null. Every row has ``content``, which leads to its rows of ``campaigns``, and ``wheel``:
+the id of one of several wheels, `daq.ALL_WHEELS` of all of them together, an empty text of the only one or of the
+vehicle. A row of ``evidence`` is a `model.diagnosis.Information`, its matrix row by row.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     },
     "causes": {
         "family": "text", "kind": "text", "role": "text", "probability": "number", "effect": "text",
-        "form_probability": "number", **_ESTIMATE,
+        "form_probability": "number", **_ESTIMATE, "at_wheel": "text",
     },
     "gains": {
         "channel": "text", "model": "text", "R0": "number", "M0_percent": "number", "R2": "number",
@@ -64,18 +65,29 @@ COLUMNS: dict[str, dict[str, str]] = {
     },
 }  # fmt: skip
 """Every table: its columns, in SI, and what each holds."""
+_LATER = ("wheel", "at_wheel")
+"""Columns that stores of before several wheels do not have."""
 
 
-def schema_of(name: str) -> pa.Schema:
-    """Return the schema of a table."""
+def schema_of(name: str, *, wheels: bool = True) -> pa.Schema:
+    """Return the schema of a table; without `wheels` as it was before several wheels."""
     types = {
         "text": pa.string(), "number": pa.float64(), "count": pa.int64(), "truth": pa.bool_(),
         "time": pa.timestamp("us", tz="UTC"), "texts": pa.list_(pa.string()), "numbers": pa.list_(pa.float64()),
         "truths": pa.list_(pa.bool_()),
     }  # fmt: skip
-    return pa.schema([("content", pa.string()), *((column, types[kind]) for column, kind in COLUMNS[name].items())])
+    columns = {"content": "text", "wheel": "text", **COLUMNS[name]}
+    return pa.schema([(key, types[kind]) for key, kind in columns.items() if wheels or key not in _LATER])
 
 
-def packed_schema_of(name: str) -> pa.Schema:
+def packed_schema_of(name: str, *, wheels: bool = True) -> pa.Schema:
     """Return the schema of a table with its campaign as the first column."""
-    return schema_of(name).insert(0, pa.field("campaign", pa.string()))
+    return schema_of(name, wheels=wheels).insert(0, pa.field("campaign", pa.string()))
+
+
+def with_later_columns(rows: pa.Table) -> pa.Table:
+    """Return rows with the columns of several wheels, which are those of the only one where a file has none."""
+    for column, value in zip(_LATER, ("", None), strict=True):
+        if column not in rows.column_names:
+            rows = rows.append_column(column, pa.array([value] * len(rows), pa.string()))
+    return rows

@@ -87,7 +87,12 @@ def named_lines(named: Sequence[NamedError]) -> Iterator[str]:
         day = f", {error.start:%Y-%m-%d}" if error.start else ""
         low, high = _size(error.lower95, error), _size(error.upper95, error)
         size = f"{_size(error.value, error)} ({low} to {high})"
-        yield f"{error.campaign} ({places}{day}): {plain_name(error.effect)} {size}, {chance(error.probability)}"
+        of = f"{error.campaign}{_at(error)} ({places}{day})"
+        yield f"{of}: {plain_name(error.effect)} {size}, {chance(error.probability)}"
+
+
+def _at(found: NamedError | SoilDeparture | Change) -> str:
+    return f", wheel {found.wheel}" if found.wheel else ""
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:
@@ -95,8 +100,8 @@ def change_lines(changes: Sequence[Change]) -> Iterator[str]:
     for change in changes:
         differences = "; ".join(_changed(change)) or "the same within the intervals"
         yield (
-            f"{change.of} {change.name}: {change.campaign} ({change.start:%Y-%m-%d}) after {change.before} "
-            f"({change.start_before:%Y-%m-%d}): {differences}"
+            f"{change.of} {change.name}{_at(change)}: {change.campaign} ({change.start:%Y-%m-%d}) "
+            f"after {change.before} ({change.start_before:%Y-%m-%d}): {differences}"
         )
 
 
@@ -126,7 +131,7 @@ def soil_lines(soils: Sequence[SoilDeparture]) -> Iterator[str]:
     for soil in soils:
         worst = sorted(soil.sigmas.items(), key=lambda item: -abs(item[1]))[:2]
         sizes = ", ".join(f"{SOIL_LETTERS.get(name, name)} {size:+.1f}" for name, size in worst)
-        yield f"{soil.campaign}: {sizes} of the laboratory's one-sigma (p = {number(soil.p_value, 2)})"
+        yield f"{soil.campaign}{_at(soil)}: {sizes} of the laboratory's one-sigma (p = {number(soil.p_value, 2)})"
 
 
 def left_out_line(campaigns: Sequence[str], what: str) -> str:

@@ -61,6 +61,7 @@ class Point:
     years: float
     value: float
     sigma: float
+    wheel: str = ""
 
 
 @dataclass(frozen=True)
@@ -284,6 +285,7 @@ def _trends(
                     campaign.years,
                     float(value * scales[place]),
                     float(error * abs(scales[place])),
+                    observation.wheel,
                 )
             )
         found[OF_THE_TRANSDUCER[place]] = Trend(

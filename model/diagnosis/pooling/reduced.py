@@ -34,11 +34,14 @@ class Observation:
     ----------
     years : float
         When it was driven, since any moment that is the same for all.
+    wheel : str
+        That it was at, where there are several.
     """
 
     campaign: str
     years: float
     information: Information
+    wheel: str = ""
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,7 @@ class SoilDeparture:
     campaign: str
     sigmas: dict[str, float]
     p_value: float
+    wheel: str = ""
 
 
 def soil_departure(observation: Observation, known: FloatArray | None = None) -> SoilDeparture:
@@ -162,9 +166,8 @@ def soil_departure(observation: Observation, known: FloatArray | None = None) ->
     statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
     mean = np.linalg.solve(np.eye(len(soil)) + precision, score)
     p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
-    return SoilDeparture(
-        observation.campaign, {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}, p_value
-    )
+    sigmas = {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}
+    return SoilDeparture(observation.campaign, sigmas, p_value, observation.wheel)
 
 
 def scales_of(observations: Sequence[Observation]) -> tuple[FloatArray, tuple[str, ...], tuple[str, ...]]:

@@ -143,5 +143,5 @@ def test_a_tie_between_channels_is_called_one(decisions: Sequence[Any], headline
     passports = tuple(
         Passport(str(i), (), each, effects, 0.99, (), {}, 0.0, {}, ()) for i, each in enumerate(decisions)
     )
-    none = pd.DataFrame({"state": []})
+    none = pd.DataFrame({"campaign": [], "state": []})
     assert Overview("", none, {}, Pooled(passports, (), (), ()), datetime.now(UTC)).headline == headline

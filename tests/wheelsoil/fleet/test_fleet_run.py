@@ -282,6 +282,6 @@ def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> No
 def test_a_run_that_is_set_aside_is_a_note_with_its_name(tmp_path: Path) -> None:
     aside = SetAsideRun("run-9", "unreadable", "the file is empty", "drive it again")
     found = Found(Source("wet", str(tmp_path)), set_aside=(aside,))
-    [note] = tables_of(found, "hash")["notes"].to_pylist()
+    [note] = tables_of([found], "hash")["notes"].to_pylist()
     assert (note["run"], note["of"], note["code"]) == ("run-9", "opening", "unreadable")
     assert note["text"] == "set aside: the file is empty; next: drive it again"

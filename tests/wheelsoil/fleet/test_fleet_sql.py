@@ -138,7 +138,7 @@ def test_every_kind_of_statement_is_tried() -> None:
 @pytest.mark.parametrize(
     ("sql", "rows"),
     [
-        ("describe runs", 23),
+        ("describe runs", 24),
         ("show tables", len(COLUMNS)),
         ("explain select 1", 1),
         ("-- why\nEXPLAIN (analyze) select count(*) from samples", 1),

@@ -25,10 +25,14 @@ ESTIMATE = {"value": 0.30, "lower95": 0.28, "upper95": 0.32, "unit": "1"}
 SIZE = {"parameter": "offset_nm", "unit": "N m", "value": 78.0, "lower95": 73.0, "upper95": 83.0}
 
 
-def runs_of(day: int, folder: str = "/field/today", serial: str = "WFT-1") -> Processed:
+def runs_of(day: int, folder: str = "/field/today", serial: str = "WFT-1", wheel: str = "") -> Processed:
     run = SimpleNamespace(
         path=Path(folder, "run-1.mcap"),
-        vehicle=SimpleNamespace(vehicle=SimpleNamespace(name="tractor"), transducer=SimpleNamespace(serial=serial)),
+        vehicle=SimpleNamespace(
+            vehicle=SimpleNamespace(name="tractor"),
+            transducer=SimpleNamespace(serial=serial),
+            wheel=SimpleNamespace(id=wheel),
+        ),
         terrain=SimpleNamespace(soil=SimpleNamespace(name="clay")),
     )
     return cast(Processed, [(run, SimpleNamespace(start_ns=(MAY_S + day * DAY_S) * 10**9))])
@@ -67,6 +71,20 @@ def test_it_is_the_latest_earlier_one_of_the_same_vehicle_terrain_and_transducer
         last_campaign(own, runs_of(1, folder="/field/first"))
     for words in ("5 other campaigns, 4 of this", "before 2026-05-02 08:00 UTC", "wheelsoil fleet run"):
         assert words in str(refused.value)
+
+
+def test_a_wheel_is_compared_with_itself(own: Store) -> None:
+    sizes = {"FL": 41.0, "RL": 20.0, "all": 30.0}
+    gains = [{"wheel": wheel, "model": "base", "channel": "driving_torque", "R0": r} for wheel, r in sizes.items()]
+    put(own, "single", 1)
+    put(own, "both", 2, {"gains": gains}, wheel="FL")
+    last = last_campaign(own, runs_of(5, wheel="FL"))[0]
+    [error] = [one for one in last.stated if one.kind == "error"]
+    assert (last.name, error.value) == ("both", 41.0)
+    assert last_campaign(own, runs_of(5, wheel="RL"))[0].name == "single"
+    assert last_campaign(own, runs_of(5))[0].name == "single"
+    with pytest.raises(ConfigError, match="tractor' on 'clay', wheel RL, before 2026-05-02"):
+        last_campaign(own, runs_of(1, wheel="RL"))
 
 
 def test_its_soil_causes_pull_error_and_data_are_compared(own: Store) -> None:
