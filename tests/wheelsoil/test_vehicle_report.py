@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -19,17 +19,18 @@ from shared_results import made_once
 from daq import FloatArray
 from daq.errors import ConfigError, DataError
 from model.simulation import whole
-from processing import LOOK, ProcessOptions
+from processing import LOOK, ProcessedRun, ProcessOptions
 from wheelsoil.report.vehicle import verdict_of_all
 from wheelsoil.simulation.campaign import setup_of_wheel, simulate_campaign, simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.verdict import headline_of
+from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.last_report import load_last
 from wheelsoil.workflows.report import Diagnosed, WheelReport
 from wheelsoil.workflows.runs import Files, process_runs
 from wheelsoil.workflows.traction import highest
-from wheelsoil.workflows.vehicle import Place, Vehicle, figures_of_vehicle, vehicle_of
+from wheelsoil.workflows.vehicle import Place, Vehicle, doubts_of_wheels, figures_of_vehicle, vehicle_of
 
 IDS = ("FL", "FR", "RL", "RR")
 OPTIONS = SimulationOptions(
@@ -46,9 +47,53 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def vehicle(four: Path) -> Vehicle:
+def processed(four: Path) -> dict[str, Processed]:
     opened = Files().runs_of_wheels([four], left_out=lambda _: None)
-    return vehicle_of({wheel: process_runs(runs, ProcessOptions(purpose=LOOK)) for wheel, runs in opened.items()})
+    return {wheel: process_runs(runs, ProcessOptions(purpose=LOOK)) for wheel, runs in opened.items()}
+
+
+@pytest.fixture(scope="module")
+def vehicle(processed: dict[str, Processed]) -> Vehicle:
+    return vehicle_of(processed)
+
+
+def changed(runs: Processed, change: Callable[[ProcessedRun], ProcessedRun]) -> Processed:
+    return [(run, change(done)) for run, done in runs]
+
+
+@pytest.mark.parametrize(("late_s", "said"), [(0.3, "0.30 s later"), (-0.2, "0.20 s earlier")])
+def test_a_wheel_on_another_clock_is_said(processed: dict[str, Processed], late_s: float, said: str) -> None:
+    assert doubts_of_wheels(processed) == [], "sound wheels"
+    late = changed(processed["RL"], lambda run: replace(run, start_ns=run.start_ns + round(late_s * 1e9)))
+    [doubt] = doubts_of_wheels(processed | {"RL": late})
+    assert f"the speed of wheel RL comes {said} than that of wheel FL" in doubt.what and "--apart" in doubt.next_step
+
+
+def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> None:
+    """In a curve to the left, half a metre inside and outside of it."""
+    rng = np.random.default_rng(2)
+    curves = {run.id: 0.2 * np.sin(0.5 * done.time_s) for run, done in processed["FL"]}
+
+    def in_curves(wheel: str, side_m: float) -> Processed:
+        found = []
+        for run, done in processed[wheel]:
+            curve = np.resize(curves[run.id], len(done))
+            speed = done.wheel_speed_radps - curve * side_m / 0.47 + 0.02 * rng.standard_normal(len(done))
+            found.append((run, replace(done, wheel_speed_radps=speed, extras={"yaw_rate_radps": curve})))
+        return found
+
+    left, right = (in_curves("FL", side_m) for side_m in (0.5, -0.5))
+    others = {"RL": processed["RL"], "RR": processed["RR"]}
+    config = dict(zip(("FL", "FR"), ([run for run, _ in processed[wheel]] for wheel in ("FL", "FR")), strict=True))
+
+    def as_wheel(name: str, runs: Processed) -> Processed:
+        return [(run, done) for run, (_, done) in zip(config[name], runs, strict=True)]
+
+    sound = {"FL": as_wheel("FL", left), "FR": as_wheel("FR", right)} | others
+    assert doubts_of_wheels(sound) == []
+    wrong = {"FL": as_wheel("FL", right), "FR": as_wheel("FR", left)} | others
+    [doubt] = doubts_of_wheels(wrong)
+    assert doubt.what == "in curves to the left wheel FL rolls faster than wheel FR"
 
 
 @pytest.fixture(scope="module")

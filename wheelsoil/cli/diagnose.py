@@ -90,6 +90,7 @@ def diagnose_command(
     from wheelsoil.workflows import TableFiles, bench_of, campaigns_of, diagnosis_options, plan_campaigns, read_benches
     from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
+    from wheelsoil.workflows.vehicle import doubts_of_wheels
 
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
@@ -158,6 +159,8 @@ def diagnose_command(
         _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
 
     def together() -> None:
+        for doubt in doubts_of_wheels(of_wheels):
+            say(str(doubt))
         _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
 
     per_wheel.each(work, None if apart else together)

@@ -187,6 +187,7 @@ def _report_vehicle(
     from daq.runs import Collected
     from wheelsoil.report.vehicle import build_vehicle_report, line_of, vehicle_lines
     from wheelsoil.workflows.report import WheelReport
+    from wheelsoil.workflows.vehicle import doubts_of_wheels
 
     targets = {wheel: target.with_stem(f"{target.stem}-{wheel}") for wheel in wheels}
     for path in targets.values():
@@ -202,6 +203,8 @@ def _report_vehicle(
         made.append(WheelReport(wheel, why="; ".join(fault.what for fault in collected.errors[-1].faults)))
     if not entries:
         collected.stop_if_any()
+    for doubt in doubts_of_wheels({each.wheel: each.processed for each in made if each.processed}):
+        say(str(doubt))
     whole = build_vehicle_report(made, together(made).diagnosis)
     entry = _written(whole, target, browser)
     if json:

@@ -10,7 +10,7 @@ from math import nan
 import numpy as np
 from scipy.special import stdtrit
 
-from daq import BoolArray, DataError, FloatArray, IntArray, VehicleConfig
+from daq import BoolArray, DataError, Fault, FloatArray, IntArray, VehicleConfig
 from processing import ProcessedRun
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import KeyFigure
@@ -22,6 +22,10 @@ _MOST_SECONDS, _FEWEST_MEANS = 1_000_000, 10
 _TOGETHER = 0.98
 """Correlation of pull and acceleration from which on no transfer can be given to one of them."""
 AT = "at_mean_slip_0.2"
+_LATE_S, _LATEST_S, _ALIKE, _BETTER = 0.1, 1.0, 0.8, 0.05
+"""A wheel is late from the first to at most the second; how alike the accelerations are then, and more than at none."""
+_TURNING_RADPS, _FEWEST_TURNING, _TOGETHER_TURNING = 0.03, 100, 0.7
+"""Yaw rate, number of samples and correlation from which on a curve tells left from right."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +225,83 @@ def _rows_used_by_all(runs: Sequence[ProcessedRun]) -> tuple[list[IntArray], int
     common = reduce(np.intersect1d, steps)
     rows = [np.flatnonzero(run.used)[np.searchsorted(step, common)] for run, step in zip(runs, steps, strict=True)]
     return rows, len(np.unique(np.concatenate(steps)))
+
+
+def doubts_of_wheels(processed: Mapping[str, Processed]) -> list[Fault]:
+    """Return what makes it doubtful that the wheels have one clock, or stand where they are said to.
+
+    Parameters
+    ----------
+    processed : mapping wheel -> runs
+        Of each instrumented wheel.
+    """
+    places = {name: place_of(runs[0][0].vehicle) for name, runs in processed.items()}
+    sides = [
+        (left, right)
+        for left, at in places.items()
+        for right, beside in places.items()
+        if at.axle == beside.axle and (at.side, beside.side) == ("left", "right")
+    ]
+    first, *others = processed
+    late = [_lateness(first, other, _shared_rows(processed[first], processed[other])) for other in others]
+    exchanged = [_exchanged(pair, _shared_rows(*(processed[name] for name in pair))) for pair in sides]
+    return [fault for fault in (*late, *exchanged) if fault is not None]
+
+
+Shared = Sequence[tuple[ProcessedRun, IntArray, ProcessedRun, IntArray]]
+
+
+def _shared_rows(first: Processed, second: Processed) -> Shared:
+    """Return the runs that two wheels have, with the rows at the times that both have."""
+    others, found = {run.id: done for run, done in second}, []
+    for run, one in first:
+        if (other := others.get(run.id)) is not None:
+            shift = round((other.start_ns - one.start_ns) * 1e-9 * one.rate_hz)
+            rows = np.arange(max(0, shift), min(len(one), len(other) + shift))
+            found.append((one, rows, other, rows - shift))
+    return found
+
+
+def _lateness(first: str, name: str, shared: Shared) -> Fault | None:
+    """Return that the speed of a wheel comes later or earlier than that of the first one."""
+    if not shared:
+        return None
+    reach, rate = round(_LATEST_S * shared[0][0].rate_hz), shared[0][0].rate_hz
+    products, powers = np.zeros(2 * reach + 1), np.zeros(2)
+    for one, rows, other, there in shared:
+        a, b = np.nan_to_num(one.wheel_acceleration_radps2[rows]), np.nan_to_num(other.wheel_acceleration_radps2[there])
+        if len(a) > 2 * reach:
+            products += np.correlate(b, a[reach:-reach], "valid")
+            powers += [float(a @ a), float(b @ b)]
+    alike = products / np.sqrt(powers.prod()) if powers.all() else products
+    best = int(np.argmax(alike))
+    if abs(best - reach) < _LATE_S * rate or alike[best] < _ALIKE or alike[best] - alike[reach] < _BETTER:
+        return None
+    later = "later" if best > reach else "earlier"
+    return Fault(
+        f"the speed of wheel {name} comes {abs(best - reach) / rate:.2f} s {later} than that of wheel {first}",
+        expected="wheels on one clock",
+        next_step="check latency_s of wheel_speed, and the clocks that stamp their frames; until then --apart",
+    )
+
+
+def _exchanged(pair: tuple[str, str], shared: Shared) -> Fault | None:
+    """Return that the yaw rate contradicts which of two wheels of an axle is the left one."""
+    turned, slower = [np.zeros(0)], [np.zeros(0)]
+    for one, rows, other, there in shared:
+        if (yaw := one.extras.get("yaw_rate_radps")) is not None:
+            both = one.used[rows] & other.used[there] & (np.abs(yaw[rows]) > _TURNING_RADPS)
+            turned.append(yaw[rows][both])
+            slower.append((other.wheel_speed_radps[there] - one.wheel_speed_radps[rows])[both])
+    curve, behind = np.concatenate(turned), np.concatenate(slower)
+    if len(curve) < _FEWEST_TURNING or np.corrcoef(curve, behind)[0, 1] > -_TOGETHER_TURNING:
+        return None
+    return Fault(
+        f"in curves to the left wheel {pair[0]} rolls faster than wheel {pair[1]}",
+        found=f"{pair[0]} on the left, {pair[1]} on the right",
+        expected="the inner wheel slower",
+        next_step="exchange the two in vehicle.toml, or turn the sign of yaw_rate",
+    )
 
 
 def figures_of_vehicle(vehicle: Vehicle) -> dict[str, KeyFigure]:
