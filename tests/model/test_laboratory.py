@@ -23,6 +23,7 @@ SPACE = SoilSpace(
 )
 """One-sigma of .1 for every parameter, none correlated."""
 CAUSES = (column("first"), column("second"))
+PLACES = np.arange(len(SPACE))
 
 
 def grams(off: dict[str, float], coefficients: tuple[float, float], like: str = "", apart: float = 1.0) -> Grams:
@@ -42,7 +43,7 @@ def grams(off: dict[str, float], coefficients: tuple[float, float], like: str = 
 
 def test_it_speaks_from_about_four_sigmas() -> None:
     for sigmas, said in ((3.5, False), (4.0, False), (4.7, True), (-6.0, True)):
-        found = refuted_soil(grams({"tan_phi": sigmas}, (0.0, 0.0)), [("clay", SPACE)], {(): 1.0}, 1.0)
+        found = refuted_soil(grams({"tan_phi": sigmas}, (0.0, 0.0)), [("clay", SPACE, PLACES)], {(): 1.0}, 1.0)
         assert bool(found) == said, sigmas
         for one in found:
             assert (one.campaign, one.parameter) == ("clay", "tan_phi")
@@ -52,7 +53,7 @@ def test_it_speaks_from_about_four_sigmas() -> None:
 def test_a_second_cause_is_not_taken_for_the_soil() -> None:
     """Beside the first cause alone the soil takes up what the second does."""
     both = grams({"frictional_modulus": 1.0}, (2.0, 1.5), like="frictional_modulus")
-    spaces = [("clay", SPACE)]
+    spaces = [("clay", SPACE, PLACES)]
     (wrong,) = refuted_soil(both, spaces, {("first",): 1.0}, 1.0)
     assert wrong.parameter == "frictional_modulus" and wrong.sigmas > 5.0
     assert refuted_soil(both, spaces, {("first",): 0.05, ("first", "second"): 0.95, (): 0.0}, 1.0) == ()
@@ -60,17 +61,19 @@ def test_a_second_cause_is_not_taken_for_the_soil() -> None:
 
 def test_a_parameter_that_is_known_exactly_is_not_asked_and_noise_makes_it_less_sure() -> None:
     off = grams({"tan_phi": 5.0}, (0.0, 0.0))
-    (sure,) = refuted_soil(off, [("clay", SPACE)], {(): 1.0}, 1.0)
-    assert refuted_soil(off, [("clay", SPACE)], {(): 1.0}, 4000.0) == (), "the data hardly determine it"
+    (sure,) = refuted_soil(off, [("clay", SPACE, PLACES)], {(): 1.0}, 1.0)
+    assert refuted_soil(off, [("clay", SPACE, PLACES)], {(): 1.0}, 4000.0) == (), "the data hardly determine it"
     known = SPACE.root.copy()
     known[SOIL_PARAMETERS.index("tan_phi")] = 0.0
     exact = SoilSpace(SPACE.mean, SPACE.logarithmic, known, SPACE.labels)
-    assert sure.parameter not in [one.parameter for one in refuted_soil(off, [("clay", exact)], {(): 1.0}, 1.0)]
+    assert sure.parameter not in [
+        one.parameter for one in refuted_soil(off, [("clay", exact, np.arange(len(exact)))], {(): 1.0}, 1.0)
+    ]
 
 
 def test_what_looks_like_a_parameter_of_the_soil_is_said_to_be_it_instead() -> None:
     """The friction at the rim and the friction angle are one number to the forces."""
-    spaces = [("clay", SPACE)]
+    spaces = [("clay", SPACE, PLACES)]
     for off, coefficient, apart, expected in ((5.5, 0.0, 0.01, True), (0.0, 1.4, 0.01, True), (0.0, 1.4, 1.0, False)):
         seen = grams({"tan_phi": off}, (0.0, coefficient), "tan_phi", apart)
         listed = hypotheses(seen)

@@ -215,7 +215,8 @@ def _report_vehicle(
         print()
         print_pairs(vehicle_lines(whole))
         print()
-        print_pairs((f"wheel {each.wheel}", line_of(each)) for each in made)
+        lines = [(f"wheel {each.wheel}", line_of(each)) for each in made]
+        print_pairs([*lines, ("all wheels together", whole.sentence)])
     collected.stop_if_any()
     _stop_if_failed(whole)
 

@@ -49,7 +49,7 @@ class PerWheel:
     def each(self, work: Callable[[list[Run]], None], together: Callable[[], None] | None = None) -> None:
         """Do the work of each wheel; what is wrong with one is raised when that of all is done.
 
-        `together` is done last, where there are several wheels and nothing is wrong with any.
+        `together` is done last, where several wheels have a result.
         """
         from daq.runs import Collected
 
@@ -61,7 +61,9 @@ class PerWheel:
                     say(self._heading)
                 with collected.catch(self._heading if wheel else ""):
                     work(runs)
-            if together and self.several and not collected.errors:
+            if together and self.several and len(self._opened) - len(collected.errors) > 1:
+                if collected.errors:
+                    say("a wheel without a result is not among all wheels together")
                 self.wheel, self.set_aside_runs = ALL_WHEELS, []
                 say(self._heading)
                 with collected.catch(self._heading):

@@ -10,6 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray
 from model.diagnosis import Cause, Diagnosis
+from model.effects import EFFECTS
 from model.wheel_soil import speed_ratio
 from wheelsoil.report.content import Drawing
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
@@ -109,7 +110,8 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         )
         against = f"{CALIBRATED}, without the cause"
     else:
-        channel = max(shares[cause], key=shares[cause].__getitem__, default=channel)
+        shown = [c for c in shares[cause] if OUTPUTS[c].role in EFFECTS[cause.key].shows]
+        channel = max(shown or shares[cause], key=shares[cause].__getitem__, default=channel)
         line = view.own(cause.parameters[0].value, samples, recommendation.recommended[channel])
         model = f"the {recommendation.title.lower()} model"
         left, against = recommendation.residual(channel) + line, f"{model} without its correction"

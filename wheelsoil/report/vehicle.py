@@ -77,13 +77,14 @@ def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None 
     except DataError as error:
         omitted["vehicle"] = "; ".join(fault.what for fault in error.faults)
     glance = _summary(wheels, vehicle, figures, joint, omitted.get("vehicle", ""))
-    level, sign = ("good", "✓") if len(given) == len(wheels) else ("fair", "▲")
+    found = [wheel for wheel in given if not wheel.diagnosed.why_not]
+    level, sign = ("good", "✓") if len(found) == len(wheels) else ("fair", "▲")
     return Report(
         head=Head(
             first.title,
             f"{given[0].processed[0][0].vehicle.vehicle.name}, wheels {listed([wheel.wheel for wheel in wheels])}",
             [fact for fact in first.facts if not fact[0]],
-            (level, f"{sign} {len(given)} of {len(wheels)} wheels reported"),
+            (level, f"{sign} {len(found)} of {len(wheels)} wheels diagnosed"),
         ),
         sections=(
             glance,
@@ -270,7 +271,7 @@ def _wheels(given: Sequence[WheelReport], figures: Mapping[str, KeyFigure]) -> S
         "At mean slip 0.2",
         ["wheel", *_COLUMNS.values()],
         [[name, *(figures.get(f"{of}.{key}_{AT}", "–") for key in _COLUMNS)] for name, of in names.items()],
-        "Of the same samples: pulls and loads add up. The pull of a wheel at its own slip is in its report.",
+        "Of the same samples, as driven: pulls and loads add up. A wheel's own pull, in steady driving, is in its report.",
         strong=len(given),
     )
     pairs = (Pair(drawings[i : i + 2]) for i in range(0, len(given), 2))

@@ -134,8 +134,11 @@ class SimulationOptions:
         if self.faulty_wheel and self.faulty_wheel not in LAYOUTS[self.wheels]:
             expected = ", ".join(filter(None, LAYOUTS[self.wheels])) or "none: there is one wheel"
             faults.append(Fault(f"no wheel is called {self.faulty_wheel!r}", expected=expected))
-        kinds = {EFFECTS[name].kind for name in self.effects if name in EFFECTS}
-        if self.faulty_wheel and "measurement" not in kinds:
+        measured = [EFFECTS[n] for n in self.effects if n in EFFECTS and EFFECTS[n].kind == "measurement"]
+        if self.faulty_wheel and (shared := [effect.key() for effect in measured if not effect.goes_with_a_wheel()]):
+            step = "omit --faulty-wheel: it is an error at all of them"
+            faults.append(Fault(f"{' and '.join(shared)} of one wheel only: all have one receiver", next_step=step))
+        if self.faulty_wheel and not measured:
             step = "add one, for instance --effect torque_gain:relative=0.1"
             faults.append(Fault(f"no error of measurement is given for wheel {self.faulty_wheel}", next_step=step))
         alone = [name for name, given in (("--rut", self.rut), ("--lifted", self.lifted)) if given]

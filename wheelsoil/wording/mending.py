@@ -132,9 +132,11 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
     vehicle : VehicleConfig
         Of the wheel at which the cause acts.
     """
-    rule = _RULES.get(parted(cause.name)[0])
+    family, wheel = parted(cause.name)
+    rule = _RULES.get(family)
     value = cause.parameters[0].value if cause.parameters else 0.0
-    return rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
+    step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
+    return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 
 def missing_step(found: Diagnosis) -> Step | None:

@@ -283,6 +283,8 @@ def weighed(
         return listed, found
     joint = (found + listed.log_prior)[..., two].reshape(-1, two.size).max(axis=0)
     wider = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
+    if len(wider) == len(listed):
+        return listed, found
     triples = replace(wider, members=wider.members[len(listed) :], log_prior=wider.log_prior[len(listed) :])
     return wider, np.concatenate([found, log_evidences(grams, reduced, triples)], axis=-1)
 
