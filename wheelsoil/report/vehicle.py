@@ -271,7 +271,7 @@ def _wheels(given: Sequence[WheelReport], figures: Mapping[str, KeyFigure]) -> S
         "At mean slip 0.2",
         ["wheel", *_COLUMNS.values()],
         [[name, *(figures.get(f"{of}.{key}_{AT}", "–") for key in _COLUMNS)] for name, of in names.items()],
-        "Of the same samples, as driven: pulls and loads add up. A wheel's own pull, in steady driving, is in its report.",
+        "Of the same samples, as driven: pulls and loads add up. A wheel's pull in steady driving is in its report.",
         strong=len(given),
     )
     pairs = (Pair(drawings[i : i + 2]) for i in range(0, len(given), 2))
