@@ -270,6 +270,21 @@ def test_a_joint_diagnosis_takes_the_headline() -> None:
     assert verdict_of_all(None, alone)[0] == "FL: no cause is detected; FR: not diagnosed."
 
 
+def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path: Path) -> None:
+    """Of all wheels together: the cause as numbers, and the step that removes it, with its wheel."""
+    joint = diagnosis("named")
+    [cause, *_] = joint.causes
+    at_wheel = replace(cause, name="torque_gain@FR", key="torque_gain@FR", kind="measurement", form="")
+    answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,))]
+    with patch("wheelsoil.workflows.report.diagnose_campaigns", side_effect=answers):
+        result = invoke("report", four, "-o", tmp_path / "r.html")
+    assert result.code == 0
+    assert re.search("all wheels together +Torque gain of wheel FR", result.out)
+    assert "Do next: At wheel FR: calibrate the driving torque" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    together = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]["together"]
+    assert (together["causes"][0]["wheel"], together["causes"][0]["name"]) == ("FR", "torque_gain")
+
+
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:
     for file in four.glob("*.dbc"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
