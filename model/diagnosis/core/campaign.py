@@ -83,6 +83,11 @@ class Campaign:
     of_vehicle: OfVehicle | None = None
     commanded_slip: bool = False
 
+    @property
+    def ground(self) -> str:
+        """Name of the soil that it is on: wheels of one vehicle are on one."""
+        return self.of_vehicle.campaign if self.of_vehicle else self.name
+
 
 _WEDGE = 3.0**0.5
 """Length of the soil that a lug moves in front of it, in lug heights: Rankine's tan(45 deg + phi/2) at phi = 30 deg."""

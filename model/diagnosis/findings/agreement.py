@@ -153,7 +153,7 @@ def runs_of(linearised: LinearisedCampaign) -> dict[str, int]:
     """Return how many runs each campaign has, in their order; of wheels of one vehicle how many drives."""
     campaigns = [(data.campaign, data.samples) for data in linearised.campaigns]
     owners = [campaigns[members[0][0]][0] for members in joined_runs(campaigns)]
-    return dict(Counter(of.of_vehicle.campaign if of.of_vehicle else of.name for of in owners))
+    return dict(Counter(campaign.ground for campaign in owners))
 
 
 def _by_campaign(grams: Grams, runs: dict[str, int]) -> Iterator[tuple[str, Grams]]:

@@ -14,10 +14,10 @@ from math import exp
 import numpy as np
 
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, joined_grams
+from model.diagnosis.time_series.joining import joined, part_of
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.start import CampaignData
-from model.diagnosis.time_series.whitening import run_grams
 
 MARGIN = 1.5
 """Times the stated one-sigma."""
@@ -78,13 +78,5 @@ def _grams(linearised: LinearisedCampaign, noises: Sequence[Noise]) -> Grams:
     """Return the Gram matrices under some noises; those of the campaigns where they are theirs."""
     if all(noise is data.noise for noise, data in zip(noises, linearised.campaigns, strict=True)):
         return linearised.grams
-    return joined_grams(
-        [
-            replace(
-                data,
-                noise=noise,
-                grams=run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance),
-            )
-            for data, noise in zip(linearised.campaigns, noises, strict=True)
-        ]
-    )
+    each = zip(linearised.campaigns, noises, strict=True)
+    return joined([part_of(replace(data, noise=noise)) for data, noise in each])

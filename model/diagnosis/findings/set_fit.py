@@ -444,8 +444,7 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
 def of_soils(linearised: LinearisedCampaign) -> dict[int, str]:
     """Return the place of a campaign for every soil, with the soil's name: wheels of one vehicle have one."""
     campaigns = [data.campaign for data in linearised.campaigns]
-    found = {group[0]: campaigns[group[0]] for group in groups_of(campaigns)}
-    return {i: of.of_vehicle.campaign if of.of_vehicle else of.name for i, of in found.items()}
+    return {group[0]: campaigns[group[0]].ground for group in groups_of(campaigns)}
 
 
 def soils_with(fit: SetFit, linearised: LinearisedCampaign, covariance: FloatArray) -> tuple[SoilEstimate, ...]:

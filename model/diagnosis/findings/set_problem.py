@@ -16,7 +16,7 @@ import numpy as np
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box, prior_information
-from model.diagnosis.time_series.joining import OfCampaign, groups_of, joined, shared_values, vehicle_rows
+from model.diagnosis.time_series.joining import OfCampaign, groups_of, joined, shared_values, turn_of, vehicle_rows
 from model.diagnosis.time_series.linearise import (
     SENSORS,
     Linear,
@@ -51,8 +51,6 @@ class Part:
         Places of this campaign's soil in x.
     causes : tuple of int
         Which of the set's causes each of this campaign's cause columns is.
-    stretch : array
-        Coefficient in this campaign over the shared one: scales may go with the wheel.
     """
 
     data: CampaignData
@@ -60,7 +58,6 @@ class Part:
     frozen: Linear
     soil: IndexArray
     causes: tuple[int, ...]
-    stretch: FloatArray
 
     @cached_property
     def noise_variance(self) -> FloatArray:
@@ -197,7 +194,8 @@ class SetProblem:
         """Return residual and derivatives of each run of a campaign, or of each drive of a vehicle, as x has them."""
         found: list[FloatArray] = []
         of = [self.parts[i].of_campaign(values[i], columns[i]) for i in group]
-        turns = [self._turn(self.parts[i], columns[i]) for i in group]
+        width = 1 + self.size
+        turns = [turn_of(columns[i].causes, self.parts[i].soil, self.causes, len(self.soil), width) for i in group]
         one = of[0]
         alone = len(group) == 1
         rows = whitened_rows(*one.whitening) if alone else vehicle_rows(of, turns)
@@ -207,15 +205,6 @@ class SetProblem:
             out[..., 0] = out[..., 1:] @ x - out[..., 0]
             found += list(out)
         return found
-
-    def _turn(self, part: Part, columns: Columns) -> FloatArray:
-        """Return what takes a part's columns to the residual and x, shape (m, 1 + p)."""
-        turn = np.zeros((columns.shared, 1 + self.size))
-        turn[0, 0] = 1.0
-        q = len(columns.soil)
-        turn[1 + np.arange(q), 1 + part.soil] = 1.0
-        turn[1 + q + np.arange(len(part.causes)), [1 + len(self.soil) + i for i in part.causes]] = part.stretch
-        return turn
 
     @property
     def size(self) -> int:
@@ -274,9 +263,6 @@ def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str
     for data, soil in zip(campaigns, soil_places_of(campaigns), strict=True):
         effects = {e.key(): e for e in data.simulation.effects}
         simulation = replace(data.simulation, effects=tuple(effects[key] for key in keys if key in effects))
-        own = [(e.key(), e.parameters[i]) for e, i, _ in simulation.parameters]
-        positions = tuple(names.index((key, p.name)) for key, p in own)
-        scales = np.array([p.towards(simulation.wheel) for _, p in own])
-        stretch = np.array([causes[i].scale for i in positions]) / scales
-        parts.append(Part(data, simulation, data.linear, soil, positions, stretch))
+        positions = tuple(names.index((e.key(), e.parameters[i].name)) for e, i, _ in simulation.parameters)
+        parts.append(Part(data, simulation, data.linear, soil, positions))
     return SetProblem(tuple(parts), grams.soil, causes, prior_information(grams, keys))

@@ -38,7 +38,8 @@ from model.diagnosis.findings.isolability import projected_without_soil as witho
 from model.diagnosis.planning.manoeuvres import Manoeuvre, manoeuvres, typical_run
 from model.diagnosis.planning.naming_chance import Outlook
 from model.diagnosis.planning.static_tests import Products, static_tests
-from model.diagnosis.time_series.columns import Grams, columns_of
+from model.diagnosis.time_series.columns import Grams, cause_columns, columns_of
+from model.diagnosis.time_series.joining import turn_of
 from model.diagnosis.time_series.linearise import Point, Simulation, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import hyper_priors
@@ -247,13 +248,7 @@ def embedded(linearised: LinearisedCampaign, index: int, simulation: Simulation,
     matrix : array, shape (1 + q + k, 1 + q + k)
     """
     grams: Grams = linearised.grams
-    q = len(simulation.space)
-    turn = np.zeros((len(matrix), grams.matrices.shape[1]))
-    turn[np.arange(1, 1 + q), 1 + linearised.soil_of(index)] = 1.0
-    shared: Mapping[tuple[str, str], int] = {(c.key, c.parameter): i for i, c in enumerate(grams.causes)}
-    for row, (effect, i, _) in enumerate(simulation.parameters):
-        parameter = effect.parameters[i]
-        at = shared[effect.key(), parameter.name]
-        stretch = grams.causes[at].scale / parameter.towards(simulation.wheel)
-        turn[1 + q + row, grams.cause_columns.start + at] = stretch
+    own, width = cause_columns(simulation, {}), grams.matrices.shape[1]
+    turn = turn_of(own, linearised.soil_of(index), grams.causes, len(grams.soil), width)
+    turn[0] = 0.0
     return np.asarray(turn.T @ matrix @ turn)

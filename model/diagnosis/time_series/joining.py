@@ -101,6 +101,10 @@ def drives_of(names: Sequence[tuple[str, ...]]) -> dict[str, list[tuple[int, int
     return found
 
 
+def _drives(wheels: Sequence[OfCampaign]) -> dict[str, list[tuple[int, int]]]:
+    return drives_of([wheel.samples.run_names for wheel in wheels])
+
+
 def runs_of(campaigns: Sequence[tuple[Campaign, Samples]]) -> list[list[tuple[int, int]]]:
     """Return what each run of `joined` is of: places of campaigns, and the number of the run in each."""
     found: list[list[tuple[int, int]]] = []
@@ -145,15 +149,21 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
         for part, own in zip(parts, places, strict=True)
         for at, label in zip(own, part.columns.soil, strict=True)
     }
-    first = 1 + len(soil) + len(causes)
+    every, first = tuple(causes.values()), 1 + len(soil) + len(causes)
     width = first + sum(len(part.columns.catch_all.shapes) for part in parts)
     turns, ranks = [], [0]
     for part, own in zip(parts, places, strict=True):
-        turns.append(_turn(part.columns, own, causes, (len(soil), first, width)))
-        first += len(part.columns.catch_all.shapes)
+        count = len(part.columns.catch_all.shapes)
+        turn = np.zeros((part.columns.shared, width))
+        turn[: part.columns.shared - count] = turn_of(
+            part.columns.causes, own, tuple(causes.values()), len(soil), width
+        )
+        turn[part.columns.shared - count :, first : first + count] = np.eye(count)
+        turns.append(turn)
+        first += count
         ranks.append(ranks[-1] + len(part.columns.catch_all.by_rank))
     labels = tuple(soil[at] for at in sorted(soil))
-    return Layout(labels, tuple(causes.values()), tuple(turns), tuple(ranks))
+    return Layout(labels, every, tuple(turns), tuple(ranks))
 
 
 def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None) -> Grams:
@@ -177,13 +187,12 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None)
         if part.campaign.of_vehicle:
             wheels = [parts[i] for i in group]
             found.append(_of_vehicle(wheels, [turns[i] for i in group], [ranks[i] for i in group]))
-            runs = tuple(drives_of([wheel.samples.run_names for wheel in wheels]))
-            name = part.campaign.of_vehicle.campaign
+            runs = tuple(_drives(wheels))
         else:
             grams = alone[group[0]] if alone else run_grams(*part.whitening)
             found.append(_turned(grams, part.campaign, turns[group[0]], ranks[group[0]], several))
-            runs, name = part.samples.run_names, part.campaign.name
-        names += [_labelled(name, run, len(groups) > 1) for run in runs]
+            runs = part.samples.run_names
+        names += [_labelled(part.campaign.ground, run, len(groups) > 1) for run in runs]
     return Grams(
         matrices=np.concatenate([g.matrices for g in found]) if len(found) > 1 else found[0].matrices,
         log_determinants=np.concatenate([g.log_determinants for g in found]),
@@ -200,29 +209,27 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None)
     )
 
 
-def _turn(
-    columns: Columns,
-    soil: IndexArray,
-    causes: Mapping[tuple[str, str], CauseColumn],
-    layout: tuple[int, int, int],
+def turn_of(
+    own: Sequence[CauseColumn], soil: IndexArray, causes: Sequence[CauseColumn], soils: int, width: int
 ) -> FloatArray:
-    """Return what takes a campaign's columns to those of all, shape (m, width).
+    """Return what takes residual, soil and causes of one campaign to those of all, shape (1 + q + k, width).
 
     Parameters
     ----------
-    layout : (int, int, int)
-        How many columns the soils have; where the campaign's shapes begin; the width.
+    own, causes : sequence of CauseColumn
+        Of the campaign, and of all; a scale may go with the wheel.
+    soil : int array, shape (q,)
+        Places of the campaign's soil.
+    soils : int
+        How many columns the soils of all have.
     """
-    soils, shapes, width = layout
-    turn = np.zeros((columns.shared, width))
+    turn = np.zeros((1 + len(soil) + len(own), width))
     turn[0, 0] = 1.0
-    q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
-    turn[1 + np.arange(q), 1 + soil] = 1.0
-    index = {key: 1 + soils + i for i, key in enumerate(causes)}
-    for i, cause in enumerate(columns.causes):
-        key = (cause.key, cause.parameter)
-        turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
-    turn[1 + q + k :, shapes : shapes + b] = np.eye(b)
+    turn[1 + np.arange(len(soil)), 1 + soil] = 1.0
+    index = {(cause.key, cause.parameter): i for i, cause in enumerate(causes)}
+    for row, cause in enumerate(own, 1 + len(soil)):
+        at = index[cause.key, cause.parameter]
+        turn[row, 1 + soils + at] = causes[at].scale / cause.scale
     return turn
 
 
@@ -249,7 +256,7 @@ def _labelled(campaign: str, label: str, several: bool) -> str:
 
 def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
     """Return the Gram matrices of each drive of the wheels of one vehicle, in the columns of all."""
-    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    drives = _drives(wheels)
     found = _integrated(wheels, turns, ranks)
     counts, measured = np.zeros(len(drives), np.intp), np.zeros((len(drives), len(wheels)), np.intp)
     static = found.matrices[len(drives) :].sum(axis=0)
@@ -266,7 +273,7 @@ def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks
 def _integrated(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
     """Return the Gram matrices of each drive, without its counts and what the lifted wheels read."""
     width = turns[0].shape[1]
-    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    drives = _drives(wheels)
     of_run = [_shapes_of_drive(wheels, ranks, members) for members in drives.values()]
     return grams_of(vehicle_rows(wheels, turns), width + sum(map(_own, wheels)), width, of_run)
 
@@ -293,7 +300,7 @@ def smoothed_speeds(
         together[column] = own[row] / turn[row, column]
     wheels = _with_common_values(parts)
     constants_of = _integrated(parts, layout.turns, layout.ranks).constants[..., : len(together)] @ together
-    drives = list(drives_of([wheel.samples.run_names for wheel in wheels]))
+    drives = list(_drives(wheels))
     aligned, places = _on_one_clock(wheels, drives)
     space = _space(aligned)
     at = places_of(aligned[0].samples.run, len(drives))
@@ -377,7 +384,7 @@ def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> I
         then what is one value a run, scaled to one-sigma 1.
     log_determinants : array, shape (drives,)
     """
-    drives = drives_of([wheel.samples.run_names for wheel in wheels])
+    drives = _drives(wheels)
     aligned, _ = _on_one_clock(_with_common_values(wheels), list(drives))
     space = _space(aligned)
     own = [_own(wheel) for wheel in wheels]
@@ -565,32 +572,30 @@ def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
     spaces : sequence of StateSpace
         Of the same samples; the ground speed's error with the same values.
     own_share : float
-        Of that error's variance, which each wheel has for itself.
+        Of that error's variance, which each wheel has for itself; above 0.
     """
     first = spaces[0].near()
     common = np.r_[first.later, first.now, first.before]
     channels = np.cumsum([0, *(space.white.shape[2] for space in spaces)])
-    loadings, decays, variances, near = [], [], [], []
+    loadings, seen, variances, near = [], [], [], []
     state = 0
     for space, begin in zip(spaces, channels, strict=False):
         of = space.near()
         places = np.r_[of.later, of.now, of.before]
         variance = space.variance.copy()
         variance[places] *= own_share
-        kept = np.arange(len(variance)) if own_share else np.setdiff1d(np.arange(len(variance)), places)
-        own = np.zeros((*space.decay.shape[:2], channels[-1], len(kept)))
-        own[:, :, begin : begin + space.white.shape[2]] = space.loadings[..., kept]
+        own = np.zeros((*space.decay.shape[:2], channels[-1], len(variance)))
+        own[:, :, begin : begin + space.white.shape[2]] = space.loadings
         loadings.append(own)
-        decays.append(space.decay[..., kept])
-        variances.append(variance[kept])
-        near += [state + places.reshape(3, -1)] if own_share else []
-        state += len(kept)
+        seen.append(space.loadings[..., places])
+        variances.append(variance)
+        near.append(state + places.reshape(3, -1))
+        state += len(variance)
     near.append(state + np.arange(len(common)).reshape(3, -1))
-    seen = [space.loadings[..., np.r_[of.later, of.now, of.before]] for space in spaces for of in [space.near()]]
     later, now, before = np.concatenate(near, axis=1)
     return StateSpace(
         loadings=np.concatenate([*loadings, np.concatenate(seen, axis=2)], axis=-1),
-        decay=np.concatenate([*decays, spaces[0].decay[..., common]], axis=-1),
+        decay=np.concatenate([*(space.decay for space in spaces), spaces[0].decay[..., common]], axis=-1),
         variance=np.concatenate([*variances, (1.0 - own_share) * spaces[0].variance[common]]),
         white=np.concatenate([space.white for space in spaces], axis=2),
         neighbours=Neighbours(
