@@ -164,6 +164,8 @@ class SoilPrior:
     mean: FloatArray
     covariance: FloatArray
     source: str
+    assumed: bool = False
+    """Whether no laboratory has said how uncertain it is."""
 
     def sized(self) -> dict[str, tuple[float, float]]:
         """Return mean and one-sigma of the parameters that are not known exactly."""
@@ -195,7 +197,7 @@ def prior_of(soil: Soil, terrain: TerrainConfig | None = None) -> SoilPrior:
     uncertainty = terrain.uncertainty if terrain else None
     if uncertainty is None:
         sigma = np.abs(mean) * np.array([LABORATORY_SPREAD[name] for name in SOIL_PARAMETERS])
-        return SoilPrior(mean, np.diag(sigma**2), "default laboratory uncertainty")
+        return SoilPrior(mean, np.diag(sigma**2), "default laboratory uncertainty", assumed=True)
     if uncertainty.covariance is not None:
         degree = radians(1.0) / cos(soil.friction_angle_rad) ** 2  # d tan(phi) per degree
         unit = np.array([1e3, degree, 1.0, 1.0, 1e3, 1e3])

@@ -74,8 +74,6 @@ def _scan_and_refine(problem: _Problem) -> tuple[float, float]:
         return nan, nan
     delays = np.arange(SCAN_S[0], SCAN_S[1] + 1e-9, _SCAN_STEP_S)
     best = int(np.argmin([problem.cost(float(delay)) for delay in delays]))
-    if not 0 < best < len(delays) - 1:
-        return nan, nan
     return problem.refine(float(delays[best]))
 
 

@@ -21,7 +21,7 @@ from blind.tilts import with_pitch
 from daq.config import TerrainConfig, WheelSection
 from daq.runs.open import open_runs
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.hypotheses import Posterior, probabilities
+from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.core.result import Diagnosis
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Wheel
@@ -81,7 +81,7 @@ def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, An
     with averages_kept() as kept:
         said = diagnose([campaign], options)
     out = {**_told(said), "engine_s": time.perf_counter() - begin, "engine_cpu_s": time.process_time() - cpu}
-    out["as_they_are"] = _of_runs_as_they_are(kept[0]) if kept else {}
+    out["as_they_are"] = kept[0].as_they_are().families() if kept else {}
     member = truth["members"][0] if case.kind == "single" else {}
     if member and not member["variant"]:
         out["given_fit"] = {"causes": fitted(campaign, member["family"], member["key"], options)}
@@ -105,12 +105,6 @@ def averages_kept() -> Iterator[list[Posterior]]:
 
     with patch.object(diagnosis, "bagged", keeping):
         yield kept
-
-
-def _of_runs_as_they_are(average: Posterior) -> dict[str, float]:
-    """Return each family's probability without drawing runs anew: what the average costs, and saves, in names."""
-    alone = probabilities(average.log_evidence, average.hypotheses.log_prior)
-    return replace(average, probability=alone).families()
 
 
 def fitted(campaign: Campaign, family: str, key: str, options: DiagnosisOptions) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from gram_support import column, world
 
 from daq.notes import Note
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.naming import Judgement, asked_again, judgement, prior_shifts, unshown
+from model.diagnosis.core.naming import Judgement, asked_again, judgement, less_beside_usual, prior_shifts, unshown
 from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
@@ -159,6 +159,31 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
         assert again(0.0, kept) == kept
 
 
+def test_a_name_that_is_less_probable_beside_the_usual_soil_says_so() -> None:
+    named = Judgement("named", ("slip_sinkage", "torque_zero", "stress_peak_shift"))
+    for p, told in ((0.95, ()), (0.6, ("slip_sinkage",))):
+        notes = less_beside_usual(named, {"slip_sinkage": p}, ("stress_peak_shift",), 0.9)
+        assert tuple(note.values["family"] for note in notes) == told
+    assert less_beside_usual(replace(named, verdict="one_of"), {}, (), 0.9) == ()
+
+
+def test_a_name_is_sure_by_the_runs_as_they_are_too(grams: Grams) -> None:
+    """The average says .95 of "a"; the runs themselves .985 or .995, and no word of tables, which have no average."""
+    found = made(grams, {("a",): 0.95, ("b",): 0.05})
+    said = {}
+    for alone in (0.985, 0.995):
+        chances = np.full(len(found.hypotheses), 1e-12)
+        chances[[found.hypotheses.index_of((key,)) for key in "ab"]] = alone, 1.0 - alone
+        own = replace(found, log_evidence=np.log(chances) - found.hypotheses.log_prior)
+        assert judgement(own, FINE, gain(9.0)).verdict == "named"
+        said[alone] = judgement(own, FINE, gain(9.0), sure_at=0.99)
+    assert said[0.995] == Judgement("named", ("a",))
+    why = said[0.985].barred
+    assert why is not None and why.code == LackCode.NOT_SURE and why.values["probability"] == pytest.approx(0.985)
+    assert said[0.985] == Judgement("one_of", ("a", "b"), barred=why)
+    assert said[0.985].kept_back == (("a", why),)
+
+
 def test_a_prior_that_decides_is_said(grams: Grams) -> None:
     """.91 is named and .77 not; a third of the prior of "a" makes .99 to .97, which changes nothing."""
     close, sure = (made(grams, {("a",): p, ("b",): 1.0 - p}) for p in (0.91, 0.99))
@@ -172,6 +197,18 @@ def test_a_prior_that_decides_is_said(grams: Grams) -> None:
         ("b", True, "one_of"),
     }
     assert prior_shifts(sure, judge(sure), judge) == ()
+
+    def strictly(found: Posterior) -> Judgement:
+        return judgement(found, FINE, gain(9.0), sure_at=0.99)
+
+    evidence = np.full(len(sure.hypotheses), -99.0)
+    evidence[sure.hypotheses.index_of(("a",))] = 0.0
+    evidence[sure.hypotheses.index_of(("b",))] = -np.log(150.0)  # .993 of the runs as they are: .98 with a third
+    alone = replace(sure, log_evidence=evidence - sure.hypotheses.log_prior)
+    assert {(one.family, one.factor > 1) for one in prior_shifts(alone, strictly(alone), strictly)} == {
+        ("a", False),
+        ("b", True),
+    }
 
 
 def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:

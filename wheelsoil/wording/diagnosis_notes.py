@@ -252,6 +252,9 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.NOTHING_JUDGED: "the model has no answer for these samples, so that there is nothing to judge a cause by",
     LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
+    LackCode.NOT_SURE: lambda v: (
+        f"without averaging over resampled runs its probability is {chance(v['probability'])}, not {chance(v['least'])}"
+    ),
     LackCode.NO_BETTER: (
         "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "
         "{least:g}, and no error falls for certain"
@@ -282,6 +285,10 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.NO_POSITIONS: ("no positions: where on the line a run lies is taken from its distance and direction"),
     DiagnosisCode.POSITIONS_STILL: (
         "the positions do not change: where on the line a run lies is taken from its distance"
+    ),
+    DiagnosisCode.LESS_BESIDE_USUAL: lambda v: (
+        f"{plain_name(v['family'])}: {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
+        "bottom, as on most soils"
     ),
     DiagnosisCode.OUTLIERS: lambda v: (
         f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "

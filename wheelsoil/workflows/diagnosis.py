@@ -362,7 +362,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
     """Add a note on an assumed uncertainty of the soil, and a caution where runs are hardly of one terrain."""
-    guessed = [campaign.name for campaign in given if campaign.soil_prior.source == prior_of(campaign.soil).source]
+    guessed = [campaign.name for campaign in given if campaign.soil_prior.assumed]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
     grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))

@@ -195,6 +195,10 @@ class Posterior:
         shares = inclusion / total if total > 0 else np.full(own.size, 1.0 / own.size)
         return {h.effects[own[i]]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
 
+    def as_they_are(self) -> Posterior:
+        """Return the probabilities by the evidence alone, not averaged over resampled data."""
+        return replace(self, probability=probabilities(self.log_evidence, self.hypotheses.log_prior))
+
     def best(self) -> tuple[str, ...]:
         """Return the most probable set."""
         return self.hypotheses.keys_of(int(np.argmax(self.probability)))

@@ -6,6 +6,8 @@
    `MOST_ERROR` times what soil and noise give, and more than few runs show by chance.
 3. A family above `name_at` is `named` where
 
+   - of driven runs, its probability by the runs as they are is above `SURE_AT`, too: the average over resampled runs is
+     careful of what is confounded, and too kind to what is barely there;
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`, or the held-out error of a channel falls
      for certain: the score is of linearised models, and that of one far from the truth is too high;
    - the held-out error of no measured channel grows notably and for certain, also where the channel was not used;
@@ -13,8 +15,8 @@
    - the data identify the family (what stands in ``not_identifiable`` may be a member of a set only); a zero that no
      standstill shows may be shown by driving, see `unshown`;
    - its value bears the name, see `confirmed`;
-   - it is no physical cause that loses its name once the stress peak may lie ahead of the bottom, as it does in nature
-     (`model.diagnosis.findings.usual_soil`).
+   - it is no physical cause that is less probable than not once the stress peak may lie ahead of the bottom, as it
+     does in nature (`model.diagnosis.findings.usual_soil`).
 
    That R0 of the drawbar pull falls is no demand: a zero of the torque or a cause of the braked wheel shows in the
    score only (docs/decisions/naming.md).
@@ -29,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import log
 
 import numpy as np
 from scipy.special import chdtri
@@ -37,7 +40,7 @@ from daq import Note
 from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form, nearest_rival, short_set
 from model.diagnosis.core.result import Adequacy, BarredCause, Cause, Gain, PriorShift, Verdict
 from model.effects.catalogue import EFFECTS, parted
-from model.notes import LackCode
+from model.notes import DiagnosisCode, LackCode
 
 NOTHING_AT = 0.2
 """Probability of "none" from which on no cause is reported: a false alarm costs more than a further run."""
@@ -50,6 +53,10 @@ MOST_ERROR = 1.5
 _BY_CHANCE = 1e-4
 """Chance of so large an error of few runs. A run is worth one error, as its own soil is one value, and each is
 predicted from the others: of n runs n - 1 are free."""
+SURE_AT = 0.99
+"""Probability by the runs as they are that a name of driven runs needs (docs/decisions/naming.md)."""
+BESIDE_USUAL = 0.5
+"""Probability beside what soils usually do that a physical name of driven runs needs; below `name_at` it is told."""
 SHOWN_AT = 0.97
 """Probability from which a zero is named though no standstill shows it. Of 18 such in blind campaigns all were right;
 the largest probability of a wrong one was .94 (docs/decisions/standstill.md)."""
@@ -88,6 +95,7 @@ def judgement(
     name_at: float = 0.9,
     converged: bool = True,
     cancelling: Note | None = None,
+    sure_at: float = 0.0,
 ) -> Judgement:
     """Return the verdict.
 
@@ -103,6 +111,8 @@ def judgement(
         Whether the linearisation converged.
     cancelling : Note or None
         Which of the most probable causes cancel each other.
+    sure_at : float
+        Probability without averaging from which on a family is named.
     """
     if not judged.ok:
         return Judgement("unexplained", barred=Note(LackCode.NOTHING_JUDGED) if np.isnan(judged.statistic) else None)
@@ -117,11 +127,21 @@ def judgement(
     likely = tuple(family for family, p in found.families().items() if p > name_at)
     if barred:
         return one_of(found, barred if sure else None, likely, _each(sure, barred))
-    lacking = tuple((family, why) for family in sure if (why := (not_identifiable or {}).get(family)))
+    unsure = _unsure(found, sure, sure_at) | dict(not_identifiable or {})
+    lacking = tuple((family, unsure[family]) for family in sure if family in unsure)
     named = tuple(family for family in sure if family not in dict(lacking))
     if named:
         return Judgement("named", named, short_set(found, named), kept_back=lacking)
     return one_of(found, lacking[0][1] if lacking else None, likely, lacking)
+
+
+def _unsure(found: Posterior, families: Sequence[str], sure_at: float) -> dict[str, Note]:
+    chances = found.as_they_are().families()
+    return {
+        family: Note(LackCode.NOT_SURE, values={"family": family, "probability": chances[family], "least": sure_at})
+        for family in families
+        if chances[family] < sure_at
+    }
 
 
 def _each(families: Sequence[str], why: Note) -> tuple[tuple[str, Note], ...]:
@@ -212,10 +232,10 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
     return verdict
 
 
-def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float) -> Judgement:
+def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], least: float) -> Judgement:
     """Return the verdict once its physical causes were asked again beside what soils usually do.
 
-    One that does not stay above `name_at` loses its name to the set of it and its rivals; the others that stay keep
+    One that does not stay above `least` loses its name to the set of it and its rivals; the others that stay keep
     theirs, beside one of that set. Errors of measurement are exempt.
 
     Parameters
@@ -227,18 +247,30 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
     """
     if verdict.verdict != "named":
         return verdict
-    lost = [f for f in verdict.families if is_physical(f) and f not in rivals and not chances.get(f, 0.0) > name_at]
+    lost = [f for f in verdict.families if is_physical(f) and f not in rivals and not chances.get(f, 0.0) > least]
     if not lost:
         return verdict
     why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})
     kept = tuple(f for f in verdict.families if f != lost[0])
-    sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > name_at)
+    sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > least)
     if sure:
         beside = tuple(dict.fromkeys(f for f in (*lost, *rivals, *verdict.beside) if f not in sure))
         return Judgement("named", sure, beside, barred=why, kept_back=(*_each(lost, why), *verdict.kept_back))
     families = tuple(dict.fromkeys((lost[0], *rivals, *kept)))
     barred = (*_each(verdict.families, why), *verdict.kept_back)
     return Judgement("one_of", families, barred=why, kept_back=barred)
+
+
+def less_beside_usual(
+    verdict: Judgement, chances: Mapping[str, float], rivals: Sequence[str], name_at: float
+) -> tuple[Note, ...]:
+    """Return which physical names are less probable than a name must be beside what soils usually do."""
+    asked = [f for f in verdict.families if verdict.verdict == "named" and is_physical(f) and f not in rivals]
+    return tuple(
+        Note(DiagnosisCode.LESS_BESIDE_USUAL, values={"family": f, "probability": p})
+        for f in asked
+        if (p := chances.get(f, 0.0)) <= name_at
+    )
 
 
 def is_physical(family: str) -> bool:
@@ -285,7 +317,8 @@ def prior_shifts(
     for i, family in enumerate(found.hypotheses.families):
         for times in (factor, 1.0 / factor):
             weighted = found.probability * np.where(found.hypotheses.has_family[:, i], times, 1.0)
-            other = judge(replace(found, probability=weighted / weighted.sum()))
+            evidence = found.log_evidence + log(times) * found.hypotheses.has_family[:, i]
+            other = judge(replace(found, probability=weighted / weighted.sum(), log_evidence=evidence))
             if (other.verdict, set(other.families)) != (verdict.verdict, set(verdict.families)):
                 shifts.append(PriorShift(family, times, other.verdict, other.families))
     return tuple(shifts)

@@ -24,7 +24,7 @@ from scipy.special import bdtr
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, probabilities
-from model.diagnosis.core.naming import NOTHING_AT, SHOWN_AT, is_physical
+from model.diagnosis.core.naming import BESIDE_USUAL, NOTHING_AT, SHOWN_AT, SURE_AT, is_physical
 from model.diagnosis.findings.held_out import FEWEST_RUNS, drawn_anew, kinds_of
 from model.diagnosis.findings.usual_soil import usual_effects, with_usual_soil
 from model.diagnosis.time_series.columns import Grams
@@ -141,7 +141,8 @@ class Outlook:
         each = probabilities(found, self.listed.log_prior)
         none, mean = each[:, 0, 0], each[:, 1:].mean(axis=1)
         mean[:, 1:] *= ((1.0 - none) / np.maximum(mean[:, 1:].sum(axis=1), 1e-300))[:, None]
-        return np.asarray((mean @ self.listed.has_family > above) & (none < NOTHING_AT)[:, None])
+        sure = each[:, 0] @ self.listed.has_family >= SURE_AT
+        return np.asarray((mean @ self.listed.has_family > above) & sure & (none < NOTHING_AT)[:, None])
 
     def _beside_usual_soil(self, totals: FloatArray) -> BoolArray:
         """Return which families keep a name beside what soils usually do, shape (draws, families)."""
@@ -156,7 +157,7 @@ class Outlook:
         chances = dict(zip(listed.families, (each[:, 1:].mean(axis=1) @ listed.has_family).T, strict=True))
         for i, family in enumerate(self.listed.families):
             if family in chances and family not in exempt and is_physical(family):
-                found[:, i] = chances[family] > self.name_at
+                found[:, i] = chances[family] > BESIDE_USUAL
         return found
 
 

@@ -18,12 +18,15 @@ from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets
 from model.diagnosis.core.naming import (
+    BESIDE_USUAL,
+    SURE_AT,
     Judgement,
     asked_again,
     barred_causes,
     confirmed,
     is_physical,
     judgement,
+    less_beside_usual,
     prior_shifts,
     unshown,
 )
@@ -146,6 +149,7 @@ class _Weighed:
     wrong: list[Finding]
     lack: LackOfFit
     shifts: tuple[PriorShift, ...]
+    told: tuple[Note, ...]
 
 
 def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
@@ -194,7 +198,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         instead = [(c.key, coefficients_in_place_of(linearised.grams, explained.extended, c)) for c in confounded[:2]]
         shown = plot_data_of(linearised, fits[()], fits[explained.extended], dict(instead) | explained.sizes, alone)
-        disputes = (*_disputes(linearised, verdict, explained, fits), *static_disputes(linearised))
+        disputes = (*weighed.told, *_disputes(linearised, verdict, explained, fits), *static_disputes(linearised))
         one_campaign = verdict.verdict == "unexplained" and len(runs_of(linearised)) == 1
         grounds = Grounds(
             barred=verdict.barred,
@@ -277,21 +281,24 @@ def _weighed(
 
     def judge(other: Posterior) -> Judgement:
         lacking = unshown(linearised.not_identifiable, other, judged)
-        return judgement(*(other, judged, gain, lacking, name_at, linearised.converged), cancelling(linearised))
+        rules = (other, judged, gain, lacking, name_at, linearised.converged)
+        return judgement(*rules, cancelling(linearised), sure_at=SURE_AT)
 
     verdict = judge(found)
     shifts = prior_shifts(found, verdict, judge)
-    usual = usual_effects(linearised.grams)
+    usual, told = usual_effects(linearised.grams), tuple[Note, ...]()
     if verdict.verdict == "named" and usual and any(map(is_physical, verdict.families)):
         with clock.stage("usual soil"):
             again = posterior_with_usual_soil(linearised, rng, factor, Clock())
-            verdict = asked_again(verdict, again.families(), tuple(EFFECTS[key].name for key in usual), name_at)
+            beside = again.families(), tuple(EFFECTS[key].name for key in usual)
+            verdict = asked_again(verdict, *beside, BESIDE_USUAL)
+            told = less_beside_usual(verdict, *beside, name_at)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = linearised.best.keys if unnamed else ()
         lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, other, factor) if unnamed else LackOfFit()
         wrong = findings(linearised.grams, linearised.campaigns, left_by, factor, inputs=unnamed)
-    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts), remarks
+    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts, told), remarks
 
 
 def _onward(
