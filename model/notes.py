@@ -167,6 +167,8 @@ class FitCode(StrEnum):
     """names: one, value"""
     SUM_NEGATIVE = "sum_negative"
     """value"""
+    SEVERAL_PASSAGES = "several_passages"
+    """passages: of wheels that were driven together"""
     LOAD_NOT_CARRIED = "load_not_carried"
     """samples"""
     RUNS_LACK_SIGNALS = "runs_lack_signals"

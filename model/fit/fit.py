@@ -180,11 +180,14 @@ def fit_models(
     options: FitOptions | None = None,
     *,
     keep_predictions: bool = True,
+    drives: Sequence[int] = (),
 ) -> CampaignFit:
     """Fit the paper's models to processed runs of one terrain.
 
     Parameters
     ----------
+    drives : sequence of int, optional
+        Which drive each run is of, where wheels of one size were driven together: their errors are not independent.
     keep_predictions : bool
         Whether the fits hold what each model predicts for every sample, 2 GB for four models and ten hours.
 
@@ -200,7 +203,7 @@ def fit_models(
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
     asked = conditions_of(runs, soil.unit_weight_n_m3) if options and (options.extended or options.chosen) else ()
-    fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
+    fitted = fit_observations(observations_of(runs, conditions=asked, drives=drives), wheel, soil, options)
     rows = _judged_rows(runs, fitted.slip_threshold)
     conditions = asked or conditions_of(runs, soil.unit_weight_n_m3)
     answers = _answers(fitted, conditions, rows, keep_predictions=keep_predictions)
@@ -374,7 +377,7 @@ def _blocks(problem: FitProblem, x: FloatArray) -> Blocks:
     channel = next((c for c in problem.channels if not problem.at_single_samples(c)), "z")
     whitened = problem.miss(problem.predict(x), channel) / np.sqrt(problem.variance[channel])
     driven = problem.driven
-    return blocks_of(whitened, driven.time_s, driven.run, driven.independent)
+    return blocks_of(whitened, driven.time_s, driven.run, driven.independent, driven.drive)
 
 
 def _tempering(blocks: Blocks, driven: Observations) -> float:

@@ -225,15 +225,27 @@ def _spacing(time_s: FloatArray, run: IndexArray) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def blocks_of(residual: FloatArray, time_s: FloatArray, run: IndexArray, independent: bool) -> Blocks:
-    """Group samples: rows of a table singly, a time series in blocks of six correlation times."""
+def blocks_of(
+    residual: FloatArray, time_s: FloatArray, run: IndexArray, independent: bool, drive: IndexArray | None = None
+) -> Blocks:
+    """Group samples: rows of a table singly, a time series in blocks of six correlation times.
+
+    Wheels that were driven together share their blocks: an error of the ground speed is in the slip of all.
+
+    Parameters
+    ----------
+    drive : int array, shape (n,), optional
+        Of each sample; by default every run is a drive of its own.
+    """
     if independent:
         return Blocks(np.arange(len(residual)), len(residual), float("nan"), float("nan"))
     tau = correlation_time(residual, time_s, run)
-    span = len(residual) * _spacing(time_s, run)
+    drive = run if drive is None else drive
+    of_each = len(np.unique(run)) / max(len(np.unique(drive)), 1)
+    span = len(residual) * _spacing(time_s, run) / of_each
     longest = max(span / MIN_BLOCKS, _SHORTEST_S) if np.isfinite(span) else _SHORTEST_S
     length = float(np.clip(_CORRELATION_TIMES * tau, _SHORTEST_S, min(longest, _LONGEST_S)))
-    key = np.stack([run, np.floor(_driven_time(time_s, run) / length).astype(np.intp)], axis=1)
+    key = np.stack([drive, np.floor(_driven_time(time_s, run) / length).astype(np.intp)], axis=1)
     label = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     return Blocks(label, int(label.max()) + 1 if len(label) else 0, length, tau)
 

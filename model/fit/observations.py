@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,8 @@ class Observations(Measured):
     independent : whether samples are independent of each other (rows of a bench table), or a time series.
     more : mapping name -> array
         Further fields of `Conditions`, for effects that ask for them.
+    drives : tuple of int
+        Which drive each run is of: wheels that are driven together have a run each. Empty: no two are.
     """
 
     sinkage_m: FloatArray
@@ -57,15 +60,16 @@ class Observations(Measured):
     independent: bool = False
     readings: bool = False
     more: dict[str, FloatArray] = field(default_factory=dict)
+    drives: tuple[int, ...] = ()
 
     def __getitem__(self, rows: BoolArray | slice) -> Observations:
-        arrays = {
-            name: getattr(self, name)[rows]
-            for name in self.__dataclass_fields__
-            if name not in ("names", "independent", "readings", "more")
-        }
-        more = {name: values[rows] for name, values in self.more.items()}
-        return Observations(**arrays, names=self.names, independent=self.independent, readings=self.readings, more=more)
+        arrays: dict[str, Any] = {n: value[rows] for n, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return replace(self, **arrays, more={name: values[rows] for name, values in self.more.items()})
+
+    @property
+    def drive(self) -> IndexArray:
+        """Index of the drive that each sample is of, shape (n,)."""
+        return np.array(self.drives, np.intp)[self.run] if self.drives else self.run
 
     @property
     def conditions(self) -> Conditions:
@@ -73,7 +77,9 @@ class Observations(Measured):
         return Conditions(self.slip, self.vertical_load_n, **self.more)
 
 
-def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Conditions] = ()) -> Observations:
+def observations_of(
+    runs: Sequence[ProcessedRun], *, conditions: Sequence[Conditions] = (), drives: Sequence[int] = ()
+) -> Observations:
     """Collect the usable samples of processed runs, thinned.
 
     Only every k-th sample is kept, so that the rate is still 2.5 times the filter's cutoff: what is excluded holds no
@@ -84,6 +90,8 @@ def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Condit
     conditions : sequence of Conditions, optional
         Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
         than slip and load.
+    drives : sequence of int, optional
+        See `Observations`.
     """
     chosen = [np.flatnonzero(run.used & _thinned(run)) for run in runs]
 
@@ -108,6 +116,7 @@ def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Condit
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
         readings=any(run.run.rut for run in runs),
         more=more,
+        drives=tuple(drives),
     )
 
 

@@ -104,6 +104,22 @@ def test_intervals_contain_the_truth_about_as_often_as_they_say() -> None:
     assert hits >= 16  # of 20 at 0.95: fewer has a chance of 0.0003
 
 
+def test_wheels_of_one_drive_do_not_count_as_independent() -> None:
+    """A second wheel that measures exactly what the first does tells nothing: as a drive of its own it would."""
+    one = measured(0, "vasilev")
+    both = {n: np.concatenate([v, v]) for n, v in vars(one).items() if isinstance(v, np.ndarray)}
+    both["run"] = np.concatenate([one.run, one.run + 2])
+    apart = Observations(**both, names=("a", "b", "c", "d"))
+    options = FitOptions(models=("vasilev",))
+    alone, together, wrong = (
+        fit_observations(data, WHEEL, SOILS["clay"], options).models[0].estimate("H_m")
+        for data in (one, replace(apart, drives=(5, 7, 5, 7)), apart)
+    )
+    assert together.value == pytest.approx(alone.value, rel=1e-3)
+    assert together.sigma == pytest.approx(alone.sigma, rel=0.02)
+    assert wrong.sigma < 0.8 * alone.sigma
+
+
 def test_every_slip_sinkage_law_beats_wong_where_there_is_slip_sinkage() -> None:
     campaign = fit_observations(measured(1, "lyasko"), WHEEL, SOILS["clay"])
     r0 = {m.name: m.criteria["dp"].R0_N for m in campaign.models}

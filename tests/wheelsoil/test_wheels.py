@@ -91,13 +91,28 @@ def test_info_lists_the_wheels(two: Path) -> None:
 
 
 def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:
-    both = ok("fit", two, "--json").json
-    assert [entry["wheel"] for entry in both] == list(IDS)
+    *both, together = ok("fit", two, "--json").json
+    assert [entry["wheel"] for entry in (*both, together)] == [*IDS, "all"]
+    assert together["models"]["wong"]["samples"] == sum(entry["models"]["wong"]["samples"] for entry in both)
+    blocks = [entry["models"]["vasilev"]["independent_blocks"] for entry in (*both, together)]
+    assert blocks[2] < 1.3 * max(blocks[:2]), "blocks of the two wheels' time are one block each"
+    [note] = together["notes"]
+    assert "passages 3, 4" in note
     assert all(entry["wheel_size"] == {"radius_m": 0.47, "width_m": 0.318} for entry in both)
     assert ok("fit", two, "--json", "--wheel", "FL").json == both[0]
-    shown = ok("fit", two).out
-    assert shown.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown
+    shown = ok("fit", two)
+    assert shown.out.startswith("wheel FL\n") and "\n\nwheel RL\n" in shown.out
+    assert "\n\nall wheels together\n" in shown.out and "passages 3, 4" in shown.err
+    assert "all wheels" not in ok("fit", two, "--apart").out
     assert [entry["wheel"] for entry in ok("sinkage", two, "--json").json] == list(IDS)
+
+
+def test_wheels_of_two_sizes_share_no_law(two: Path, tmp_path: Path) -> None:
+    text = (two / "vehicle.toml").read_text(encoding="utf-8")
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text(text.replace("width_m = 0.318", "width_m = 0.3", 1), encoding="utf-8")
+    found = ok("fit", two, "--vehicle", vehicle)
+    assert "differ in radius or width" in found.err and "\n\nall wheels" not in found.out
 
 
 @pytest.fixture(scope="module")

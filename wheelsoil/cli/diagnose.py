@@ -59,7 +59,7 @@ def diagnose_command(
     paired: Annotated[
         bool, typer.Option("--paired", help="With two wheels in --table: report what the second one does differently.")
     ] = False,
-    apart: Annotated[bool, typer.Option("--apart", help="Of several wheels: not all of them together, too.")] = False,
+    apart: options.Apart = False,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[

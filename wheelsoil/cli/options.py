@@ -128,6 +128,7 @@ LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Apart = Annotated[bool, typer.Option("--apart", help="Of several wheels: not all of them together, too.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace an existing output.")]
 
 

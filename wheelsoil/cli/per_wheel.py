@@ -107,10 +107,10 @@ class PerWheel:
         """
         if not self.wheel:
             return found
-        if self.wheel == ALL_WHEELS:
-            return {"wheel": ALL_WHEELS, **found}
         of_causes = {
-            key: [{"wheel": self.wheel, **cause} for cause in found[key]] for key in _OF_CAUSES if key in found
+            key: [{"wheel": self.wheel, **cause} for cause in found[key]]
+            for key in _OF_CAUSES
+            if key in found and self.wheel != ALL_WHEELS
         }
         sized = {"wheel_size" if key == "wheel" else key: value for key, value in found.items()}
         return {"wheel": self.wheel, **sized, **of_causes}

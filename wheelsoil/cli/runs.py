@@ -176,6 +176,7 @@ def fit_command(
     soil_prior: options.SoilPrior = None,
     slip_threshold: options.SlipThreshold = None,
     model: options.ModelFile = None,
+    apart: options.Apart = False,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
@@ -186,10 +187,10 @@ def fit_command(
     """Fit Wong's model and the slip-sinkage laws of Vasil'ev, Lyasko and Ding.
 
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
-    gives for each model's sinkage, relative to the measured one.
+    gives for each model's sinkage, relative to the measured one. Of several wheels also of all together: one law.
     """
     from wheelsoil.workflows import load_model, read_bench
-    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, one_terrain
+    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, of_one_size, one_terrain
     from wheelsoil.workflows.runs import Files, noted_in
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
@@ -223,13 +224,25 @@ def fit_command(
     unreadable: list[SetAsideRun] = []
     wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 
+    of_all: list[tuple[Run, ProcessedRun]] = []
+
     def work(of_wheel: list[Run]) -> None:
         processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain, wheels.set_aside)
+        fitted(processed)
+        of_all.extend(processed)
+
+    def fitted(processed: Sequence[tuple[Run, ProcessedRun]]) -> None:
         with computing("fitting"):
             found = fit_runs(processed, choices, soil)
         wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
 
-    wheels.each(work)
+    def together() -> None:
+        if of_one_size(run for run, _ in of_all):
+            fitted(of_all)
+        else:
+            say("the wheels differ in radius or width: no law is fitted to all of them")
+
+    wheels.each(work, None if apart else together)
 
 
 def _show_fit_of_table(fit: CampaignFit, *, json: bool) -> None:

@@ -162,6 +162,10 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.NOT_CONVERGED: "not converged ({stop_reason}): the intervals are not to be relied on",
     FitCode.HELD_BY_BOUND: "{names[0]}: held by its bound {value:g}; the intervals of the others take it as known",
     FitCode.SUM_NEGATIVE: "p = {value:.3g} is below 0: the wheel would rise with slip, so that another cause acts",
+    FitCode.SEVERAL_PASSAGES: lambda v: (
+        f"the wheels are at passages {', '.join(map(str, v['passages']))} over the soil, for which no law has a term: "
+        "compare what each wheel gives"
+    ),
     FitCode.LOAD_NOT_CARRIED: "{samples} driven samples excluded: the soil does not carry their load above the axle",
     FitCode.RUNS_LACK_SIGNALS: _without_signals,
     FitCode.ROWS_NOT_DRIVEN: (

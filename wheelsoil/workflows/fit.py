@@ -110,7 +110,7 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
 
 
 def one_terrain(runs: Sequence[Run]) -> Run:
-    """Return the run that stands for all of one terrain and vehicle.
+    """Return the run that stands for all of one terrain and vehicle; wheels with an id may be several of one size.
 
     Raises
     ------
@@ -118,9 +118,10 @@ def one_terrain(runs: Sequence[Run]) -> Run:
         The runs are of different soils or wheels.
     """
     first = runs[0]
+    together = first.vehicle.wheel and first.vehicle.wheel.id and of_one_size(runs)
     for what, kinds in (
         ("soils", [run.terrain and run.terrain.soil for run in runs]),
-        ("wheels", [run.vehicle.wheel for run in runs]),
+        ("wheels", [None if together else run.vehicle.wheel for run in runs]),
     ):
         others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
         if others:
@@ -133,6 +134,11 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     return first
 
 
+def of_one_size(runs: Iterable[Run]) -> bool:
+    """Return whether the wheels of these runs have one radius and one width, so that one law may be fitted to them."""
+    return len({(wheel.radius_m, wheel.width_m) for run in runs if (wheel := run.vehicle.wheel)}) == 1
+
+
 def fit_runs(
     processed: Sequence[tuple[Run, ProcessedRun]],
     choices: FitChoices,
@@ -141,6 +147,8 @@ def fit_runs(
     keep_predictions: bool = False,
 ) -> CampaignFit:
     """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
+
+    Wheels of one vehicle share a law; what they have from one recording is not independent.
 
     Parameters
     ----------
@@ -159,15 +167,21 @@ def fit_runs(
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    given = (whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    whole = [(run.path, done) for run, done in processed if not done.quality.missing]
+    paths = [path for path, _ in whole]
+    drives = tuple(map(paths.index, paths))
+    given = (tuple(done for _, done in whole), wheel_of(first.vehicle, first.vehicle_source), soil, options)
 
     def compute() -> CampaignFit:
         from model.fit import fit_models
 
-        return fit_models(*given, keep_predictions=keep)
+        return fit_models(*given, keep_predictions=keep, drives=drives)
 
     keep = keep_predictions or sum(map(len, runs)) <= _FEW_SAMPLES
-    fit = kept("fit", (*given, keep), compute)
+    fit = kept("fit", (*given, keep, drives), compute)
+    passages = sorted({done.passage for _, done in whole})
+    if len(set(drives)) < len(drives) and len(passages) > 1:
+        fit = replace(fit, notes=(*fit.notes, Note(FitCode.SEVERAL_PASSAGES, values={"passages": passages})))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
