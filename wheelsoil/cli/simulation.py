@@ -237,6 +237,7 @@ def simulate_command(
         typer.Option(metavar="N", help="Readings of the rut's depth in runs.toml, +-5 mm, over slips from .05 to .8."),
     ] = 0,
     noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
+    transducer_rate: Annotated[float, typer.Option(metavar="HZ", help="Of the transducers' messages.")] = 1000.0,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
     ] = None,
@@ -282,6 +283,7 @@ def simulate_command(
         lifted=lifted,
         rut=rut,
         noise=noise,
+        transducer_rate_hz=transducer_rate,
         start=_start(start, live=live is not None),
     )
     if model is not None:

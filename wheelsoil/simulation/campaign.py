@@ -7,6 +7,7 @@ effect, seed, soil of the field).
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -70,6 +71,7 @@ _BETWEEN_RUNS_S = 600.0
 _ANGLE_OFFSET_DEG = 40.0
 """Offset of the encoder of a transducer in wheel axes, an arbitrary angle."""
 _TRIES = 1000
+_CYCLE = re.compile(rb'(BA_ "GenMsgCycleTime" BO_ \d+ )\d+;')
 _ROUNDING = 1e-9
 """Tolerance of a covariance's positive definiteness, relative to the variances."""
 
@@ -86,7 +88,7 @@ class SimulatedCampaign:
 def simulated_setup(options: SimulationOptions) -> VirtualSetup:
     """Return the vehicle, its driver and its sensors."""
     setup = VirtualSetup(duration_s=options.duration_s)
-    transducer = setup.transducer
+    transducer = replace(setup.transducer, rate_hz=options.transducer_rate_hz)
     if options.wheel_axes:
         zero = "spin" if options.lifted else transducer.zero  # the weight turns: no tare takes it off
         transducer = replace(transducer, frame="wheel", angle_offset_deg=_ANGLE_OFFSET_DEG, zero=zero)
@@ -385,6 +387,7 @@ def simulate_campaign(
         "terrain.toml": to_toml(options.terrain),
         **{name: shipped_dbc(name).read_bytes() for name in DBC_FILES},
     }
+    carried["wft.dbc"] = _CYCLE.sub(rf"\g<1>{round(1000 / options.transducer_rate_hz)};".encode(), carried["wft.dbc"])
     with _nothing_left_of_a_failure(folder):
         for name, content in carried.items():
             (folder / name).write_bytes(content)

@@ -68,6 +68,8 @@ class SimulationOptions:
         Readings of the rut's depth in runs.toml, of the whole campaign.
     noise : float
         Factor on every sensor's noise and ripple; 0 for ideal sensors.
+    transducer_rate_hz : float
+        Of each message of the transducers: a divisor of 1000.
     start : datetime
         Time of the first run.
     known_terrain : TerrainConfig, optional
@@ -100,6 +102,7 @@ class SimulationOptions:
     lifted: bool = False
     rut: int = 0
     noise: float = 1.0
+    transducer_rate_hz: float = 1000.0
     start: datetime = DEFAULT_START
     known_terrain: TerrainConfig | None = None
     model_file: str = ""
@@ -155,6 +158,7 @@ class SimulationOptions:
         loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
         passes = [("pass number", number, 1 <= number <= 1000, "1 to 1000") for number in self.pass_number]
         pressures = [("inflation", p, 10 <= p <= 2000, "10 to 2000 kPa") for p in self.inflation_kpa]
+        rate = self.transducer_rate_hz
         return [
             ("number of runs", self.runs, 1 <= self.runs <= 1000, "1 to 1000"),
             (
@@ -167,6 +171,12 @@ class SimulationOptions:
             ("number of rut readings", self.rut, 0 <= self.rut <= 1000, "0 to 1000"),
             ("tilt", self.tilt_deg or 0.0, abs(self.tilt_deg or 0.0) <= 20, "-20 to 20 deg"),
             ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
+            (
+                "transducer rate",
+                rate,
+                50 <= rate <= 1000 and 1000 % rate == 0,
+                "1000 Hz by a whole number, at least 50",
+            ),
             ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
             ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
             *loads,
@@ -226,6 +236,7 @@ class SimulationOptions:
             *["--lifted"] * self.lifted,
             *(["--rut", f"{self.rut}"] if self.rut else []),
             *([] if self.noise == default.noise else ["--noise", f"{self.noise!r}"]),
+            *([] if self.transducer_rate_hz == 1000 else ["--transducer-rate", f"{self.transducer_rate_hz:g}"]),
             *([] if self.start == default.start else ["--start", self.start.isoformat()]),
         ]
         return shlex.join(words)

@@ -225,7 +225,7 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
     Yields
     ------
     FrameBatch
-        In time order on each bus; a time stamp is the host time at the end of the frame.
+        In time order; a time stamp is the host time at the end of the frame.
 
     Raises
     ------
@@ -245,13 +245,19 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
     ]
     encoders += [(first, "gnss", _Encoder(messages[name], signals, buses[first])) for name, signals in _LAYOUT["gnss"]]
     lines = {bus: _Line() for bus in buses.values()}
+    held: list[FrameBatch] = []
 
     def sent(before_ns: int | None) -> FrameBatch:
         ready = [
             line.one_at_a_time(merge([e.released(before_ns) for _, _, e in encoders if e.bus == bus]))
             for bus, line in lines.items()
         ]
-        return ready[0] if len(ready) == 1 else merge(ready)
+        if len(ready) == 1:
+            return ready[0]
+        frames = merge([*held, *ready])
+        stop = len(frames) if before_ns is None else int(np.searchsorted(frames.frames["time_ns"], before_ns))
+        held[:] = [frames[stop:]]  # a frame of another bus may still end before these
+        return frames[:stop]
 
     for runs in stretches:
         for wheel, sensor, encoder in encoders:
