@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from implausible import implausible
 from daq.runs import SetAsideRun, open_runs
 from processing import ProcessOptions
 from wheelsoil.wording.plausibility_text import plausibility_sentence, refusal
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.runs import doubted_by_most, process_runs
 
 _TURNED = ('driving_torque = "WFT_Moments.My"', 'driving_torque = "-WFT_Moments.My"')
 _KNOTS = ('ground_speed = "GNSS_2.Speed"', 'ground_speed = {signal = "GNSS_2.Speed", unit = "m/s"}')
@@ -71,6 +72,21 @@ def test_who_processes_is_given_the_line_that_mends_it(campaign: Path, tmp_path:
     [aside] = said
     assert (aside.run, aside.cause, aside.drive_again) == ("run-2", "misdeclared", False)
     assert aside.reason.startswith("the run is impossible") and "write driving_torque" in aside.next_step
+
+
+def test_a_weak_doubt_that_few_runs_share_is_not_told(campaign: Path) -> None:
+    """What vehicle.toml says is of all runs; a strong doubt, and one of most runs, stay."""
+    [(run, sound), *_] = process_runs(open_runs([campaign / "run-1.mcap"]), ProcessOptions())
+
+    def told(*chances: float | None) -> list[bool]:
+        notes = [() if p is None else (implausible("unit:driving_torque=lbf ft", sound=p),) for p in chances]
+        pairs = [(run, replace(sound, quality=replace(sound.quality, notes=own))) for own in notes]
+        return [bool(found.quality.notes) for _, found in doubted_by_most(pairs)]
+
+    assert told(0.4, None, None) == [False] * 3
+    assert told(0.01, None, None) == [True, False, False]
+    assert told(0.4, 0.4, None) == [True, True, False]
+    assert told(0.4, None) == [True, False]
 
 
 def test_a_channel_that_never_changes_is_named_before_a_unit() -> None:

@@ -253,7 +253,7 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
-        f"without averaging over resampled runs its probability is {chance(v['probability'])}, not {chance(v['least'])}"
+        f"its probability stays below {100 * v['least']:g} % where it is not averaged over resampled runs"
     ),
     LackCode.NO_BETTER: (
         "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "

@@ -16,6 +16,7 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
+    Note,
     UncertainTimestamps,
     WheelsoilError,
 )
@@ -50,6 +51,8 @@ _OF_A_COPY = (*_MAY_BE_EVEN, *(ROLES[role] for role in ("ground_speed", "sinkage
 _SAME_NOISE = 0.1
 """In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
 _PROBED = 64
+_WEAK = 0.05
+"""Probability that a run is sound as declared from which on a doubt is weak: other runs may dispel it."""
 
 
 SetAside = Callable[[SetAsideRun], None]
@@ -263,7 +266,7 @@ def process_runs(
             else:
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
-    once = _once(processed, set_aside)
+    once = doubted_by_most(_once(processed, set_aside))
     return once if accept_implausible else _plausible(once, set_aside)
 
 
@@ -317,6 +320,32 @@ def _once(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> lis
         reason = f"the same measurement as {same.id}"
         set_aside(SetAsideRun(run.id, "repeated", reason, f"take {run.path.name} out of the folder", message))
     return [pair for i, pair in enumerate(processed) if i not in repeated]
+
+
+def doubted_by_most(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+    """Return the runs without a weak doubt of what vehicle.toml declares that few runs of it share: it is of all."""
+
+    def suspects(found: ProcessedRun, least: float = 0.0) -> list[Note]:
+        notes = [note for note in found.quality.notes if note.code == RunCode.IMPLAUSIBLE and "held" not in note.values]
+        return [note for note in notes if note.values["sound"] >= least]
+
+    of_vehicle: dict[str, list[ProcessedRun]] = {}
+    for run, found in processed:
+        of_vehicle.setdefault(run.vehicle.model_dump_json(), []).append(found)
+    few = {
+        id(found)
+        for found_of_it in of_vehicle.values()
+        if 2 * sum(bool(suspects(found)) for found in found_of_it) < len(found_of_it) > 2
+        for found in found_of_it
+        if suspects(found, _WEAK)
+    }
+
+    def cleared(found: ProcessedRun) -> ProcessedRun:
+        weak = suspects(found, _WEAK)
+        left = tuple(note for note in found.quality.notes if note not in weak)
+        return replace(found, quality=replace(found.quality, notes=left))
+
+    return [(run, cleared(found) if id(found) in few else found) for run, found in processed]
 
 
 def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> list[tuple[Run, ProcessedRun]]:
