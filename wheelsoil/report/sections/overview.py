@@ -59,6 +59,7 @@ from wheelsoil.report.words import (
 )
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, chances_of, rival_words, undetectable
 from wheelsoil.wording.names import (
     CALIBRATED,
     LABORATORY,
@@ -70,14 +71,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.verdict import (
-    NOT_IN_THESE_DATA,
-    adequacy_words,
-    refusal_words,
-    rival_words,
-    several_terrains,
-    undetectable,
-)
+from wheelsoil.wording.verdict import refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -386,8 +380,9 @@ def causes(inputs: ReportInputs) -> Contents:
             "Each cause alone or with others: these need not add up. "
             "Minimum detectable: alone, in half of such campaigns."
         )
-        chances = {candidate.name: candidate.probability for candidate in found.candidates}
-        note += "".join(f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances))
+        note += "".join(
+            f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances_of(found))
+        )
         if found.verdict == "one_of" and found.grounds.barred is not None:
             note += f" {upper(plain_name(stated[0]))} is not named: {note_text(found.grounds.barred)}."
         head = ["cause", "probability", "estimate", "minimum detectable"]
