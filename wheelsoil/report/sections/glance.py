@@ -73,7 +73,7 @@ def glance(inputs: ReportInputs) -> Contents:
     try:
         blocks.append(hero(inputs))
     except DataError as error:
-        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+        blocks.append(Text(f"No figure: {error.what}.", "missing"))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
     if inputs.diagnosed is not None:
         shared |= figures_of_diagnosis(inputs.diagnosed)
@@ -127,7 +127,7 @@ def _sentences(inputs: ReportInputs) -> list[str]:
     try:
         return fit_sentences(inputs, rank(inputs))
     except DataError as error:
-        return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
+        return [f"No result: {error.what}."]
 
 
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
@@ -272,7 +272,12 @@ def hero(inputs: ReportInputs) -> Drawing:
     note = inputs.several_terrains
     if note is not None and "groups" in note.values:
         return _of_two_terrains(recommendation, note, channel)
-    factor = page_unit(channel)[0]
+    return _against_slip(inputs, recommendation, channel)
+
+
+def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing:
+    """Return a channel against slip, driving, with and without the cause, at one load."""
+    factor, driven = page_unit(channel)[0], recommendation.slip > 0
     shift = load_shift(recommendation, channel)
     left, off = (recommendation.residual(channel, base=base) for base in (False, True))
     rows = driven & np.isfinite(left) & np.isfinite(off)
@@ -312,9 +317,7 @@ def hero(inputs: ReportInputs) -> Drawing:
         "Slip ratio, driving",
         _axis(channel),
     )
-    at = (
-        f"shifted to {number(shift.load_n / 1e3, 2)} kN" if shift.slope.any() else f"{number(shift.load_n / 1e3, 2)} kN"
-    )
+    at = f"{'shifted to ' if shift.slope.any() else ''}{number(shift.load_n / 1e3, 2)} kN"
     band = " Band: 95 % of the noise." if np.isfinite(half).any() else ""
     caption = (
         f"All runs, {at}. Grey: samples{beyond(samples, plane)}. Points: median and middle half about the line.{band}"
@@ -426,23 +429,21 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     poor += [name for name, grade in grades.items() if grade.level == "poor"]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
-        others_set_aside = listed(others) if len(others) <= _NAMED else f"{len(others)} runs"
-        return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
+        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand under Runs."
     if not poor and inputs.several_terrains is not None:
         return "none. Each run is usable, but not all together."
     if not poor and inputs.to_check:
-        # The runs with why, or how many there are.
-        to_check = (
-            f"{len(inputs.to_check)} runs; the reasons stand under Runs"
-            if len(inputs.to_check) > _NAMED
-            else listed([f"{name} ({why})" for name, why in inputs.to_check.items()])
-        )
-        return f"{'none' if len(grades) > 1 else 'no'}. Check {to_check}."
+        to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
+        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
+        return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
-    given = len(grades) + len(set_aside)
-    poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
-    return f"{poor_runs}; the reasons stand under Runs."
+    return f"{_few(poor, f'{len(poor)} of {len(grades) + len(set_aside)} runs')}; the reasons stand under Runs."
+
+
+def _few(runs: list[str], many: str) -> str:
+    """Return the names of runs, or a text in place of many."""
+    return listed(runs) if len(runs) <= _NAMED else many
 
 
 def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
@@ -456,7 +457,7 @@ def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
 def _before_diagnosis(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
-        poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+        poor_runs = _few(poor, f"{len(poor)} of {len(grades)} runs")
         return [Step(f"Look at data quality first; {poor_runs} {'is' if len(poor) == 1 else 'are'} poor.")]
     if inputs.campaign is None and not inputs.tables:
         return [Step("See below why the runs could not be fitted.")]
