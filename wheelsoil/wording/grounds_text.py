@@ -154,11 +154,10 @@ def unexplained_words(
         What leaves them unexplained where lack of fit does not.
     """
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
+    none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"
     statements: list[str | Statement] = [
-        f"Neither the soil nor any set of causes in the library{tried} explains these runs: {adequacy_words(judged)}"
+        f"These runs are not explained: {note_text(why)}" if why else f"{none_does}: {adequacy_words(judged)}"
     ]
-    if why:
-        statements = [f"These runs are not explained: {note_text(why)}"]
     if worst:
         where = "; ".join(
             f"{ROLES[finding.channel].name}, {place_text(finding.place)} ({abs(finding.statistic):.1f} sigma)"

@@ -127,8 +127,8 @@ def _with_the_peak(causes: Sequence[Cause]) -> list[str]:
 
 def _named_headline(found: Diagnosis, names: Sequence[str]) -> str:
     """Return the name with the error that falls for certain; where none does, with the size."""
-    several = "" if len(names) == 1 else "s"
-    verb = f"explain{'' if several else 's'} the misfit" if _explains(found) else f"act{'' if several else 's'}"
+    s = "s" if len(names) == 1 else ""
+    verb = f"explain{s} the misfit" if _explains(found) else f"act{s}"
     sentence = f"{upper(listed(names))} {verb}"
     sizes = "; ".join(_finding_or_size(cause, found.main_channel) for cause in found.causes)
     return in_few_words(f"{sentence}: {_fall_of(found) or sizes}.", f"{sentence}.")
@@ -414,11 +414,8 @@ def refusal_words(found: Diagnosis) -> str:
     if found.verdict != "unexplained" or found.grounds.undecided is not None:
         return ""
     best = found.grounds.most_probable or next((cause_set.causes for cause_set in found.sets), ())
-    why = "it does not explain these data"
-    if found.grounds.barred is not None:
-        why = note_text(found.grounds.barred)
-    elif found.adequacy is not None:
-        why = adequacy_words(found.adequacy)
+    judged = adequacy_words(found.adequacy) if found.adequacy is not None else "it does not explain these data"
+    why = note_text(found.grounds.barred) if found.grounds.barred is not None else judged
     return f"Best of the library, refused: {listed([plain_name(f) for f in best]) or 'no cause'}. Reason: {why}."
 
 

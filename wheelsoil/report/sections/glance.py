@@ -11,8 +11,8 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
-from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
-from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
+from wheelsoil.report.content import Contents, Drawing, Steps, Text, Tile, Tiles, section
+from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
@@ -69,11 +69,7 @@ def glance(inputs: ReportInputs) -> Contents:
         else None
     )
     tiles = Tiles([_error_tile(inputs, channel_of_headline), *_other_tiles(inputs, grades)])
-    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles]
-    try:
-        blocks.append(hero(inputs))
-    except DataError as error:
-        blocks.append(Text(f"No figure: {error.what}.", "missing"))
+    figure = figure_or_reason(lambda: hero(inputs))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
     if inputs.diagnosed is not None:
         shared |= figures_of_diagnosis(inputs.diagnosed)
@@ -90,7 +86,7 @@ def glance(inputs: ReportInputs) -> Contents:
         "cautions": list(steps.cautions),
         "key_figures": shared,
     }
-    return [*blocks, steps], numbers
+    return [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles, figure, steps], numbers
 
 
 def _only_driving(inputs: ReportInputs) -> list[str]:

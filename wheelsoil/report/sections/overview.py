@@ -32,7 +32,7 @@ from wheelsoil.report.content import (
     Tiles,
     section,
 )
-from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
@@ -231,8 +231,7 @@ def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, in
     title = f"{OUTPUTS[channel].name.capitalize()}: residual"
     caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
-    key = f"residual-{channel}"
-    return drawn(key, title, caption, plane, curves, shades=shades, reading=_READING, wide=wide)
+    return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=wide)
 
 
 def _short(name: str) -> str:
@@ -389,13 +388,14 @@ def _alone(name: str) -> str:
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     """Return the residual where it is largest, and the best set of the library with why it is refused."""
     refusal = refusal_words(found) or "Nothing can be decided from these data."
-    blocks: list[Block] = [Text(refusal, "warning")]
-    try:
-        blocks.append(_largest_residual(inputs.recommendation, found))
-    except DataError as error:
-        blocks.append(Text(f"No figure: {error.what}.", "missing"))
-    numbers = {"sets": [], "refused": refusal, "candidates": found.candidates, "causes": found.causes}
-    return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
+    figure = figure_or_reason(lambda: _largest_residual(inputs.recommendation, found))
+    return [Text(refusal, "warning"), figure], {
+        "sets": [],
+        "refused": refusal,
+        "candidates": found.candidates,
+        "causes": found.causes,
+        "minimum_detectable": found.minimum_detectable,
+    }
 
 
 def _largest_residual(recommendation: Recommendation, found: Diagnosis) -> Drawing:
