@@ -67,6 +67,11 @@ class WheelsoilError(Exception):
         """Return the error of one fault; see `Fault`."""
         return cls(Fault(what, str(where), found, expected, next_step))
 
+    @property
+    def what(self) -> str:
+        """What happened, without where it did and what to do."""
+        return "; ".join(fault.what for fault in self.faults)
+
     def __str__(self) -> str:
         return _render(self.faults)
 

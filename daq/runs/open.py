@@ -371,10 +371,9 @@ def _skipped(file: Path, known: Configuration, failure: RecordingError) -> SetAs
             f"copy it there, or correct {RUNS_FILE}",
         )
         return SetAsideRun(name, "missing", reason, step, f"{file}: skipped: no such file; next: {step}")
-    reason = "; ".join(fault.what for fault in failure.faults)
     step = "; ".join(dict.fromkeys(fault.next_step for fault in failure.faults if fault.next_step))
     message = "; ".join(f"{fault.where}: skipped: {fault.what}" for fault in failure.faults)
-    return SetAsideRun(name, "unreadable", reason, step or "drive it again", message)
+    return SetAsideRun(name, "unreadable", failure.what, step or "drive it again", message)
 
 
 def _overlooked(

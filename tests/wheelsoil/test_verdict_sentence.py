@@ -33,11 +33,11 @@ from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.grounds_text import Statement, nothing_words, rival_words, unexplained_words, want_words
 from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.names import stretches
 from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import (
-    Statement,
     deciding_runs,
     details_of,
     falling_channel,
@@ -45,14 +45,10 @@ from wheelsoil.wording.verdict import (
     gain_words,
     headline_of,
     named_words,
-    nothing_words,
     one_of_words,
-    rival_words,
     sentence_of,
     sentences_of,
     statements_of,
-    unexplained_words,
-    want_words,
 )
 
 SIZE = ParameterEstimate("H_m", "m", 0.031, (0.027, 0.035), 0.002)

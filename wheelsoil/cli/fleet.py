@@ -184,7 +184,7 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
 
 
 def _print_status(facts: Mapping[str, Any]) -> None:
-    from wheelsoil.wording.verdict import VERDICT_WORDS
+    from wheelsoil.wording.grounds_text import VERDICT_WORDS
 
     rows, failed = facts["rows"], facts["failed"]
     verdicts = ", ".join(

@@ -200,7 +200,7 @@ def _report_vehicle(
             entries.append({"wheel": wheel, **_written(report, path, browser)})
             made.append(WheelReport(wheel, processed, report, found, path.name))
             continue
-        made.append(WheelReport(wheel, why="; ".join(fault.what for fault in collected.errors[-1].faults)))
+        made.append(WheelReport(wheel, why=collected.errors[-1].what))
     if not entries:
         collected.stop_if_any()
     for doubt in doubts_of_wheels({each.wheel: each.processed for each in made if each.processed}):

@@ -36,10 +36,10 @@ from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_d
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
 from wheelsoil.web.bidi import in_texts, isolated
+from wheelsoil.wording.grounds_text import VERDICT_WORDS
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.numbers import number, typeset
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
-from wheelsoil.wording.verdict import VERDICT_WORDS
 from wheelsoil.workflows.traction import median_interval
 
 SCHEMA = "wheelsoil/fleet-report/1"

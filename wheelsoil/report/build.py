@@ -266,7 +266,7 @@ def build_report(inputs: ReportInputs) -> Report:
         try:
             section = builder.build(inputs)
         except WheelsoilError as error:
-            omitted[key] = "; ".join(fault.what for fault in error.faults)
+            omitted[key] = error.what
             failed += [] if isinstance(error, DataError) else [key]
         except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
@@ -10,8 +10,8 @@ from math import ceil, floor, isfinite, log10
 
 import numpy as np
 
-from daq import BoolArray, FloatArray
-from wheelsoil.report.content import Drawing
+from daq import BoolArray, DataError, FloatArray
+from wheelsoil.report.content import Drawing, Text
 
 _SHARES = (0.97, 0.85, 0.65, 0.42, 0.20)
 """Shares of the samples that lie in the cells of each grey, from the lightest to the darkest."""
@@ -63,6 +63,14 @@ class _Canvas:
 
     def text(self, look: str, x: float, y: float, text: str, anchor: str = "start") -> None:
         self.add(f'<text class="{look}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>')
+
+
+def figure_or_reason(draw: Callable[[], Drawing]) -> Drawing | Text:
+    """Return a figure, or the sentence why there is none."""
+    try:
+        return draw()
+    except DataError as error:
+        return Text(f"No figure: {error.what}.", "missing")
 
 
 def drawn(

@@ -282,8 +282,7 @@ class AnalysisSession:
         except HelperEndedError:
             raise
         except WheelsoilError as error:
-            why = "; ".join(fault.what for fault in error.faults)
-            return dict.fromkeys((effect.name for effect in EFFECTS.values()), why)
+            return dict.fromkeys((effect.name for effect in EFFECTS.values()), error.what)
         return found
 
     def curve(self, asked: CurveAsked) -> dict[str, Any]:

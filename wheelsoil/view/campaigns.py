@@ -404,7 +404,7 @@ def _load_choice(campaign: ViewedCampaign) -> list[str]:
             raise ConfigError(*faults)
         choice.process_options()
     except WheelsoilError as error:
-        return [f"{path} is not used: " + "; ".join(fault.what for fault in error.faults)]
+        return [f"{path} is not used: {error.what}"]
     choice = replace(choice, runs=tuple(r for r in choice.runs if any(is_called(r, run) for run in own)))
     if runs_in_use(choice, own)[1]:
         return []  # it belongs to the other terrain of the folder

@@ -8,6 +8,7 @@ from daq import Note
 from model import LackCode
 from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
 from model.effects import parted
+from wheelsoil.wording.grounds_text import chances_of
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
@@ -101,9 +102,8 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
 
 def _further(family: str, found: Diagnosis) -> dict[str, Any]:
     """Return a family that probably acts beside the named ones; `barred` is None where only its probability bars it."""
-    chances = {candidate.name: candidate.probability for candidate in found.candidates}
-    why = found.not_identifiable.get(family)
-    return {"name": family, "probability": chances.get(family), "barred": None if why is None else _reason(why)}
+    p, why = chances_of(found).get(family), found.not_identifiable.get(family)
+    return {"name": family, "probability": p, "barred": None if why is None else _reason(why)}
 
 
 def _finding(found: Finding, median: float) -> dict[str, Any]:

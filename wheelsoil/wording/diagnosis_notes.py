@@ -8,6 +8,7 @@ from typing import Any
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
 from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name, stretches
+from wheelsoil.wording.numbers import after_value
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _CONDITIONS = {
@@ -76,7 +77,7 @@ def _zeros(v: Values) -> str:
 
 
 def _disagreement(v: Values) -> str:
-    unit = "" if v["unit"] in ("", "1") else f" {v['unit']}"
+    unit = after_value(v["unit"])
     own = ", ".join(f"{campaign} {value:.3g} ± {sigma:.3g}{unit}" for campaign, value, sigma in v["own"])
     test = f"Cochran's Q {v['q']:.1f} on {len(v['own']) - 1}, p {chance(v['chance'])}"
     return (

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from daq import OUTPUTS, ROLES, Note, Use, VehicleConfig, number, table_lines
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, NextRun
 from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, undetectable
 from wheelsoil.wording.mending import next_steps, step_of
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
@@ -23,16 +24,7 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import (
-    NOT_IN_THESE_DATA,
-    adequacy_words,
-    deciding_runs,
-    details_of,
-    headline_of,
-    refusal_words,
-    several_terrains,
-    undetectable,
-)
+from wheelsoil.wording.verdict import deciding_runs, details_of, headline_of, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (

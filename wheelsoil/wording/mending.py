@@ -10,9 +10,10 @@ from daq import VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
+from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
-from wheelsoil.wording.verdict import deciding_runs, findings_text, groups_of_runs, several_terrains, terrains_step
+from wheelsoil.wording.verdict import deciding_runs, groups_of_runs, several_terrains, terrains_step
 
 _LIFTED = 'wheelsoil zero spin.mcap --vehicle vehicle.toml\n# then:\n[transducer]\nzero_file = "zero.toml"'
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'

@@ -149,6 +149,11 @@ def chance(p: float) -> str:
     return "> 99.9 %" if p >= _HIGHEST else "< 0.1 %" if p < _LOWEST else f"{100 * p:.1f} %" if isfinite(p) else "-"
 
 
+def with_chance(family: str, p: float) -> str:
+    """Return a family in plain words, with its probability."""
+    return f"{plain_name(family)} ({chance(p)})"
+
+
 def shares_percent(shares: Sequence[float]) -> list[float]:
     """Return shares that add up to 1 as percentages with one decimal that add up to 100, by the largest remainder."""
     tenths = [1000.0 * max(share, 0.0) for share in shares]

@@ -82,7 +82,12 @@ def estimate(value: float, sigma: float, interval95: tuple[float, float], unit: 
     low, high = interval95
     known = math.isfinite(low) and math.isfinite(high)
     band = f" ({measured(low, sigma)} to {measured(high, sigma)})" if known else ""
-    return f"{measured(value, sigma)}{band}{'' if unit in ('', '1') else f' {unit}'}"
+    return f"{measured(value, sigma)}{band}{after_value(unit)}"
+
+
+def after_value(unit: str) -> str:
+    """Return a unit as it follows its value; "" for a plain number."""
+    return "" if unit in ("", "1") else f" {unit}"
 
 
 def unit(text: str) -> str:

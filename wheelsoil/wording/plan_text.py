@@ -9,9 +9,9 @@ from model import LackCode
 from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
 from model.effects import EFFECTS
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
+from wheelsoil.wording.grounds_text import undetectable
 from wheelsoil.wording.names import effect_name, listed, plain_name
 from wheelsoil.wording.notes import note_text, step_text, worth_text
-from wheelsoil.wording.verdict import undetectable
 
 _FAINT = 0.3
 

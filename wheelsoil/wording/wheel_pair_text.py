@@ -9,8 +9,8 @@ from daq import OUTPUTS, number, table_lines
 from model.diagnosis import WheelPair
 from model.diagnosis.single_wheel import own_part
 from wheelsoil.wording.diagnosis_text import limited, wrapped
-from wheelsoil.wording.names import chance, effect_name, plain_name
-from wheelsoil.wording.verdict import form_error_words
+from wheelsoil.wording.grounds_text import form_error_words
+from wheelsoil.wording.names import chance, effect_name, plain_name, with_chance
 
 SCHEMA = "wheelsoil/paired/1"
 _DIFFERENT = 0.01
@@ -53,7 +53,7 @@ def wheel_pair_sentence(found: WheelPair, first: str, second: str) -> str:
         f"What {first} taught does not hold for {second} (p = {found.p_value:.2g}): at like slip, {_largest(found)}"
     )
     own, families = found.own_cause, found.families()
-    likely = [f"{plain_name(name)} ({chance(p)})" for name, p in families.items() if p >= 0.05]
+    likely = [with_chance(name, p) for name, p in families.items() if p >= 0.05]
     if not found.both.any_adequate:
         why = "No cause of the library that acts on it alone explains the difference to within what may be missed"
     elif max(families.values(), default=0.0) > _LIKELY and own > _LIKELY:

@@ -157,7 +157,7 @@ def report_of_processed(
             with computing("fitting"):
                 campaign = fit_runs(processed, choices, soil, keep_predictions=True)
         except DataError as error:
-            problem = "; ".join(fault.what for fault in error.faults)
+            problem = error.what
     inputs = ReportInputs(
         runs=tuple(run for _, run in processed),
         campaign=campaign,
@@ -210,7 +210,7 @@ def report_of_tables(
             with computing("fitting"):
                 campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
         except DataError as error:
-            problem = "; ".join(fault.what for fault in error.faults)
+            problem = error.what
     soils = dict.fromkeys(wheel_test.soil.name for wheel_test in benches)
     inputs = ReportInputs(
         runs=(),
@@ -235,8 +235,7 @@ def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) 
         with computing("diagnosing"):
             return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
     except WheelsoilError as error:
-        why = "; ".join(fault.what for fault in error.faults)
-        return Diagnosed(why_not=why, failed=not isinstance(error, DataError))
+        return Diagnosed(why_not=error.what, failed=not isinstance(error, DataError))
 
 
 def _plain(choices: FitChoices) -> dict[str, object]:
@@ -269,8 +268,7 @@ def _diagnosed(campaigns: Callable[[], Sequence[Campaign]], choices: FitChoices)
     try:
         return Diagnosed(diagnose_campaigns(campaigns(), diagnosis_options(choices.reading)))
     except WheelsoilError as error:
-        why = "; ".join(fault.what for fault in error.faults)
-        return Diagnosed(why_not=why, failed=not isinstance(error, DataError))
+        return Diagnosed(why_not=error.what, failed=not isinstance(error, DataError))
     except Exception as error:  # noqa: BLE001 - the boundary of the report's sections: it must not take the report
         _log.debug("diagnosis", exc_info=True)
         why = f"a fault in the diagnosis ({type(error).__name__}: {error}); please report it"

@@ -71,7 +71,7 @@ def time(inputs: ReportInputs) -> Contents:
     try:
         figures, caption = _forces(inputs)
     except DataError as error:
-        blocks = [Text(f"No forces: {'; '.join(fault.what for fault in error.faults)}.", "missing")]
+        blocks = [Text(f"No forces: {error.what}.", "missing")]
     figures = [_with_marks(figure, inputs) for figure in (*_drive(inputs.runs), *figures)]
     named = {group for figure in figures for group in figure.groups}
     names = [run.run.id for run in inputs.runs if run.run.id in named]

@@ -11,8 +11,9 @@ from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
+from wheelsoil.wording.grounds_text import adequacy_words
 from wheelsoil.wording.names import chance, parameter_name, plain_name
-from wheelsoil.wording.verdict import adequacy_words, refusal_words, several_terrains
+from wheelsoil.wording.verdict import refusal_words, several_terrains
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))

@@ -11,8 +11,8 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
-from wheelsoil.report.content import Block, Contents, Drawing, Steps, Text, Tile, Tiles, section
-from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
+from wheelsoil.report.content import Contents, Drawing, Steps, Text, Tile, Tiles, section
+from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
@@ -69,11 +69,7 @@ def glance(inputs: ReportInputs) -> Contents:
         else None
     )
     tiles = Tiles([_error_tile(inputs, channel_of_headline), *_other_tiles(inputs, grades)])
-    blocks: list[Block] = [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles]
-    try:
-        blocks.append(hero(inputs))
-    except DataError as error:
-        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
+    figure = figure_or_reason(lambda: hero(inputs))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
     if inputs.diagnosed is not None:
         shared |= figures_of_diagnosis(inputs.diagnosed)
@@ -90,7 +86,7 @@ def glance(inputs: ReportInputs) -> Contents:
         "cautions": list(steps.cautions),
         "key_figures": shared,
     }
-    return [*blocks, steps], numbers
+    return [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles, figure, steps], numbers
 
 
 def _only_driving(inputs: ReportInputs) -> list[str]:
@@ -127,7 +123,7 @@ def _sentences(inputs: ReportInputs) -> list[str]:
     try:
         return fit_sentences(inputs, rank(inputs))
     except DataError as error:
-        return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
+        return [f"No result: {error.what}."]
 
 
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
@@ -272,7 +268,12 @@ def hero(inputs: ReportInputs) -> Drawing:
     note = inputs.several_terrains
     if note is not None and "groups" in note.values:
         return _of_two_terrains(recommendation, note, channel)
-    factor = page_unit(channel)[0]
+    return _against_slip(inputs, recommendation, channel)
+
+
+def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing:
+    """Return a channel against slip, driving, with and without the cause, at one load."""
+    factor, driven = page_unit(channel)[0], recommendation.slip > 0
     shift = load_shift(recommendation, channel)
     left, off = (recommendation.residual(channel, base=base) for base in (False, True))
     rows = driven & np.isfinite(left) & np.isfinite(off)
@@ -312,9 +313,7 @@ def hero(inputs: ReportInputs) -> Drawing:
         "Slip ratio, driving",
         _axis(channel),
     )
-    at = (
-        f"shifted to {number(shift.load_n / 1e3, 2)} kN" if shift.slope.any() else f"{number(shift.load_n / 1e3, 2)} kN"
-    )
+    at = f"{'shifted to ' if shift.slope.any() else ''}{number(shift.load_n / 1e3, 2)} kN"
     band = " Band: 95 % of the noise." if np.isfinite(half).any() else ""
     caption = (
         f"All runs, {at}. Grey: samples{beyond(samples, plane)}. Points: median and middle half about the line.{band}"
@@ -426,23 +425,21 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     poor += [name for name, grade in grades.items() if grade.level == "poor"]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
-        others_set_aside = listed(others) if len(others) <= _NAMED else f"{len(others)} runs"
-        return f"none. Set aside: {others_set_aside}; the reasons stand under Runs."
+        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand under Runs."
     if not poor and inputs.several_terrains is not None:
         return "none. Each run is usable, but not all together."
     if not poor and inputs.to_check:
-        # The runs with why, or how many there are.
-        to_check = (
-            f"{len(inputs.to_check)} runs; the reasons stand under Runs"
-            if len(inputs.to_check) > _NAMED
-            else listed([f"{name} ({why})" for name, why in inputs.to_check.items()])
-        )
-        return f"{'none' if len(grades) > 1 else 'no'}. Check {to_check}."
+        to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
+        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
+        return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
-    given = len(grades) + len(set_aside)
-    poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {given} runs"
-    return f"{poor_runs}; the reasons stand under Runs."
+    return f"{_few(poor, f'{len(poor)} of {len(grades) + len(set_aside)} runs')}; the reasons stand under Runs."
+
+
+def _few(runs: list[str], many: str) -> str:
+    """Return the names of runs, or a text in place of many."""
+    return listed(runs) if len(runs) <= _NAMED else many
 
 
 def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
@@ -456,7 +453,7 @@ def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
 def _before_diagnosis(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
-        poor_runs = listed(poor) if len(poor) <= _NAMED else f"{len(poor)} of {len(grades)} runs"
+        poor_runs = _few(poor, f"{len(poor)} of {len(grades)} runs")
         return [Step(f"Look at data quality first; {poor_runs} {'is' if len(poor) == 1 else 'are'} poor.")]
     if inputs.campaign is None and not inputs.tables:
         return [Step("See below why the runs could not be fitted.")]

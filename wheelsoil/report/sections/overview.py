@@ -32,7 +32,7 @@ from wheelsoil.report.content import (
     Tiles,
     section,
 )
-from wheelsoil.report.drawing import Curve, Plane, drawn, reach
+from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
@@ -59,6 +59,7 @@ from wheelsoil.report.words import (
 )
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, chances_of, rival_words, undetectable
 from wheelsoil.wording.names import (
     CALIBRATED,
     LABORATORY,
@@ -70,14 +71,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.verdict import (
-    NOT_IN_THESE_DATA,
-    adequacy_words,
-    refusal_words,
-    rival_words,
-    several_terrains,
-    undetectable,
-)
+from wheelsoil.wording.verdict import refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -103,6 +97,8 @@ _SENSORS_NOTE = (
     "to which the errors on this page refer."
 )
 _NAMED_RUNS = 5
+_WIDE = (560, 340, 124)
+"""Size of a residual's figure on a wide screen."""
 _FAULTS = {"dropped": "dropped", "frozen": "frozen", "clipped": "clipped", "mark": "without a value"}
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
@@ -130,19 +126,10 @@ def fit(inputs: ReportInputs) -> Contents:
             checks += _other_checks(recommendation, c, [b for b in found if b.channel == c])
     checks += _adequacy(inputs.diagnosed)
     blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
-    beside: list[Block] = []
-    table = _parameters(inputs)
-    if table is not None:
-        beside.append(table)
+    beside: list[Block] = [table] if (table := _parameters(inputs)) is not None else []
     if checks:
-        beside.append(
-            Checks(
-                "Checks",
-                "Bias and lack of fit of the model: "
-                f"{recommendation.title.lower() if not recommendation.is_base else recommendation.title}.",
-                checks,
-            )
-        )
+        model = recommendation.title if recommendation.is_base else recommendation.title.lower()
+        beside.append(Checks("Checks", f"Bias and lack of fit of the model: {model}.", checks))
     blocks += [Pair(beside)] if beside else []
     numbers: dict[str, Any] = {
         "recommended": recommendation.name,
@@ -218,15 +205,12 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
         "Slip ratio",
         f"Measured − predicted ({text})",
     )
-    title, caption = (
-        f"{OUTPUTS[channel].name.capitalize()}: residual",
-        "Points: rows. Grey: 95 % of scatter and error of form.",
-    )
-    size = (560, 340, 124)
-    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=size)
+    caption = "Points: rows. Grey: 95 % of scatter and error of form."
+    title = f"{OUTPUTS[channel].name.capitalize()}: residual"
+    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=_WIDE)
 
 
-def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = (560, 340, 124)) -> Drawing:
+def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = _WIDE) -> Drawing:
     factor, text = page_unit(channel)
     noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
@@ -244,19 +228,10 @@ def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, in
         float(np.ceil(np.nanmax(recommendation.slip) / 0.1) * 0.1),
     )
     plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
-    name = OUTPUTS[channel].name
+    title = f"{OUTPUTS[channel].name.capitalize()}: residual"
     caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
-    return drawn(
-        f"residual-{channel}",
-        f"{name.capitalize()}: residual",
-        caption,
-        plane,
-        curves,
-        shades=shades,
-        reading=_READING,
-        wide=wide,
-    )
+    return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=wide)
 
 
 def _short(name: str) -> str:
@@ -270,8 +245,7 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     if (note := several_terrains(found)) is not None:
         return [Check(False, f"{upper(note_text(note))}.")]
     left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
-    sentence = adequacy_words(judged)
-    return [Check(judged.ok, f"{sentence[0].upper()}{sentence[1:]}: {left}.")]
+    return [Check(judged.ok, f"{upper(adequacy_words(judged))}: {left}.")]
 
 
 def _parameters(inputs: ReportInputs) -> Table | None:
@@ -328,23 +302,25 @@ def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
 
 
 def _traction_tiles(traction: Traction) -> list[Tile]:
-    tiles = []
+    tiles: list[Tile] = []
     figures = figures_of_traction(traction)
     measured = "" if traction.model == MODELS["named"] else "measured "
     if traction.pull is not None:
         pull, coefficient = list(figures.values())[:2]
         at = f"at slip {traction.pull.slip:g}" if traction.model else f"near slip {traction.pull.slip:g}, measured"
-        tiles.append(Tile(f"Pull {at}", figure_value(pull), "N", _of_pull(traction.pull, traction), keys=(None, pull)))
-        note = "drawbar coefficient"
-        tiles.append(Tile(f"Dp/W {at}", figure_value(coefficient), "", note, keys=(None, coefficient)))
+        tiles.append(_tile(f"Pull {at}", pull, _of_pull(traction.pull, traction), "N"))
+        tiles.append(_tile(f"Dp/W {at}", coefficient, "drawbar coefficient"))
     if isfinite(traction.drawbar_coefficient):
-        best, note = figures["drawbar_coefficient"], f"at slip {traction.at_slip:.2f}"
-        tiles.append(Tile(f"Highest {measured}Dp/W", figure_value(best), "", note, keys=(None, best)))
+        note = f"at slip {traction.at_slip:.2f}"
+        tiles.append(_tile(f"Highest {measured}Dp/W", figures["drawbar_coefficient"], note))
     if isfinite(traction.efficiency):
         note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω)"
-        best = figures["tractive_efficiency"]
-        tiles.append(Tile(f"Highest {measured}tractive efficiency", figure_value(best), "", note, keys=(None, best)))
+        tiles.append(_tile(f"Highest {measured}tractive efficiency", figures["tractive_efficiency"], note))
     return tiles
+
+
+def _tile(title: str, figure: KeyFigure, note: str, unit_text: str = "") -> Tile:
+    return Tile(title, figure_value(figure), unit_text, note, keys=(None, figure))
 
 
 def _of_pull(pull: PullAtSlip, traction: Traction) -> str:
@@ -386,8 +362,9 @@ def causes(inputs: ReportInputs) -> Contents:
             "Each cause alone or with others: these need not add up. "
             "Minimum detectable: alone, in half of such campaigns."
         )
-        chances = {candidate.name: candidate.probability for candidate in found.candidates}
-        note += "".join(f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances))
+        note += "".join(
+            f" {sentence}." for sentence in rival_words([f for f in rivals if f not in stated], chances_of(found))
+        )
         if found.verdict == "one_of" and found.grounds.barred is not None:
             note += f" {upper(plain_name(stated[0]))} is not named: {note_text(found.grounds.barred)}."
         head = ["cause", "probability", "estimate", "minimum detectable"]
@@ -411,13 +388,14 @@ def _alone(name: str) -> str:
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     """Return the residual where it is largest, and the best set of the library with why it is refused."""
     refusal = refusal_words(found) or "Nothing can be decided from these data."
-    blocks: list[Block] = [Text(refusal, "warning")]
-    try:
-        blocks.append(_largest_residual(inputs.recommendation, found))
-    except DataError as error:
-        blocks.append(Text(f"No figure: {'; '.join(fault.what for fault in error.faults)}.", "missing"))
-    numbers = {"sets": [], "refused": refusal, "candidates": found.candidates, "causes": found.causes}
-    return blocks, numbers | {"minimum_detectable": found.minimum_detectable}
+    figure = figure_or_reason(lambda: _largest_residual(inputs.recommendation, found))
+    return [Text(refusal, "warning"), figure], {
+        "sets": [],
+        "refused": refusal,
+        "candidates": found.candidates,
+        "causes": found.causes,
+        "minimum_detectable": found.minimum_detectable,
+    }
 
 
 def _largest_residual(recommendation: Recommendation, found: Diagnosis) -> Drawing:

@@ -11,9 +11,10 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
+from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, undetectable
 from wheelsoil.wording.names import effect_name, family_of, plain_name
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
-from wheelsoil.wording.verdict import NOT_IN_THESE_DATA, deciding_runs, several_terrains, undetectable
+from wheelsoil.wording.verdict import deciding_runs, several_terrains
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "

@@ -10,8 +10,9 @@ from daq import OUTPUTS, DataError, FloatArray, number
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import MEASURED, Trace, axes, dots, marked_line, set_axis_range, style
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.grounds_text import adequacy_words, form_error_words
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import adequacy_words, form_error_words, sentence_of
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.sinkage import (
     agreement_sentence,
     growth_sentence,

@@ -66,8 +66,7 @@ def verdict(inputs: ReportInputs) -> Contents:
     try:
         blocks, numbers = _of_the_fit(inputs, found)
     except DataError as error:
-        why = "; ".join(fault.what for fault in error.faults)
-        blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
+        blocks, numbers = [Text(f"The four models could not be judged: {error.what}.", "warning")], {}
     of_both = {
         **numbers,
         "fit_sentence": numbers.get("sentence"),

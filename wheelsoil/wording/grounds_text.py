@@ -1,0 +1,295 @@
+"""What a verdict rests on as sentences: soil, prior, lack of fit, error of form, rivals, what is not detectable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Literal, NamedTuple
+
+from daq import OUTPUTS, ROLES, Note, number, without_powers
+from model import DiagnosisCode, LackCode
+from model.diagnosis import Adequacy, Detectable, Diagnosis, Finding, FormUsed, Grounds
+from model.effects import EFFECTS
+from wheelsoil.wording.names import (
+    SOIL_LETTERS,
+    chance,
+    family_of,
+    letter,
+    listed,
+    page_unit,
+    place_text,
+    plain_name,
+    upper,
+    with_chance,
+)
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import after_value
+
+REFUTED_AT = 3.0
+"""One-sigmas of the laboratory by which a soil's parameter may be off."""
+VERDICT_WORDS = {
+    "one_of": "one of several",
+    "nothing_detectable": "nothing detectable",
+    "unexplained": "unexplained",
+}
+NOT_IN_THESE_DATA = "not detectable in these data"
+"""Of an effect whose minimum detectable size is beyond what is plausible."""
+_MOST_EXAMPLES = 3
+_WORTH_SAYING = 0.2
+OPEN_AT = 0.05
+"""Posterior probability from which on a confounded family would fit almost as well."""
+_UNLISTED_AT = 0.05
+"""Probability of something unlisted from which on it is said to keep a name back."""
+USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
+"""What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
+
+
+class Statement(NamedTuple):
+    """A sentence of a verdict, and which one it is where other places show that by itself."""
+
+    text: str
+    about: Literal["", "headline", "cause", "gain", "want", "next", "as_if"] = ""
+
+
+def sentences(statements: Sequence[str | Statement]) -> list[Statement]:
+    """Return statements, those that are not empty, each with a capital letter and a full stop."""
+    all_of = [part if isinstance(part, Statement) else Statement(part) for part in statements if part]
+    return [part._replace(text=f"{upper(without_powers(part.text))}.") for part in all_of]
+
+
+def chances_of(found: Diagnosis) -> dict[str, float]:
+    """Return the posterior probability of each candidate, "none" among them."""
+    return {candidate.name: candidate.probability for candidate in found.candidates}
+
+
+def laboratory_words(found: Diagnosis) -> list[Statement]:
+    """Return the sentence that the laboratory's soil is refuted; empty where it is not, or nothing explains the data.
+
+    Of runs it is judged beside every probable set of causes; of tables beside the one that extends the simulation.
+    """
+    if found.verdict == "unexplained":
+        return []
+    several = len(found.soils) > 1
+    of_runs = [
+        (refuted.campaign, refuted.parameter, refuted.sigmas, f" ({chance(refuted.probability)})")
+        for refuted in found.grounds.refuted_soil
+    ]
+    of_tables = [
+        (soil.campaign, name, sigmas, "")
+        for soil in found.soils
+        for name, sigmas in soil.off_laboratory.items()
+        if found.grounds.table_channels and abs(sigmas) > REFUTED_AT
+    ]
+    off = [
+        f"{SOIL_LETTERS[name]} is {abs(sigmas):.1f} sigma {'above' if sigmas > 0 else 'below'}"
+        f"{f' in {campaign}' if several else ''}{likely}"
+        for campaign, name, sigmas, likely in (*of_runs, *of_tables)
+    ]
+    return sentences([f"the laboratory's soil does not hold here: {listed(off)} its value"] if off else [])
+
+
+def prior_words(found: Diagnosis) -> list[Statement]:
+    """Return the sentence that the verdict depends on the prior; empty where it does not."""
+    shifts = found.grounds.prior_shifts
+    if not shifts or found.verdict not in ("named", "one_of"):
+        return []
+    first, families = shifts[0], [plain_name(family) for family in shifts[0].families]
+    others = {"named": f"{listed(families)} named", "one_of": f"one of {', '.join(families) or 'several'}"}
+    turned = dict.fromkeys(shift.family for shift in shifts[1:] if shift.family != first.family)
+    more = f"; so it is with {listed([plain_name(family) for family in turned])}" if turned else ""
+    return sentences(
+        [
+            f"Whoever expects {plain_name(first.family)} {'three times' if first.factor > 1 else 'a third'} as often "
+            f"as the prior does gets another verdict, {(VERDICT_WORDS | others)[first.verdict]}{more}"
+        ]
+    )
+
+
+def instead_words(found: Diagnosis) -> list[Statement]:
+    """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
+    return sentences(
+        [
+            f"A laboratory whose {SOIL_LETTERS[rival.soil.parameter]} is {abs(rival.soil.sigmas):.1f} sigma "
+            f"{'too low' if rival.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
+            f"{with_chance(rival.family, rival.soil.probability)}"
+            for rival in found.grounds.soil_instead
+        ]
+    )
+
+
+def adequacy_words(judged: Adequacy) -> str:
+    """Return by how much an explanation is adequate or not, as it reads within a sentence."""
+    if not isfinite(judged.statistic):
+        return "whether anything explains them is not known"
+    if judged.measure == "probability":
+        return f"an unknown cause acts with a probability of {chance(judged.statistic)}"
+    return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
+
+
+def unlisted_words(judged: Adequacy | None) -> str:
+    """Return that something unlisted may act, where that is what keeps a name back."""
+    if judged is None or 1.0 - judged.listed < _UNLISTED_AT:
+        return ""
+    return f": an unknown cause may act ({chance(1.0 - judged.listed)})"
+
+
+def unexplained_words(
+    judged: Adequacy,
+    worst: Sequence[Finding],
+    best: Sequence[str],
+    soils: tuple[Sequence[str], Sequence[str]] | None,
+    why: Note | None = None,
+) -> list[Statement]:
+    """Return the sentences of "unexplained".
+
+    Parameters
+    ----------
+    worst : sequence of Finding
+        Largest residual of the simulation with calibrated soil, as it leads the list of them; may be empty.
+    best : sequence of str
+        Families of that set.
+    soils : two sequences of str, optional
+        Runs that ask for one soil, and those that ask for another.
+    why : Note, optional
+        What leaves them unexplained where lack of fit does not.
+    """
+    tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
+    none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"
+    statements: list[str | Statement] = [
+        f"These runs are not explained: {note_text(why)}" if why else f"{none_does}: {adequacy_words(judged)}"
+    ]
+    if worst:
+        where = "; ".join(
+            f"{ROLES[finding.channel].name}, {place_text(finding.place)} ({abs(finding.statistic):.1f} sigma)"
+            for finding in worst
+        )
+        statements.append(f"With calibrated soil the simulation is off most in {where}")
+    if soils:
+        statements.append(
+            f"Runs {listed(soils[0])} ask for another soil than {listed(soils[1])}: if these are two terrains, "
+            "diagnose them as two campaigns"
+        )
+    if why:
+        statements.append(Statement("Next: check zeros, signs and configuration, and the soil in terrain.toml", "next"))
+    return sentences(statements)
+
+
+def findings_text(found: Sequence[Finding]) -> str:
+    """Return findings as channel, place, size and sigmas."""
+    return "; ".join(
+        f"{ROLES[finding.channel].name}, {place_text(finding.place)}: "
+        f"{finding.size:+.3g} {ROLES[finding.channel].unit_text} ({abs(finding.statistic):.1f} sigma)"
+        for finding in found[:_MOST_EXAMPLES]
+    )
+
+
+def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[str]:
+    """Return how well families with a similar signature are separated: by their posterior probability.
+
+    Those below 5 % are separated by these data; the others are not.
+    """
+    open_, closed = (
+        [with_chance(f, p) for f in families for p in [chances.get(f, 0.0)] if (p >= OPEN_AT) == is_open]
+        for is_open in (True, False)
+    )
+    verb = "has a similar signature, but is" if len(closed) == 1 else "have similar signatures, but are"
+    said = {"would fit almost as well": open_, f"{verb} separable in these data": closed}
+    return [f"{upper(listed(names))} {what}" for what, names in said.items() if names]
+
+
+def form_statements(grounds: Grounds) -> list[Statement]:
+    """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
+    matters = grounds.form_matters
+    hangs = [f"the verdict depends on it: {note_text(matters)}"] if matters is not None else []
+    return [*map(Statement, form_error_words(grounds.form_errors)), *sentences(hangs)]
+
+
+def form_error_words(used: Sequence[FormUsed]) -> list[str]:
+    """Return what is given or assumed for the error of form; empty where the table itself says it."""
+    taken = [form_error for form_error in used if form_error.share is not None]
+    if not taken:
+        return []
+    sizes = listed(
+        [
+            f"{factor * form_error.size:.2g} {unit} in {OUTPUTS[form_error.channel].name}"
+            for form_error in taken
+            for factor, unit in [page_unit(form_error.channel)]
+        ]
+    )
+    share = f"{100 * (taken[0].share or 0.0):.3g} % of load, load x radius and radius ({sizes})"
+    if taken[0].basis == "given":
+        return [f"The error of form of a right model is given as {share}."]
+    why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
+    return [f"The error of form of a right model is assumed to be {share}: {why}."]
+
+
+def undetectable(sizes: Mapping[str, Detectable], notes: Sequence[Note] = ()) -> set[str]:
+    """Return the effects whose minimum detectable size is beyond the bounds of what is plausible.
+
+    Bounds in N and N m are of a wheel under 10 kN; of a lighter one they go with its load.
+    """
+    share = next((note.values["share"] for note in notes if note.code == DiagnosisCode.PRIOR_SCALED), 1.0)
+    return {key for key, size in sizes.items() if not _is_plausible(key, size, share)}
+
+
+def _is_plausible(key: str, size: Detectable, share: float) -> bool:
+    known = {p.name: p for p in EFFECTS[key].parameters} if key in EFFECTS else {}
+    bounds = known.get(size.parameter)
+    if bounds is None or not isfinite(size.value):
+        return isfinite(size.value)
+    factor = share if size.unit in ("N", "N m") else 1.0
+    return factor * bounds.lower <= size.value <= factor * bounds.upper
+
+
+def detectable_by_family(found: Diagnosis) -> dict[str, Detectable]:
+    """Return the minimum detectable size of each family: of its first form with a plausible one."""
+    first: dict[str, Detectable] = {}
+    hidden = undetectable(found.minimum_detectable, found.notes)
+    for key, size in found.minimum_detectable.items():
+        if key not in hidden:
+            first.setdefault(family_of(key), size)
+    return first
+
+
+def nothing_words(
+    chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
+) -> list[Statement]:
+    """Return the sentences of "nothing_detectable"; `sizes` by family."""
+    statements: list[str | Statement] = [
+        Statement(f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline")
+    ]
+    best = max(chances, key=lambda family: chances[family], default="")
+    if best and chances[best] > _WORTH_SAYING:
+        statements = [
+            f"No cause is distinguishable from chance (no cause: {chance(none)})",
+            f"The most probable one is {with_chance(best, chances[best])}",
+            Statement("Next: drive another run", "next"),
+        ]
+    shown = [
+        f"{'an' if name[0] in 'aeio' else 'a'} {plain_name(name)} of {letter(d.parameter)} = "
+        f"{d.value:.3g}{after_value(d.unit)}"
+        for name, d in sizes.items()
+    ]
+    if shown:
+        examples = listed(shown[:_MOST_EXAMPLES], "or")
+        statements.append(f"A cause may still act: {examples} or more would be detected in half of such campaigns")
+    if wrong:
+        statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
+    return sentences(statements)
+
+
+def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
+    """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
+    by_reason: dict[str, list[str]] = {}
+    for family, why in not_identifiable.items():
+        if why.code not in USUAL:
+            by_reason.setdefault(note_text(why), []).append(plain_name(family))
+    return sentences(
+        [
+            Statement(
+                f"{listed(families)} {'is' if len(families) == 1 else 'are'} not identifiable from these runs: {why}",
+                "want",
+            )
+            for why, families in by_reason.items()
+        ]
+    )
