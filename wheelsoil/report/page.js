@@ -2,8 +2,9 @@
 // Drawings are SVG in the page. Figures of the appendix are drawn when they come near the window.
 const JOURNAL = { millimetres: 174, pixels: 658 };
 const narrow = window.matchMedia("(max-width: 600px)").matches;
+const touch = window.matchMedia("(hover: none)").matches; // there Plotly's buttons would never go, and lie over the title
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
-const options = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d"]] };
+const options = { responsive: true, displaylogo: false, displayModeBar: narrow || touch ? false : "hover", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d"]] };
 // What the figures' colours become in a dark theme: the token of the same role.
 const TOKENS = { "#111111": "--d-measured", "#1a1a1a": "--ink", "#ffffff": "--surface", "#e3e3e3": "--d-grid", "#9a9a9a": "--d-zero", "#555": "--ink-3",
   "#efefef": "--d-dens-1", "#a6a6a6": "--d-dens-5", "rgba(0,0,0,0.13)": "--d-noise", "#dcebf7": "--ph-drive", "#fbe5d3": "--ph-brake", "#eeeeee": "--ph-still",
@@ -228,7 +229,7 @@ document.addEventListener("click", async ({ target }) => {
 
 // An address with a section in it opens that section; the contents show where the reader is.
 function openNamed() {
-  const part = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const name = decodeURIComponent(location.hash.slice(1)), part = name && document.getElementById(name);
   if (part?.tagName === "DETAILS") {
     part.open = true;
     part.scrollIntoView();

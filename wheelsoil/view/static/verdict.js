@@ -155,7 +155,7 @@ export function fillTable(table, head, rows) {
   const row = (cells, tag) => {
     const made = part("tr");
     made.append(...cells.map((cell, i) => {
-      const box = part(i ? tag : "th", "", typeof cell === "string" ? cell.replace("N m)", "N\u00a0m)") : "");
+      const box = part(i ? tag : cell === "" ? "td" : "th", "", typeof cell === "string" ? cell.replace("N m)", "N\u00a0m)") : "");
       if (typeof cell !== "string") box.append(cell);
       return box;
     }));
