@@ -70,6 +70,8 @@ class DiagnosisCode(StrEnum):
     TWO_RUNS = "two_runs"
     NO_POSITIONS = "no_positions"
     POSITIONS_STILL = "positions_still"
+    RUN_APART = "run_apart"
+    """run, channel, size, sigma by the scatter of the others, chance"""
     LESS_BESIDE_USUAL = "less_beside_usual"
     """family, probability"""
     OUTLIERS = "outliers"

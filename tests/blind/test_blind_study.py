@@ -183,7 +183,7 @@ def test_a_report_is_written_of_what_is_there(tmp_path: Path) -> None:
     write_report(tmp_path, None, tmp_path / "results.md")
     text = (tmp_path / "results.md").read_text()
     assert "| torque_zero | single | slope | 1 |" in text
-    assert "model aaaaaaaaaaaa, processing bbbbbbbbbbbb. Cases without a result, in no figure: 0." in text
+    assert "model aaaaaaaaaaaa, processing bbbbbbbbbbbb. Without a result, in no figure: none." in text
     first, *_ = json.loads((tmp_path / "results.json").read_text())["figures"]
     assert first["what"].startswith("names right over all campaigns")
     assert (first["hits"], first["n"], first["reached"], first["passes"]) == (0, 1, 0.0, False)
@@ -211,9 +211,23 @@ def test_a_case_without_a_result_is_counted_and_no_block_passes_with_it(tmp_path
         append_line(tmp_path / "truth.jsonl", entry | {"name": name})
         append_line(tmp_path / "answers.jsonl", entry | {"name": name})
     write_report(tmp_path, {*names, "null/lost"}, tmp_path / "results.md")
-    assert "in no figure: 1." in (tmp_path / "results.md").read_text()
+    assert "in no figure: null/lost." in (tmp_path / "results.md").read_text()
     [block] = json.loads((tmp_path / BLOCKS).read_text())
     assert block["passed"] is False
+
+
+def test_a_lost_case_that_no_gate_counts_does_not_fail_a_block(tmp_path: Path) -> None:
+    null = line("nothing_detectable", "slope", 0.1) | {"kind": "null", "members": []}
+    right = line("named", "torque_zero", 0.99)
+    entries = [null | {"name": f"null/{i}", "block": 0} for i in range(300)]
+    entries += [right | {"name": f"single/{i}", "block": 0} for i in range(400)]
+    for entry in entries:
+        append_line(tmp_path / "truth.jsonl", entry)
+        append_line(tmp_path / "answers.jsonl", entry)
+    names = {entry["name"] for entry in entries}
+    for lost, passed in (("calibration/x", True), ("outside/x", False)):
+        write_report(tmp_path, {*names, lost}, tmp_path / "results.md")
+        assert json.loads((tmp_path / BLOCKS).read_text())[0]["passed"] is passed
 
 
 def test_figures_of_nothing_are_no_figures_and_pass_no_gate() -> None:

@@ -9,8 +9,9 @@ import pytest
 from gram_support import column, world
 
 from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.diagnosis.findings.agreement import disagreements, other_forms
+from model.diagnosis.findings.agreement import disagreements, other_forms, runs_apart
 from model.diagnosis.time_series.columns import Grams
+from model.diagnosis.time_series.evidence import best_set
 
 RUNS = {"clay": 3, "sand": 3}
 COLUMNS = (column("a"), column("b"), column("c", "c1"), column("c", "c2"))
@@ -65,3 +66,23 @@ def test_a_campaign_of_another_form_is_told() -> None:
     found = other_forms(other, RUNS, [cause("c", "c1")])
     assert set(found) == {("c", "sand")}
     assert found["c", "sand"][0] == "c2"
+
+
+def test_the_run_whose_zero_no_other_run_has_is_told_with_its_size() -> None:
+    runs = {"first": 8, "second": 8}
+    for seed in range(20):
+        rng, key, channel = np.random.default_rng(seed), *(("drawbar_pull_zero", "dp"), ("torque_zero", "t"))[seed % 2]
+        columns = (column(key, scale=50.0), column("slope"), column("a"))
+        grams = world(seed, columns, runs=16, strength=(30, 40)).grams(np.array([0.4, 0.0, 1.0]), rng)
+        assert not list(runs_apart(grams, best_set(grams, frozenset(), 3), runs))
+        at = grams.cause_columns.start
+        turn = np.eye(grams.matrices.shape[-1])
+        turn[at, 0] = 10.0  # of the column's scale, in one run of the second campaign
+        matrices = grams.matrices.copy()
+        matrices[11] = turn.T @ matrices[11] @ turn
+        off = replace(grams, matrices=matrices)
+        [note] = runs_apart(off, best_set(off, frozenset(), 3), runs)
+        assert (note.values["run"], note.values["channel"]) == ("run 11", channel)
+        assert note.values["size"] == pytest.approx(500.0, rel=0.15)
+        few = off.chosen(np.arange(16) >= 12)
+        assert not list(runs_apart(few, best_set(few, frozenset(), 3), {"few": 4}))

@@ -27,7 +27,7 @@ from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import several_terrains
+from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of, runs_to_check, short_runs
@@ -265,15 +265,21 @@ class ReportInputs:
     def grades(self) -> tuple[Grade, ...]:
         """What each run is worth, losses of its recording counted in."""
         sources = [self.source_of(run) for run in self.runs]
+        apart = {run: [note_text(note)] for run, note in self.apart.items()}
         return tuple(
-            grade_of(run, [*short, *(source.lost if source else [])])
+            grade_of(run, [*short, *(source.lost if source else []), *apart.get(run.run.id, [])])
             for run, short, source in zip(self.runs, short_runs(self.runs), sources, strict=True)
         )
 
     @property
+    def apart(self) -> dict[str, Note]:
+        """Runs that the diagnosis finds apart from the others, with its note."""
+        return runs_apart(self.diagnosed) if self.diagnosed else {}
+
+    @property
     def to_check(self) -> dict[str, str]:
-        """Runs that can be used but are short, or of which much is excluded, and why."""
-        return runs_to_check(self.runs, self.grades)
+        """Runs that can be used but lie apart, are short, or of which much is excluded, and why."""
+        return runs_to_check(self.runs, self.grades) | dict.fromkeys(self.apart, "lies apart")
 
     @property
     def facts(self) -> list[list[str]]:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 
-from daq import VehicleConfig, number, zero_file_name
+from daq import OUTPUTS, Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
 from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper
-from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
-from wheelsoil.wording.verdict import deciding_runs, groups_of_runs, several_terrains, terrains_step
+from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
+from wheelsoil.wording.verdict import deciding_runs, groups_of_runs, runs_apart, several_terrains, terrains_step
 
 _LIFTED = 'wheelsoil zero spin.mcap --vehicle vehicle.toml\n# then:\n[transducer]\nzero_file = "zero.toml"'
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
@@ -43,9 +43,10 @@ def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    steps = [mending_of(cause, vehicle) for cause in named if cause.name in MENDED or cause.kind == "measurement"]
+    steps = [_apart_step(note) for note in runs_apart(found).values()]
+    steps += [mending_of(cause, vehicle) for cause in named if cause.name in MENDED or cause.kind == "measurement"]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
-        steps = [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
+        steps += [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [step_of(found)]
@@ -76,6 +77,13 @@ def parting_step(found: Diagnosis) -> Step:
     paste = "\n".join(lines) if 0 < len(files) <= _MOST_FILES else ""
     before = "" if note is not None else "if these are two soils, "
     return Step(f"{upper(before + terrains_step(found))}.", "Until then rely on no cause.", paste)
+
+
+def _apart_step(note: Note) -> Step:
+    run, channel = note.values["run"], OUTPUTS[note.values["channel"]].name
+    what = f"Check the zero of the {channel} in {run}; if it is off, switch the run off and diagnose again."
+    off = f'schema = "wheelsoil/choice/1"\n[[run]]\nid = "{run}"\nuse = false  # diagnose FOLDER --choice choice.toml'
+    return Step(what, f"{upper(note_text(note))}.", off)
 
 
 def residual_step(found: Diagnosis) -> Step:

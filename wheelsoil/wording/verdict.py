@@ -192,6 +192,11 @@ def several_terrains(found: Diagnosis) -> Note | None:
     return next((note for note in cautions if note.code == DiagnosisCode.SEVERAL_TERRAINS), None)
 
 
+def runs_apart(found: Diagnosis) -> dict[str, Note]:
+    """Return the runs whose pull or torque is off by a constant that no other run has."""
+    return {note.values["run"]: note for note in found.grounds.cautions if note.code == DiagnosisCode.RUN_APART}
+
+
 class Groups(NamedTuple):
     """Runs of the one soil and of the other as text, and whether the first is a single run, and the second."""
 

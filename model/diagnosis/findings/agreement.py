@@ -18,6 +18,10 @@ Source: Cochran (1954), Biometrics 10:101.
 for all. Every pair of groups is tested where there are few runs, else one run after the other is separated. A campaign
 of two terrains explains nothing well.
 
+**Runs apart**: a zero of its own in each run, beside the most probable causes, against those of all others: the
+deleted residual, Student's with two degrees of freedom less than there are runs (Grubbs 1969, Technometrics 11:1). The
+noise model takes such a run for scatter between runs, so that nothing else tells of it.
+
 **Static tests**: each reading of the lifted wheel against what the runs alone say of the gain and the zeros in it,
 beside their own most probable causes. With m and v mean and variance of the reading after the runs, and u before them,
 the runs' own part is m v'/v with v' = 1/(1/v - 1/u): a prior that is narrow contradicts nothing.
@@ -28,10 +32,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, stdtr
 
 from daq import BoolArray, FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
@@ -39,7 +44,7 @@ from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.evidence import best_set, estimate, log_evidence, prior_information
+from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence, prior_information
 from model.diagnosis.time_series.joining import runs_of as joined_runs
 from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
@@ -58,6 +63,10 @@ LEAST = 20.0
 """Nats by which two soils must be likelier than one."""
 
 _FEW = 8
+_APART = 5e-4
+"""Chance that a run, of all that are looked at, is so far from the others."""
+_APART_RUNS = 5
+_ZEROS = {"drawbar_pull_zero": "dp", "torque_zero": "t"}
 _STATIC_SIGMAS = 4.0
 _LEAST_INFORMED = 1e-3
 
@@ -253,6 +262,51 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
                 values |= {"runs": reading - off + runs, "runs_sigma": of_runs, "sigmas": sigmas}
                 zeroed = any(run.quality.zeros for run in data.campaign.runs)
                 yield Note(DiagnosisCode.STATIC_CONTRADICTS, Severity.FAULT, {**values, "zeroed": zeroed})
+
+
+def runs_apart(grams: Grams, best: SetEstimate, runs: Mapping[str, int]) -> Iterator[Note]:
+    """Yield the runs whose pull or torque is off by a constant that no other run has; the farthest of each campaign.
+
+    Parameters
+    ----------
+    grams, runs
+        As for `disagreements`.
+    best : SetEstimate
+        Of the most probable set.
+    """
+    causes = [i for i, c in enumerate(grams.causes) if c.key in _ZEROS]
+    for begin, end in pairwise(np.cumsum([0, *runs.values()])):
+        found = [each for cause in causes if (each := _apart(grams, best, cause, range(begin, end)))]
+        found.sort(key=lambda each: each["chance"])
+        if found and found[0]["chance"] < _APART:
+            yield Note(DiagnosisCode.RUN_APART, Severity.FAULT, found[0])
+
+
+def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str, Any] | None:
+    """Return the run that is farthest from the others in one column, by how much, and the chance of it."""
+    at, scale, key = grams.cause_columns.start + cause, grams.causes[cause].scale, grams.causes[cause].key
+    there = [run for run in runs if grams.matrices[run, at, at] > 0]
+    others = len(there) - 1
+    if others < _APART_RUNS - 1:
+        return None
+
+    weight = grams.matrices[there, at, at]
+    left = weight * ~np.eye(len(there), dtype=bool)  # row i: of the others
+
+    def off(known: SetEstimate) -> FloatArray:
+        """Return each run's own zero less the mean of the others, and one-sigma of that by their scatter."""
+        taken = np.concatenate([[1.0], -known.soil, -known.coefficients])
+        sizes = scale * (grams.matrices[there, at, : len(taken)] @ taken) / weight
+        means = left @ sizes / left.sum(axis=1)
+        variance = (left * (sizes - means[:, None]) ** 2).sum(axis=1) / (others - 1)
+        return np.array([sizes - means, np.sqrt(variance * (1 / weight + 1 / left.sum(axis=1)))])
+
+    apart, sigma = off(best)
+    i = int(np.argmax(np.abs(apart) / sigma))
+    apart, sigma = off(estimate(grams.without(there[i]), best.keys))[:, i]  # soil and causes without it
+    chance = 2 * len(there) * stdtr(others - 1, -abs(apart) / sigma)
+    values = {"run": grams.run_names[there[i]], "channel": _ZEROS[key], "size": float(apart)}
+    return {**values, "sigma": float(sigma), "chance": float(chance)}
 
 
 def _of_runs(grams: Grams, best: tuple[str, ...], shown: Mapping[tuple[str, str], float]) -> tuple[float, float]:

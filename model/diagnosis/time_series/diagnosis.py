@@ -57,6 +57,7 @@ from model.diagnosis.findings.agreement import (
     disagreement_notes,
     disagreements,
     other_forms,
+    runs_apart,
     runs_of,
     static_disputes,
     two_soils,
@@ -198,7 +199,12 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         instead = [(c.key, coefficients_in_place_of(linearised.grams, explained.extended, c)) for c in confounded[:2]]
         shown = plot_data_of(linearised, fits[()], fits[explained.extended], dict(instead) | explained.sizes, alone)
-        disputes = (*weighed.told, *_disputes(linearised, verdict, explained, fits), *static_disputes(linearised))
+        disputes = (
+            *weighed.told,
+            *_disputes(linearised, verdict, explained, fits),
+            *static_disputes(linearised),
+            *runs_apart(linearised.grams, linearised.best, runs_of(linearised)),
+        )
         one_campaign = verdict.verdict == "unexplained" and len(runs_of(linearised)) == 1
         grounds = Grounds(
             barred=verdict.barred,
