@@ -20,6 +20,7 @@ from daq import FloatArray
 from daq.errors import ConfigError, DataError
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.vehicle import verdict_of_all
 from wheelsoil.simulation.campaign import setup_of_wheel, simulate_campaign, simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
@@ -280,9 +281,25 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
         result = invoke("report", four, "-o", tmp_path / "r.html")
     assert result.code == 0
     assert re.search("all wheels together +Torque gain of wheel FR", result.out)
-    assert "Do next: At wheel FR: calibrate the driving torque" in (tmp_path / "r.html").read_text(encoding="utf-8")
-    together = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]["together"]
-    assert (together["causes"][0]["wheel"], together["causes"][0]["name"]) == ("FR", "torque_gain")
+    card = (tmp_path / "r.html").read_text(encoding="utf-8").split("<h3>Do next</h3>")[1]
+    assert card.split("</ol>")[0].startswith('<p class="again"><b>Drive again:</b> none. All runs are usable.</p>')
+    assert '<li class="best" data-n="1"><b>At wheel FR: calibrate the driving torque' in card
+    glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
+    assert glance["steps"][0]["what"].startswith("At wheel FR: calibrate the driving torque")
+    [found] = glance["together"]["causes"]
+    assert (found["wheel"], found["name"]) == ("FR", "torque_gain")
+
+
+def test_which_runs_to_drive_again_is_said_of_the_wheel(four: Path, tmp_path: Path) -> None:
+    again = {"RL": "run-2; the reasons stand under Runs."}
+
+    def drive_again(inputs: ReportInputs, _: object) -> str:
+        return again.get(inputs.vehicle.wheel.id if inputs.vehicle.wheel else "", "none. All runs are usable.")
+
+    with diagnosed_by_hand(diagnosis("named")), patch("wheelsoil.report.sections.glance._again", drive_again):
+        ok("report", four, "-o", tmp_path / "r.html")
+    texts = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["texts"]["glance"]
+    assert "FL, FR and RR: none. All runs are usable. RL: run-2; the reasons stand in its report." in texts
 
 
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:

@@ -11,16 +11,15 @@ import numpy as np
 
 from daq import DataError, FloatArray, VehicleConfig
 from model.diagnosis import Diagnosis
-from model.effects import parted
 from wheelsoil.report.build import Head, Report
 from wheelsoil.report.cause_figure import driven_slips
-from wheelsoil.report.content import Block, Drawing, Links, Pair, Section, Table, Text, Tile, Tiles
+from wheelsoil.report.content import MOST_STEPS, Block, Drawing, Links, Pair, Section, Steps, Table, Text, Tile, Tiles
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import Binning, by_slip, matched
 from wheelsoil.report.words import listed
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.mending import next_steps, step_of
+from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of, several_terrains
 from wheelsoil.workflows.key_figures import KeyFigure
@@ -175,7 +174,7 @@ def _summary(
 ) -> Section:
     """Return the first screen: verdict, three numbers, sum of pulls against slip, and a line for each wheel."""
     headline, details = verdict_of_all(joint, wheels)
-    details += [_do_next(joint, wheels)] if joint else []
+    steps = _steps(joint, wheels)
     tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
@@ -196,6 +195,7 @@ def _summary(
     numbers = {
         "headline": headline,
         "sentence": sentence_of(joint) if joint else headline,
+        "steps": steps,
         "together": diagnosis_json(joint) if joint else None,
         "key_figures": figures,
         "share_used_at_all_wheels": vehicle.share if vehicle else None,
@@ -209,18 +209,34 @@ def _summary(
             Text(" ".join(details), "lead"),
             tiles,
             drawing,
+            *([Steps(steps, _again(wheels))] if steps else []),
             Links("Each wheel by itself", lines),
         ],
         numbers,
     )
 
 
-def _do_next(joint: Diagnosis, wheels: Sequence[WheelReport]) -> str:
-    """Return what to do first, at the wheel of the cause."""
+def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> list[Step]:
+    """Return the next steps of all wheels together, each with the lines of its wheel."""
+    if joint is None:
+        return []
     configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
-    place = next(filter(None, (parted(cause.name)[1] for cause in joint.causes)), next(iter(configs), ""))
-    step = (next_steps(joint, configs.get(place, VehicleConfig())) or [step_of(joint)])[0]
-    return " ".join(filter(None, ("Do next:", step.what, step.why)))
+    first = next(iter(configs.values()), VehicleConfig())
+    return (next_steps(joint, first, configs) or [step_of(joint)])[:MOST_STEPS]
+
+
+def _again(wheels: Sequence[WheelReport]) -> str:
+    """Return which runs to drive again by the wheels' own reports; without names where all say the same."""
+    cards = {
+        wheel.wheel: block.again.replace("under Runs", "in its report")
+        for wheel in wheels
+        if wheel.report
+        for block in wheel.report.sections[0].blocks
+        if isinstance(block, Steps)
+    }
+    texts = list(dict.fromkeys(cards.values()))
+    named = (f"{listed([name for name, own in cards.items() if own == text])}: {text}" for text in texts)
+    return texts[0] if len(texts) == 1 else " ".join(named)
 
 
 def _tile(key: str, figures: Mapping[str, KeyFigure]) -> Tile:
