@@ -159,7 +159,8 @@ def diagnose_command(
         _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
 
     def together() -> None:
-        for doubt in doubts_of_wheels(of_wheels):
+        per_wheel.doubts = doubts_of_wheels(of_wheels)
+        for doubt in per_wheel.doubts:
             say(str(doubt))
         _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
 

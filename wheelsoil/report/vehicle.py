@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from daq import DataError, FloatArray, VehicleConfig
+from daq import DataError, Fault, FloatArray, VehicleConfig
 from model.diagnosis import Diagnosis
 from wheelsoil.report.build import Head, Report
 from wheelsoil.report.cause_figure import driven_slips
@@ -61,13 +61,17 @@ _READING_TRANSFER = (
 )
 
 
-def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None = None) -> Report:
+def build_vehicle_report(
+    wheels: Sequence[WheelReport], joint: Diagnosis | None = None, doubts: Sequence[Fault] = ()
+) -> Report:
     """Build the page of a vehicle from the reports of its wheels, of which at least one was made.
 
     Parameters
     ----------
     joint : Diagnosis, optional
         Of the campaigns of all wheels with one soil.
+    doubts : sequence of Fault
+        See `wheelsoil.workflows.vehicle.doubts_of_wheels`: to be removed before all else.
     """
     there = [(wheel, report) for wheel in wheels if (report := wheel.report) is not None]
     given, first = [wheel for wheel, _ in there], there[0][1].head
@@ -78,15 +82,16 @@ def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None 
         figures = figures_of_vehicle(vehicle)
     except DataError as error:
         omitted["vehicle"] = "; ".join(fault.what for fault in error.faults)
-    glance = _summary(wheels, vehicle, figures, joint, omitted.get("vehicle", ""))
+    glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
-    level, sign = ("good", "✓") if len(found) == len(wheels) else ("fair", "▲")
+    level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")
+    to_check = f", {len(doubts)} to check" if doubts else ""
     return Report(
         head=Head(
             first.title,
             f"{given[0].processed[0][0].vehicle.vehicle.name}, wheels {listed([wheel.wheel for wheel in wheels])}",
             [fact for fact in first.facts if not fact[0]],
-            (level, f"{sign} {len(found)} of {len(wheels)} wheels diagnosed"),
+            (level, f"{sign} {len(found)} of {len(wheels)} wheels diagnosed{to_check}"),
         ),
         sections=(
             glance,
@@ -170,11 +175,12 @@ def _summary(
     vehicle: Vehicle | None,
     figures: Mapping[str, KeyFigure],
     joint: Diagnosis | None,
+    doubts: Sequence[Fault],
     why: str,
 ) -> Section:
     """Return the first screen: verdict, three numbers, sum of pulls against slip, and a line for each wheel."""
     headline, details = verdict_of_all(joint, wheels)
-    steps = _steps(joint, wheels)
+    steps = _steps(joint, wheels, doubts)
     tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
@@ -196,6 +202,7 @@ def _summary(
         "headline": headline,
         "sentence": sentence_of(joint) if joint else headline,
         "steps": steps,
+        "doubts": doubts,
         "together": diagnosis_json(joint) if joint else None,
         "key_figures": figures,
         "share_used_at_all_wheels": vehicle.share if vehicle else None,
@@ -216,13 +223,18 @@ def _summary(
     )
 
 
-def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> list[Step]:
-    """Return the next steps of all wheels together, each with the lines of its wheel."""
-    if joint is None:
-        return []
-    configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
-    first = next(iter(configs.values()), VehicleConfig())
-    return (next_steps(joint, first, configs) or [step_of(joint)])[:MOST_STEPS]
+def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Sequence[Fault]) -> list[Step]:
+    """Return every doubt to remove, then the next steps of all wheels together, each with the lines of its wheel."""
+    steps = [
+        Step(f"{upper(what)}.", f"{upper(doubt.what)}; expected {doubt.expected}.{f' {upper(then)}.' if then else ''}")
+        for doubt in doubts
+        for what, _, then in [doubt.next_step.partition("; ")]
+    ]
+    if joint is not None:
+        configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
+        first = next(iter(configs.values()), VehicleConfig())
+        steps += next_steps(joint, first, configs) or [step_of(joint)]
+    return steps[: max(MOST_STEPS, len(doubts))]
 
 
 def _again(wheels: Sequence[WheelReport]) -> str:
