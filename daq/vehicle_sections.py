@@ -251,7 +251,8 @@ def contradictions(wheels: Sequence[InstrumentedWheel]) -> Iterator[str]:
                 f"wheel {wheel.id} has no load: add vertical_load to its [wheel.signals]; "
                 "a wheel without a transducer is no [[wheel]], and counts in axles only"
             )
-        yield from _on_another_side(wheel)
+        if wheel.y_m:
+            yield from _on_another_side(wheel, wheel.y_m)
     if len(wheels) > 1 and any(wheel.axle is None for wheel in wheels):
         without = ", ".join(wheel.id for wheel in wheels if wheel.axle is None)
         yield f"{without}: axle is missing: with several wheels each needs it, from 1 at the front"
@@ -263,21 +264,18 @@ _SIDES = {
     "left": {"left", "fl", "lf", "ml", "rl", "lr", "vl", "hl"},
     "right": {"right", "fr", "rf", "mr", "rr", "vr", "hr"},
 }
-"""Words of an id or a position, in lower case."""
 
 
-def _on_another_side(wheel: InstrumentedWheel) -> Iterator[str]:
+def _on_another_side(wheel: InstrumentedWheel, y_m: float) -> Iterator[str]:
     """Yield what names the other side than ``y_m``; the side of a transducer where it is stated or changes a sign."""
-    if not wheel.y_m:
-        return
-    side, other = ("left", "right") if wheel.y_m > 0 else ("right", "left")
+    side, other = ("left", "right") if y_m > 0 else ("right", "left")
     own = wheel.transducer
-    counts = own.frame == "wheel" or own.side == "right"
-    for key, text in (("id", wheel.id), ("position", wheel.position), ("side", own.side if counts else "")):
+    of_it = own.side if own.frame == "wheel" or own.side == "right" else ""
+    for key, text in (("id", wheel.id), ("position", wheel.position), ("side", of_it)):
         words = set(re.findall("[a-z]+", text.lower()))
         if words & _SIDES[other] and not words & _SIDES[side]:
             yield (
-                f'wheel {wheel.id}: {key} = "{text}" contradicts y_m = {wheel.y_m:g}, which is on the {side}: '
+                f'wheel {wheel.id}: {key} = "{text}" contradicts y_m = {y_m:g}, which is on the {side}: '
                 "y_m points to the left; correct one of them"
             )
 

@@ -39,10 +39,9 @@ class PerWheel:
         self._found: list[dict[str, Any]] = []
         self._shown = 0
         self._said: dict[str, str] = {}
+        self.doubts: Sequence[Fault] = ()
         self.wheel = ""
-        """Of which the work is done now; `set_aside_runs` are not used of it."""
-        self.doubts: list[Fault] = []
-        """What makes all wheels together doubtful."""
+        """Of which the work is done now; `set_aside_runs` are not used of it, `doubts` are of all together."""
 
     @property
     def several(self) -> bool:

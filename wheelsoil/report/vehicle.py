@@ -85,13 +85,15 @@ def build_vehicle_report(
     glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
     level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")
-    to_check = f", {len(doubts)} to check" if doubts else ""
     return Report(
         head=Head(
             first.title,
             f"{given[0].processed[0][0].vehicle.vehicle.name}, wheels {listed([wheel.wheel for wheel in wheels])}",
             [fact for fact in first.facts if not fact[0]],
-            (level, f"{sign} {len(found)} of {len(wheels)} wheels diagnosed{to_check}"),
+            (
+                level,
+                f"{sign} {len(found)} of {len(wheels)} wheels diagnosed{f', {len(doubts)} to check' if doubts else ''}",
+            ),
         ),
         sections=(
             glance,
@@ -120,7 +122,8 @@ def line_of(wheel: WheelReport) -> str:
     if wheel.report is None:
         return f"No report: {wheel.why}."
     why_not, shown = wheel.diagnosed.why_not, wheel.report.sections[0].numbers
-    return f"Not diagnosed: {why_not}." if why_not else str(shown["headline"])
+    without = f" Without {wheel.report.not_fitted}: a signal is missing." if wheel.report.not_fitted else ""
+    return f"Not diagnosed: {why_not}." if why_not else f"{shown['headline']}{without}"
 
 
 def vehicle_lines(report: Report) -> list[tuple[str, str]]:
@@ -197,7 +200,6 @@ def _summary(
             "Sum of drawbar pulls (N)",
             size=_HERO,
         )
-    lines = [(wheel.wheel, line_of(wheel), quote(wheel.page)) for wheel in wheels]
     numbers = {
         "headline": headline,
         "sentence": sentence_of(joint) if joint else headline,
@@ -217,7 +219,7 @@ def _summary(
             tiles,
             drawing,
             *([Steps(steps, _again(wheels))] if steps else []),
-            Links("Each wheel by itself", lines),
+            Links("Each wheel by itself", [(each.wheel, line_of(each), quote(each.page)) for each in wheels]),
         ],
         numbers,
     )
@@ -232,8 +234,7 @@ def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Seque
     ]
     if joint is not None:
         configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
-        first = next(iter(configs.values()), VehicleConfig())
-        steps += next_steps(joint, first, configs) or [step_of(joint)]
+        steps += next_steps(joint, next(iter(configs.values()), VehicleConfig()), configs) or [step_of(joint)]
     return steps[: max(MOST_STEPS, len(doubts))]
 
 
@@ -247,8 +248,9 @@ def _again(wheels: Sequence[WheelReport]) -> str:
         if isinstance(block, Steps)
     }
     texts = list(dict.fromkeys(cards.values()))
-    named = (f"{listed([name for name, own in cards.items() if own == text])}: {text}" for text in texts)
-    return texts[0] if len(texts) == 1 else " ".join(named)
+    if len(texts) == 1:
+        return texts[0]
+    return " ".join(f"{listed([name for name, own in cards.items() if own == text])}: {text}" for text in texts)
 
 
 def _tile(key: str, figures: Mapping[str, KeyFigure]) -> Tile:
