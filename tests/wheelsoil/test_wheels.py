@@ -139,12 +139,15 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
         patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", by_hand),
         patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),
     ):
-        found = ok("diagnose", folder, "--json").json
+        both = ok("diagnose", folder, "--json", "--next-run")
         reported = ok("report", folder, "-o", tmp_path / "r.html")
         text = ok("diagnose", folder, "--wheel", "RL")
         silence(folder / "run-1.log", "can1")
         silent = invoke("diagnose", folder, "--json")
+    found = both.json
     assert [entry["wheel"] for entry in found] == [*IDS, "all"]
+    said = "next runs are ranked for one wheel at a time (FL, RL): wheelsoil diagnose FOLDER --wheel FL --next-run"
+    assert said in both.err
     assert [[run["run"] for run in entry.get("runs_set_aside", [])] for entry in found] == [[], ["run-2"], []]
     assert found[1]["runs_set_aside"][0]["cause"] == "silent"
     assert given[:3] == given[3:6], "the report diagnoses the same"

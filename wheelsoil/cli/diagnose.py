@@ -165,6 +165,10 @@ def diagnose_command(
         for doubt in per_wheel.doubts:
             say(str(doubt))
         _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
+        if next_run:
+            ids = list(of_wheels)
+            command = f"wheelsoil diagnose FOLDER --wheel {ids[0]} --next-run"
+            say(f"next runs are ranked for one wheel at a time ({', '.join(ids)}): {command}")
 
     per_wheel.each(work, None if apart else together)
 
