@@ -306,6 +306,12 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
     glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
     assert glance["steps"][2]["what"].startswith("At wheel FR: calibrate the driving torque")
     assert glance["doubts"] == [{"where": "", "found": "", **vars(doubt)} for doubt in doubts[1:3]]
+    notes = re.findall(r'<div class="n">([^<]*)</div>', (tmp_path / "r.html").read_text(encoding="utf-8"))[:3]
+    assert [note.rpartition("; ")[2] == "not corrected for torque gain of wheel FR" for note in notes] == [
+        False,
+        False,
+        True,
+    ]
     [found] = glance["together"]["causes"]
     assert (found["wheel"], found["name"]) == ("FR", "torque_gain")
 

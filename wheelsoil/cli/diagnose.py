@@ -166,9 +166,10 @@ def diagnose_command(
             say(str(doubt))
         _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
         if next_run:
-            ids = list(of_wheels)
-            command = f"wheelsoil diagnose FOLDER --wheel {ids[0]} --next-run"
-            say(f"next runs are ranked for one wheel at a time ({', '.join(ids)}): {command}")
+            say(
+                f"next runs are ranked for one wheel at a time ({', '.join(of_wheels)}): "
+                f"wheelsoil diagnose FOLDER --wheel {next(iter(of_wheels))} --next-run"
+            )
 
     per_wheel.each(work, None if apart else together)
 

@@ -209,8 +209,7 @@ def _report_vehicle(
     whole = build_vehicle_report(made, together(made).diagnosis, doubts)
     entry = _written(whole, target, browser)
     if json:
-        figures = whole.sections[0].numbers["key_figures"]
-        print_json({**entry, "wheels": entries, "doubts": doubts, "vehicle": figures})
+        print_json({**entry, "wheels": entries, "doubts": doubts, "vehicle": whole.sections[0].numbers["key_figures"]})
     else:
         pages = [(f"wheel {each['wheel']}", str(each["report"])) for each in entries]
         print_pairs([("report", str(entry["report"])), ("numbers", str(entry["numbers"])), *pages])

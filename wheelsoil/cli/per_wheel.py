@@ -87,8 +87,7 @@ class PerWheel:
     def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
         """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
-            listed = [run.facts() for run in self.set_aside_runs]
-            beside = {"runs_set_aside": listed, "doubts": self.doubts}
+            beside = {"runs_set_aside": [run.facts() for run in self.set_aside_runs], "doubts": self.doubts}
             self._found.append(self._with_wheel(as_json() | {key: value for key, value in beside.items() if value}))
             return
         if self.several:

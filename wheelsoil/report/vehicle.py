@@ -21,7 +21,7 @@ from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import plain_name, upper
-from wheelsoil.wording.verdict import details_of, headline_of, sentence_of, several_terrains
+from wheelsoil.wording.verdict import details_of, headline_of, not_corrected, sentence_of, several_terrains
 from wheelsoil.workflows.key_figures import KeyFigure
 from wheelsoil.workflows.report import WheelReport
 from wheelsoil.workflows.vehicle import AT, Vehicle, figures_of_vehicle, place_of, vehicle_of
@@ -44,6 +44,11 @@ _COLUMNS = {
     "load": "load (N)",
     "drawbar_coefficient": "Dp/W",
     "tractive_efficiency": "efficiency",
+}
+_MADE_OF = {
+    "pull": ("drawbar_pull",),
+    "drawbar_coefficient": ("drawbar_pull", "load"),
+    "tractive_efficiency": ("drawbar_pull", "torque"),
 }
 _LOOKS = ("model", "base", "alt", "second")
 _PAIRED, _HERO, _ALONE = (560, 320, 100), (720, 440, 40), (1060, 320, 40)
@@ -184,7 +189,7 @@ def _summary(
     """Return the first screen: verdict, three numbers, sum of pulls against slip, and a line for each wheel."""
     headline, details = verdict_of_all(joint, wheels)
     steps = _steps(joint, wheels, doubts)
-    tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
+    tiles = Tiles([_tile(f"{name}_{AT}", figures, not_corrected(joint, *of)) for name, of in _MADE_OF.items()])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
         details = [
@@ -253,14 +258,14 @@ def _again(wheels: Sequence[WheelReport]) -> str:
     return " ".join(f"{listed([name for name, own in cards.items() if own == text])}: {text}" for text in texts)
 
 
-def _tile(key: str, figures: Mapping[str, KeyFigure]) -> Tile:
-    """Return the tile of one of `_NAMES`."""
+def _tile(key: str, figures: Mapping[str, KeyFigure], caution: str = "") -> Tile:
+    """Return the tile of one of `_NAMES`, with a caution below."""
     title, figure = _NAMES[key], figures.get(f"vehicle.{key}")
     if figure is None:
         return Tile(title, "–", "", "not measured at every wheel, or not known from these samples")
     value, unit = figure_value(figure).removesuffix(" %"), "%" if figure.digits == "percent" else figure.unit
     note = f"95 % interval {figure_interval(figure)}" if isfinite(figure.interval95[0]) else ""
-    return Tile(title, value, unit, note, keys=(None, figure))
+    return Tile(title, value, unit, "; ".join(filter(None, (note, caution))), keys=(None, figure))
 
 
 def _against(

@@ -149,8 +149,8 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
     rule = _RULES.get(family)
     value = cause.parameters[0].value if cause.parameters else 0.0
     step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
-    what = f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}" if wheel else step.what
-    return replace(step, what=what, paste=_of_wheel(step.paste, vehicle))
+    step = replace(step, paste=_of_wheel(step.paste, vehicle))
+    return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 
 def missing_step(found: Diagnosis) -> Step | None:
