@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, pairwise
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -250,11 +251,33 @@ def contradictions(wheels: Sequence[InstrumentedWheel]) -> Iterator[str]:
                 f"wheel {wheel.id} has no load: add vertical_load to its [wheel.signals]; "
                 "a wheel without a transducer is no [[wheel]], and counts in axles only"
             )
+        if wheel.y_m:
+            yield from _on_another_side(wheel, wheel.y_m)
     if len(wheels) > 1 and any(wheel.axle is None for wheel in wheels):
         without = ", ".join(wheel.id for wheel in wheels if wheel.axle is None)
         yield f"{without}: axle is missing: with several wheels each needs it, from 1 at the front"
     for one, other in combinations(wheels, 2):
         yield from _contradict(one, other)
+
+
+_SIDES = {
+    "left": {"left", "fl", "lf", "ml", "rl", "lr", "vl", "hl"},
+    "right": {"right", "fr", "rf", "mr", "rr", "vr", "hr"},
+}
+
+
+def _on_another_side(wheel: InstrumentedWheel, y_m: float) -> Iterator[str]:
+    """Yield what names the other side than ``y_m``; the side of a transducer where it is stated or changes a sign."""
+    side, other = ("left", "right") if y_m > 0 else ("right", "left")
+    own = wheel.transducer
+    of_it = own.side if own.frame == "wheel" or own.side == "right" else ""
+    for key, text in (("id", wheel.id), ("position", wheel.position), ("side", of_it)):
+        words = set(re.findall("[a-z]+", text.lower()))
+        if words & _SIDES[other] and not words & _SIDES[side]:
+            yield (
+                f'wheel {wheel.id}: {key} = "{text}" contradicts y_m = {y_m:g}, which is on the {side}: '
+                "y_m points to the left; correct one of them"
+            )
 
 
 _OnlyOnce = tuple[str, Callable[[InstrumentedWheel], str]]
@@ -275,8 +298,15 @@ def _contradict(one: InstrumentedWheel, other: InstrumentedWheel) -> Iterator[st
     for role in one.signals.keys() & other.signals.keys():
         if one.signals[role].signal == other.signals[role].signal:
             yield f"{both} have the same signal {one.signals[role].signal!r} for {role}; correct one of them"
+    if one.x_m is not None and (one.x_m, one.y_m) == (other.x_m, other.y_m):
+        yield f"{both} have the same place (x_m = {one.x_m:g}, y_m = {one.y_m:g}); correct one of them"
     places = sorted((w.axle, w.x_m, w.id) for w in (one, other) if w.axle is not None and w.x_m is not None)
     for (axle, x_m, front), (rear_axle, rear_x_m, rear) in pairwise(places):
+        if axle == rear_axle and rear_x_m - x_m > one.radius_m + other.radius_m:
+            yield (
+                f"{both} have the same axle = {axle}, but x_m = {x_m:g} and {rear_x_m:g}, one behind the other; "
+                "correct one of them"
+            )
         if axle != rear_axle and x_m <= rear_x_m:
             yield (
                 f"wheel {front} (axle = {axle}, x_m = {x_m:g}) is not ahead of wheel {rear} (axle = {rear_axle}, "

@@ -59,9 +59,9 @@ class SetAsideRun:
     ----------
     run : str
         Its id.
-    cause : "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing" or "not_read"
+    cause : "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read" or "silent"
         `misdeclared`: impossible, and a line of vehicle.toml mends it. `missing`: runs.toml names it, and there is no
-        such file. `not_read`: a file of the folder that looks like a run.
+        such file. `not_read`: a file of the folder that looks like a run. `silent`: it lacks a signal of this wheel.
     reason, next_step : str
         Why, and what to do.
     message : str
@@ -69,7 +69,9 @@ class SetAsideRun:
     """
 
     run: str
-    cause: Literal["unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read"]
+    cause: Literal[
+        "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read", "silent"
+    ]
     reason: str
     next_step: str
     message: str = ""

@@ -93,6 +93,27 @@ def test_a_file_of_one_wheel_is_written_as_it_was_and_one_of_several_as_it_is_re
         ),
         ([wheel(*FRONT).replace("vertical_load =", "wheel_speed ="), wheel(*REAR)], "wheel FL has no load: add verti"),
         ([wheel("FL", 1, 0.0), wheel("RL", 2, 2.7)], r"FL \(axle = 1, x_m = 0\) is not ahead of wheel RL \(axle = 2"),
+        (
+            [wheel(*FRONT), wheel("RL", 1, 0.0)],
+            "wheels FL and RL have the same axle = 1, but x_m = 0 and 2.7, one behind the other; correct one of them",
+        ),
+        (
+            [wheel(*FRONT), wheel("RL", 2, 2.7)],
+            r"wheels FL and RL have the same place \(x_m = 2.7, y_m = 0.9\); correct one of them",
+        ),
+        (
+            [wheel(*FRONT), wheel("RR", *REAR[1:])],
+            'wheel RR: id = "RR" contradicts y_m = 0.9, which is on the left: y_m points to the left; correct one',
+        ),
+        (
+            [wheel(*FRONT, more='position = "front right"')],
+            'wheel FL: position = "front right" contradicts y_m = 0.9, which is on the left',
+        ),
+        ([wheel(*FRONT, transducer='side = "right"')], 'wheel FL: side = "right" contradicts y_m = 0.9'),
+        (
+            [wheel("FR", *FRONT[1:], transducer='frame = "wheel"').replace("y_m = 0.9", "y_m = -0.9")],
+            'wheel FR: side = "left" contradicts y_m = -0.9, which is on the right',
+        ),
         ([wheel(*FRONT).replace("axle = 1\n", ""), wheel(*REAR)], "FL: axle is missing: with several wheels"),
         ([wheel(*FRONT), wheel("RL", 3, 0.0)], "wheel RL: axle = 3 is not on a vehicle with vehicle.axles = 2"),
         (
@@ -111,6 +132,12 @@ def test_wheels_that_contradict_each_other_are_refused(wheels: Sequence[str], sa
     with pytest.raises(ConfigError, match=said) as caught:
         parsed(*wheels)
     assert "vehicle.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["FR", "rear_right-2", "hub", "left-right", "LEG"])
+def test_an_id_may_name_no_side_or_both(name: str) -> None:
+    [found] = parsed(wheel(name, *FRONT[1:]).replace("y_m = 0.9", "y_m = -0.9")).wheels
+    assert found.y_m == -0.9 and found.transducer.side == "left", "in vehicle axes its side changes nothing"
 
 
 def test_a_signal_of_one_wheel_is_not_for_all() -> None:

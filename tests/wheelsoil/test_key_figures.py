@@ -18,6 +18,7 @@ from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.sections.overview import _traction_tiles
 from wheelsoil.to_json import plain
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.view.medians import compared
@@ -75,6 +76,23 @@ def required(verdict: str) -> set[str]:
     if verdict in ("named", "one_of"):
         errors |= {f"error.{channel}.with_causes" for channel in ("dp", "t")} | {"cause.slip_sinkage.H_m"}
     return errors | (set() if verdict == "unexplained" else {"candidate.slip_sinkage", "candidate.bulldozing"})
+
+
+@pytest.mark.parametrize(("verdict", "said"), [("one_of", "torque gain or drawbar pull zero"), ("named", "")])
+def test_a_measured_efficiency_says_which_errors_are_in_it(material: ReportInputs, verdict: Verdict, said: str) -> None:
+    """That of the recommended model has none of them."""
+    found = diagnosis(verdict)
+    names = ("torque_gain", "slope", "drawbar_pull_zero")
+    errors = [replace(found.causes[0], name=n, key=n, form="", kind="measurement", parameters=()) for n in names]
+    notes = {
+        tile.title: tile.note
+        for tile in _traction_tiles(
+            replace(material.traction, model="recommended" if verdict == "named" else "calibrated_soil"),
+            replace(found, causes=tuple(errors)),
+        )
+    }
+    title = "Highest tractive efficiency" if verdict == "named" else "Highest measured tractive efficiency"
+    assert notes[title].partition("; not corrected for ")[2] == said
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,12 @@ from diagnosis_samples import diagnosis
 from report_support import diagnosed_by_hand
 from shared_results import made_once
 
-from daq import FloatArray
+from daq import Fault, FloatArray
 from daq.errors import ConfigError, DataError
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions
+from wheelsoil.cli.per_wheel import PerWheel
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.vehicle import verdict_of_all
 from wheelsoil.simulation.campaign import setup_of_wheel, simulate_campaign, simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
@@ -67,6 +69,18 @@ def test_a_wheel_on_another_clock_is_said(processed: dict[str, Processed], late_
     late = changed(processed["RL"], lambda run: replace(run, start_ns=run.start_ns + round(late_s * 1e9)))
     [doubt] = doubts_of_wheels(processed | {"RL": late})
     assert f"the speed of wheel RL comes {said} than that of wheel FL" in doubt.what and "--apart" in doubt.next_step
+
+
+def test_a_doubt_stands_in_the_json_of_all_wheels_together(capsys: pytest.CaptureFixture[str]) -> None:
+    per_wheel = PerWheel({"FL": [], "FR": []}, json=True)
+
+    def together() -> None:
+        per_wheel.doubts = [Fault("FL is late", expected="one clock", next_step="check it")]
+        per_wheel.show(dict, lambda: None)
+
+    per_wheel.each(lambda _: per_wheel.show(dict, lambda: None), together)
+    *own, of_all = json.loads(capsys.readouterr().out)
+    assert own == [{"wheel": "FL"}, {"wheel": "FR"}] and of_all["doubts"][0]["what"] == "FL is late"
 
 
 def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> None:
@@ -251,7 +265,7 @@ def test_page_json_and_terminal_have_the_same_numbers(reported: tuple[Result, Pa
 
 def test_the_json_of_the_command_lists_the_wheels(four: Path, tmp_path: Path) -> None:
     found = ok("report", four, "-o", tmp_path / "r.html", "--no-diagnosis", "--json").json
-    assert [entry["wheel"] for entry in found["wheels"]] == list(IDS)
+    assert [entry["wheel"] for entry in found["wheels"]] == list(IDS) and found["doubts"] == []
     assert found["report"].endswith("r.html") and found["wheels"][0]["numbers"].endswith("r-FL.json")
     assert found["vehicle"]["vehicle.pull_at_mean_slip_0.2"]["unit"] == "N"
     assert invoke("report", four, "-o", tmp_path / "new.html", "--no-diagnosis", "--wheel", "RL").code == 0
@@ -271,28 +285,53 @@ def test_a_joint_diagnosis_takes_the_headline() -> None:
 
 
 def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path: Path) -> None:
-    """Of all wheels together: the cause as numbers, and the step that removes it, with its wheel."""
+    """Every doubt about the wheels, then the step that removes the cause, with its wheel; the cause as numbers."""
+    doubts = [
+        Fault(f"wheel {name} is late", expected="one clock", next_step="check it; until then wait") for name in IDS
+    ]
     joint = diagnosis("named")
     [cause, *_] = joint.causes
     at_wheel = replace(cause, name="torque_gain@FR", key="torque_gain@FR", kind="measurement", form="")
     answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,))]
-    with patch("wheelsoil.workflows.report.diagnose_campaigns", side_effect=answers):
-        result = invoke("report", four, "-o", tmp_path / "r.html")
-    assert result.code == 0
+    with (
+        patch("wheelsoil.workflows.report.diagnose_campaigns", side_effect=answers),
+        patch("wheelsoil.workflows.vehicle.doubts_of_wheels", return_value=doubts[1:3]),
+    ):
+        result = ok("report", four, "-o", tmp_path / "r.html")
     assert re.search("all wheels together +Torque gain of wheel FR", result.out)
-    assert "Do next: At wheel FR: calibrate the driving torque" in (tmp_path / "r.html").read_text(encoding="utf-8")
-    together = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]["together"]
-    assert (together["causes"][0]["wheel"], together["causes"][0]["name"]) == ("FR", "torque_gain")
+    card = (tmp_path / "r.html").read_text(encoding="utf-8").split("<h3>Do next</h3>")[1]
+    assert card.split("</ol>")[0].startswith('<p class="again"><b>Drive again:</b> none. All runs are usable.</p>')
+    assert "<b>Check it.</b><span>Wheel FR is late; expected one clock. Until then wait.</span>" in card
+    assert '<li data-n="3"><b>At wheel FR: calibrate the driving torque' in card
+    glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
+    assert glance["steps"][2]["what"].startswith("At wheel FR: calibrate the driving torque")
+    assert glance["doubts"] == [{"where": "", "found": "", **vars(doubt)} for doubt in doubts[1:3]]
+    notes = re.findall(r'<div class="n">([^<]*)</div>', (tmp_path / "r.html").read_text(encoding="utf-8"))[:3]
+    assert [note.rpartition("; ")[2] == "not corrected for torque gain of wheel FR" for note in notes] == [
+        False,
+        False,
+        True,
+    ]
+    [found] = glance["together"]["causes"]
+    assert (found["wheel"], found["name"]) == ("FR", "torque_gain")
 
 
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:
+    again = {"RL": "run-2; the reasons stand under Runs."}
+
+    def drive_again(inputs: ReportInputs, _: object) -> str:
+        return again.get(" ".join(inputs.vehicle.wheel_ids), "none. All runs are usable.")
+
     for file in four.glob("*.dbc"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     text = (four / "vehicle.toml").read_text(encoding="utf-8")
     broken = tmp_path / "vehicle.toml"
     broken.write_text(text.replace("can3:WFT_Moments.My", "can3:WFT_Moments.Mq"), encoding="utf-8")
     page = tmp_path / "r.html"
-    with diagnosed_by_hand(diagnosis("nothing_detectable")):
+    with (
+        diagnosed_by_hand(diagnosis("nothing_detectable")),
+        patch("wheelsoil.report.sections.glance._again", drive_again),
+    ):
         result = invoke("report", four, "--vehicle", broken, "-o", page)
     assert result.code == 2 and "no DBC has a signal 'WFT_Moments.Mq'" in result.err
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
@@ -300,6 +339,8 @@ def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Pat
     assert numbers["wheels"][3]["headline"] == "No report: no DBC has a signal 'WFT_Moments.Mq'."
     assert "instrumented wheels FL, FR and RL" in page.read_text(encoding="utf-8")
     assert "3 of 4 wheels diagnosed" in page.read_text(encoding="utf-8")
+    drive = "FL and FR: none. All runs are usable. RL: run-2; the reasons stand in its report."
+    assert drive in numbers["texts"]["glance"]
 
 
 def test_a_fault_in_a_diagnosis_leaves_the_other_wheels_and_ends_with_1(four: Path, tmp_path: Path) -> None:

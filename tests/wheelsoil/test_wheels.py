@@ -6,17 +6,21 @@ import csv
 import re
 import sys
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
-from cli_support import busy, invoke, ok
+from cli_support import busy, invoke, ok, silence
+from diagnosis_samples import diagnosis
 from shared_results import made_once
 
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.runs import open_runs
+from model.diagnosis import Campaign, Diagnosis
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
@@ -119,6 +123,38 @@ def test_wheels_of_two_sizes_share_no_law(two: Path, tmp_path: Path) -> None:
 def diagnosed(two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], Path]:
     model = tmp_path_factory.mktemp("models") / "model.toml"
     return ok("diagnose", two, *QUICK, "-o", model, "--json").json, model
+
+
+def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> None:
+    """Neither the diagnosis nor the report, which diagnose the same runs; where all are silent, the fault is raised."""
+    folder, given = tmp_path / "c", list[tuple[tuple[str, tuple[str, ...]], ...]]()
+    ok("simulate", "-o", folder, "--wheels", 2, "--runs", 2, "--duration", 15, "--format", "candump")
+    silence(folder / "run-2.log", "can1")
+
+    def by_hand(campaigns: Sequence[Campaign], _: object) -> Diagnosis:
+        given.append(tuple((each.name, tuple(run.run.id for run in each.runs)) for each in campaigns))
+        return diagnosis("nothing_detectable")
+
+    with (
+        patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", by_hand),
+        patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),
+    ):
+        both = ok("diagnose", folder, "--json", "--next-run")
+        reported = ok("report", folder, "-o", tmp_path / "r.html")
+        text = ok("diagnose", folder, "--wheel", "RL")
+        silence(folder / "run-1.log", "can1")
+        silent = invoke("diagnose", folder, "--json")
+    found = both.json
+    assert [entry["wheel"] for entry in found] == [*IDS, "all"]
+    said = "next runs are ranked for one wheel at a time (FL, RL): wheelsoil diagnose FOLDER --wheel FL --next-run"
+    assert said in both.err
+    assert [[run["run"] for run in entry.get("runs_set_aside", [])] for entry in found] == [[], ["run-2"], []]
+    assert found[1]["runs_set_aside"][0]["cause"] == "silent"
+    assert given[:3] == given[3:6], "the report diagnoses the same"
+    assert "Without run-2: a signal is missing." in " ".join(reported.out.split())
+    assert re.search("set aside +run-2: vertical_load is missing", text.out)
+    assert silent.code == 1 and "holds no sample of vertical_load" in silent.err
+    assert [entry["wheel"] for entry in silent.json] == ["FL"]
 
 
 def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:

@@ -173,6 +173,7 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
     return {
         "campaigns": len(manifests),
         "failed": {manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "failed"},
+        "silent": {one.campaign: one.fault for one in manifests if one.state == "done" and one.fault},
         "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
         "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
         "cpu_s": sum(manifest.cpu_s for manifest in manifests),
@@ -204,8 +205,8 @@ def _print_status(facts: Mapping[str, Any]) -> None:
             ("made by", ", ".join(f"wheelsoil {version}" for version in facts["versions"]) or "nobody"),
         ]
     )
-    for name, fault in failed.items():
-        print(f"  failed: {name}: {fault}")
+    for name, fault in (*failed.items(), *facts["silent"].items()):
+        print(f"  {'failed' if name in failed else 'silent'}: {name}: {fault}")
 
 
 @fleet_app.command("sql")

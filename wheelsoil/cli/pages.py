@@ -203,12 +203,13 @@ def _report_vehicle(
         made.append(WheelReport(wheel, why=collected.errors[-1].what))
     if not entries:
         collected.stop_if_any()
-    for doubt in doubts_of_wheels({each.wheel: each.processed for each in made if each.processed}):
+    doubts = doubts_of_wheels({each.wheel: each.processed for each in made if each.processed})
+    for doubt in doubts:
         say(str(doubt))
-    whole = build_vehicle_report(made, together(made).diagnosis)
+    whole = build_vehicle_report(made, together(made).diagnosis, doubts)
     entry = _written(whole, target, browser)
     if json:
-        print_json({**entry, "wheels": entries, "vehicle": whole.sections[0].numbers["key_figures"]})
+        print_json({**entry, "wheels": entries, "doubts": doubts, "vehicle": whole.sections[0].numbers["key_figures"]})
     else:
         pages = [(f"wheel {each['wheel']}", str(each["report"])) for each in entries]
         print_pairs([("report", str(entry["report"])), ("numbers", str(entry["numbers"])), *pages])

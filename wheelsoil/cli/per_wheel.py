@@ -9,6 +9,7 @@ from daq import ALL_WHEELS
 from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
+    from daq import Fault
     from daq.runs import Run, SetAsideRun
 
 _OF_CAUSES = ("causes", "further_causes")
@@ -38,8 +39,9 @@ class PerWheel:
         self._found: list[dict[str, Any]] = []
         self._shown = 0
         self._said: dict[str, str] = {}
+        self.doubts: Sequence[Fault] = ()
         self.wheel = ""
-        """Of which the work is done now; `set_aside_runs` are not used of it."""
+        """Of which the work is done now; `set_aside_runs` are not used of it, `doubts` are of all together."""
 
     @property
     def several(self) -> bool:
@@ -85,8 +87,8 @@ class PerWheel:
     def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
         """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
-            listed = [run.facts() for run in self.set_aside_runs]
-            self._found.append(self._with_wheel(as_json() | ({"runs_set_aside": listed} if listed else {})))
+            beside = {"runs_set_aside": [run.facts() for run in self.set_aside_runs], "doubts": self.doubts}
+            self._found.append(self._with_wheel(as_json() | {key: value for key, value in beside.items() if value}))
             return
         if self.several:
             print(f"\n{self._heading}" if self._shown else self._heading)

@@ -43,6 +43,7 @@ from wheelsoil.workflows import (
     read_benches,
     vehicles_of,
 )
+from wheelsoil.workflows.fit import nothing_whole
 
 _ONE_AT_A_TIME = threading.Lock()
 """What is printed is taken away from the whole process, and so is the cache."""
@@ -115,13 +116,13 @@ def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True)
         except Exception as error:  # noqa: BLE001  # the boundary of a campaign: the others go on
             found = [Found(source, fault=_fault_of(error), state="failed")]
             content, tables = _made(found, opened, options)
-        fault = _fault_in(found)
+        failed = any(each.state == "failed" for each in found)
         manifest = Manifest(
             source.name,
             content,
-            "failed" if fault else "done",
-            fault,
-            "" if fault else _verdict_of(found),
+            "failed" if failed else "done",
+            _fault_in(found),
+            "" if failed else _verdict_of(found),
             opened.facts,
             rows={name: len(rows) for name, rows in tables.items()},
             options=asdict(options),
@@ -135,7 +136,7 @@ def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True)
 
 def _made(found: Sequence[Found], opened: _Opened, options: FleetOptions) -> tuple[str, dict[str, pa.Table]]:
     """Return the content of a campaign and its rows; one that failed has another, so that it can be tried again."""
-    failed = any(each.fault for each in found)
+    failed = any(each.state == "failed" for each in found)
     inputs = ["failed", opened.content]
     content = content_of(found[0].source, inputs, options) if failed else opened.content
     return content, tables_of(found, content)
@@ -192,12 +193,13 @@ def _hashes(files: Iterable[str]) -> list[list[str]]:
 
 
 def _of_wheels(source: Source, opened: _Opened, options: FleetOptions) -> list[Found]:
-    """Return what is found of each wheel, and of all of them together where nothing is wrong with any."""
+    """Return what is found of each wheel, and where none failed of all that are not silent together."""
     if len(opened.runs) == 1:
         return [_of_runs(source, runs, opened, options) for runs in opened.runs.values()]
     found = [_tried(source, wheel, _of_runs, runs, opened, options) for wheel, runs in opened.runs.items()]
-    if not any(each.fault for each in found):
-        found.append(_tried(source, ALL_WHEELS, _together, found, opened, options))
+    there = [each for each in found if not each.fault]
+    if len(there) > 1 and not any(each.state == "failed" for each in found):
+        found.append(_tried(source, ALL_WHEELS, _together, there, opened, options))
     return found
 
 
@@ -236,6 +238,8 @@ def _of_runs(source: Source, runs: Sequence[Run], opened: _Opened, options: Flee
         fit = fit_runs(processed, choice.fit_choices(), None)
     except WheelsoilError as error:
         remarks.append(("fit", _fault_of(error)))
+    if missing := nothing_whole([done for _, done in processed]):
+        return Found(source, processed, fault=missing, state="silent", set_aside=tuple(aside))
     campaigns = campaigns_of([Path(source.path)], processed)
     if len(campaigns) > 1:
         step = "put the runs of each soil and wheel into a folder of their own"

@@ -31,7 +31,7 @@ class Manifest:
         Name, and the hash of what the rows depend on.
     state : "done" or "failed"
     fault : str
-        Why it failed.
+        Why it failed, or of one that is done what its silent wheels lack.
     verdict : str
         Of its diagnosis.
     files : mapping path -> [bytes, time of change in ns]

@@ -213,7 +213,7 @@ def _overview(holdings: Holdings) -> Overview:
     together = campaigns_together(holdings)
     if together:
         vehicles = campaigns[campaigns["campaign"].isin(together)].drop_duplicates("campaign")
-        campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS)])
+        campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS, state="done")])
     key = ["campaign", "wheel"]
     diagnoses = holdings.table("diagnoses", ["wheel", "verdict", "R0_base", "R0_extended"]).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
@@ -228,8 +228,8 @@ def _overview(holdings: Holdings) -> Overview:
     )
     grades = grades.reindex(columns=["good", "fair", "poor"], fill_value=0)
     whole = campaigns.merge(diagnoses, on=key, how="left").join(names, on=key).join(grades, on=key)
-    # Failed, unexplained, named, one of several, then the others; each by the largest error.
-    failed = whole["state"] == "failed"
+    # Failed or silent, unexplained, named, one of several, then the others; each by the largest error.
+    failed = whole["state"] != "done"
     order = whole["verdict"].map({"unexplained": 1, "named": 2, "one_of": 3}).fillna(4).mask(failed, 0)
     error = whole["R0_base"].astype(float).fillna(0.0).mask(failed, 0.0)
     whole = whole.iloc[np.lexsort((-error.to_numpy(), order.to_numpy()))]
@@ -274,7 +274,8 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
         "terrain": known["terrain"],
         "transducer": known["transducer"],
         "failed": row["state"] == "failed",
-        "verdict": known["fault"] if row["state"] == "failed" else VERDICT_WORDS.get(verdict, verdict),
+        "silent": row["state"] == "silent",
+        "verdict": known["fault"] or VERDICT_WORDS.get(verdict, verdict),
         "cause": known["cause"],
         "base": known["R0_base"],
         "extended": known["R0_extended"],

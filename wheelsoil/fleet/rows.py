@@ -37,7 +37,8 @@ class Found:
     Attributes
     ----------
     fault : str
-        Why it failed.
+        Why it failed, or what every run lacks.
+    state : "done", "failed" or "silent"
     remarks : tuple of (where, text)
         What was said while it was worked on.
     set_aside : tuple of SetAsideRun

@@ -235,7 +235,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         yield Step(
             name=source.name,
             state=manifest.state,
-            said=manifest.fault or manifest.verdict.replace("_", " ") or "was there already",
+            said="; ".join(filter(None, (manifest.verdict.replace("_", " "), manifest.fault))) or "was there already",
             finished=finished,
             failed=failed,
             total=len(plan.todo),

@@ -141,9 +141,12 @@ class Tiles:
     small: bool = False
 
 
+MOST_STEPS = 3
+
+
 @dataclass(frozen=True)
 class Steps:
-    """What to do next, the best first; which runs to drive again; what to check."""
+    """What to do next, the best first, at most `MOST_STEPS`; which runs to drive again; what to check."""
 
     steps: Sequence[Step]
     again: str = ""

@@ -9,20 +9,19 @@ from urllib.parse import quote
 
 import numpy as np
 
-from daq import DataError, FloatArray, VehicleConfig
+from daq import DataError, Fault, FloatArray, VehicleConfig
 from model.diagnosis import Diagnosis
-from model.effects import parted
 from wheelsoil.report.build import Head, Report
 from wheelsoil.report.cause_figure import driven_slips
-from wheelsoil.report.content import Block, Drawing, Links, Pair, Section, Table, Text, Tile, Tiles
+from wheelsoil.report.content import MOST_STEPS, Block, Drawing, Links, Pair, Section, Steps, Table, Text, Tile, Tiles
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import Binning, by_slip, matched
 from wheelsoil.report.words import listed
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.mending import next_steps, step_of
+from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import plain_name, upper
-from wheelsoil.wording.verdict import details_of, headline_of, sentence_of, several_terrains
+from wheelsoil.wording.verdict import details_of, headline_of, not_corrected, sentence_of, several_terrains
 from wheelsoil.workflows.key_figures import KeyFigure
 from wheelsoil.workflows.report import WheelReport
 from wheelsoil.workflows.vehicle import AT, Vehicle, figures_of_vehicle, place_of, vehicle_of
@@ -46,6 +45,11 @@ _COLUMNS = {
     "drawbar_coefficient": "Dp/W",
     "tractive_efficiency": "efficiency",
 }
+_MADE_OF = {
+    "pull": ("drawbar_pull",),
+    "drawbar_coefficient": ("drawbar_pull", "load"),
+    "tractive_efficiency": ("drawbar_pull", "torque"),
+}
 _LOOKS = ("model", "base", "alt", "second")
 _PAIRED, _HERO, _ALONE = (560, 320, 100), (720, 440, 40), (1060, 320, 40)
 _BINS, _LEAST, _MIDDLE, _LEAST_SCALE = 16, 3, (0.5, 99.5), np.array([-0.02, 0.02])
@@ -62,13 +66,17 @@ _READING_TRANSFER = (
 )
 
 
-def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None = None) -> Report:
+def build_vehicle_report(
+    wheels: Sequence[WheelReport], joint: Diagnosis | None = None, doubts: Sequence[Fault] = ()
+) -> Report:
     """Build the page of a vehicle from the reports of its wheels, of which at least one was made.
 
     Parameters
     ----------
     joint : Diagnosis, optional
         Of the campaigns of all wheels with one soil.
+    doubts : sequence of Fault
+        See `wheelsoil.workflows.vehicle.doubts_of_wheels`: to be removed before all else.
     """
     there = [(wheel, report) for wheel in wheels if (report := wheel.report) is not None]
     given, first = [wheel for wheel, _ in there], there[0][1].head
@@ -79,15 +87,18 @@ def build_vehicle_report(wheels: Sequence[WheelReport], joint: Diagnosis | None 
         figures = figures_of_vehicle(vehicle)
     except DataError as error:
         omitted["vehicle"] = "; ".join(fault.what for fault in error.faults)
-    glance = _summary(wheels, vehicle, figures, joint, omitted.get("vehicle", ""))
+    glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
-    level, sign = ("good", "✓") if len(found) == len(wheels) else ("fair", "▲")
+    level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")
     return Report(
         head=Head(
             first.title,
             f"{given[0].processed[0][0].vehicle.vehicle.name}, wheels {listed([wheel.wheel for wheel in wheels])}",
             [fact for fact in first.facts if not fact[0]],
-            (level, f"{sign} {len(found)} of {len(wheels)} wheels diagnosed"),
+            (
+                level,
+                f"{sign} {len(found)} of {len(wheels)} wheels diagnosed{f', {len(doubts)} to check' if doubts else ''}",
+            ),
         ),
         sections=(
             glance,
@@ -116,7 +127,8 @@ def line_of(wheel: WheelReport) -> str:
     if wheel.report is None:
         return f"No report: {wheel.why}."
     why_not, shown = wheel.diagnosed.why_not, wheel.report.sections[0].numbers
-    return f"Not diagnosed: {why_not}." if why_not else str(shown["headline"])
+    without = f" Without {wheel.report.not_fitted}: a signal is missing." if wheel.report.not_fitted else ""
+    return f"Not diagnosed: {why_not}." if why_not else f"{shown['headline']}{without}"
 
 
 def vehicle_lines(report: Report) -> list[tuple[str, str]]:
@@ -171,12 +183,13 @@ def _summary(
     vehicle: Vehicle | None,
     figures: Mapping[str, KeyFigure],
     joint: Diagnosis | None,
+    doubts: Sequence[Fault],
     why: str,
 ) -> Section:
     """Return the first screen: verdict, three numbers, sum of pulls against slip, and a line for each wheel."""
     headline, details = verdict_of_all(joint, wheels)
-    details += [_do_next(joint, wheels)] if joint else []
-    tiles = Tiles([_tile(f"{name}_{AT}", figures) for name in ("pull", "drawbar_coefficient", "tractive_efficiency")])
+    steps = _steps(joint, wheels, doubts)
+    tiles = Tiles([_tile(f"{name}_{AT}", figures, not_corrected(joint, *of)) for name, of in _MADE_OF.items()])
     drawing: Block = Text(f"No sums: {why or 'the drawbar pull was not measured at every wheel'}.", "missing")
     if vehicle and np.isfinite(vehicle.pull_n).any():
         details = [
@@ -192,10 +205,11 @@ def _summary(
             "Sum of drawbar pulls (N)",
             size=_HERO,
         )
-    lines = [(wheel.wheel, line_of(wheel), quote(wheel.page)) for wheel in wheels]
     numbers = {
         "headline": headline,
         "sentence": sentence_of(joint) if joint else headline,
+        "steps": steps,
+        "doubts": doubts,
         "together": diagnosis_json(joint) if joint else None,
         "key_figures": figures,
         "share_used_at_all_wheels": vehicle.share if vehicle else None,
@@ -209,28 +223,49 @@ def _summary(
             Text(" ".join(details), "lead"),
             tiles,
             drawing,
-            Links("Each wheel by itself", lines),
+            *([Steps(steps, _again(wheels))] if steps else []),
+            Links("Each wheel by itself", [(each.wheel, line_of(each), quote(each.page)) for each in wheels]),
         ],
         numbers,
     )
 
 
-def _do_next(joint: Diagnosis, wheels: Sequence[WheelReport]) -> str:
-    """Return what to do first, at the wheel of the cause."""
-    configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
-    place = next(filter(None, (parted(cause.name)[1] for cause in joint.causes)), next(iter(configs), ""))
-    step = (next_steps(joint, configs.get(place, VehicleConfig())) or [step_of(joint)])[0]
-    return " ".join(filter(None, ("Do next:", step.what, step.why)))
+def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Sequence[Fault]) -> list[Step]:
+    """Return every doubt to remove, then the next steps of all wheels together, each with the lines of its wheel."""
+    steps = [
+        Step(f"{upper(what)}.", f"{upper(doubt.what)}; expected {doubt.expected}.{f' {upper(then)}.' if then else ''}")
+        for doubt in doubts
+        for what, _, then in [doubt.next_step.partition("; ")]
+    ]
+    if joint is not None:
+        configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
+        steps += next_steps(joint, next(iter(configs.values()), VehicleConfig()), configs) or [step_of(joint)]
+    return steps[: max(MOST_STEPS, len(doubts))]
 
 
-def _tile(key: str, figures: Mapping[str, KeyFigure]) -> Tile:
-    """Return the tile of one of `_NAMES`."""
+def _again(wheels: Sequence[WheelReport]) -> str:
+    """Return which runs to drive again by the wheels' own reports; without names where all say the same."""
+    cards = {
+        wheel.wheel: block.again.replace("under Runs", "in its report")
+        for wheel in wheels
+        if wheel.report
+        for block in wheel.report.sections[0].blocks
+        if isinstance(block, Steps)
+    }
+    texts = list(dict.fromkeys(cards.values()))
+    if len(texts) == 1:
+        return texts[0]
+    return " ".join(f"{listed([name for name, own in cards.items() if own == text])}: {text}" for text in texts)
+
+
+def _tile(key: str, figures: Mapping[str, KeyFigure], caution: str = "") -> Tile:
+    """Return the tile of one of `_NAMES`, with a caution below."""
     title, figure = _NAMES[key], figures.get(f"vehicle.{key}")
     if figure is None:
         return Tile(title, "–", "", "not measured at every wheel, or not known from these samples")
     value, unit = figure_value(figure).removesuffix(" %"), "%" if figure.digits == "percent" else figure.unit
     note = f"95 % interval {figure_interval(figure)}" if isfinite(figure.interval95[0]) else ""
-    return Tile(title, value, unit, note, keys=(None, figure))
+    return Tile(title, value, unit, "; ".join(filter(None, (note, caution))), keys=(None, figure))
 
 
 def _against(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -38,20 +38,32 @@ class Step:
     campaign: str = ""
 
 
-def next_steps(found: Diagnosis, vehicle: VehicleConfig) -> list[Step]:
-    """Return what parts two terrains, else what removes named causes of the measurement and what decides most."""
+def next_steps(
+    found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig] | None = None
+) -> list[Step]:
+    """Return what parts two terrains, else what removes named causes of the measurement and what decides most.
+
+    Parameters
+    ----------
+    wheels : mapping wheel -> VehicleConfig, optional
+        Of all wheels together: in place of `vehicle` for a cause at one of them.
+    """
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
     steps = [_apart_step(note) for note in runs_apart(found).values()]
-    steps += [mending_of(cause, vehicle) for cause in named if cause.name in MENDED or cause.kind == "measurement"]
+    steps += [
+        mending_of(cause, (wheels or {}).get(parted(cause.name)[1], vehicle))
+        for cause in named
+        if parted(cause.name)[0] in MENDED or cause.kind == "measurement"
+    ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [step_of(found)]
     steps += [missing] if missing is not None else []
-    return [replace(step, paste=_of_wheel(step.paste, vehicle)) for step in (*steps, *map(_step_of_run, runs))]
+    return [*steps, *(replace(step, paste=_of_wheel(step.paste, vehicle)) for step in map(_step_of_run, runs))]
 
 
 def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
@@ -145,6 +157,7 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
     rule = _RULES.get(family)
     value = cause.parameters[0].value if cause.parameters else 0.0
     step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
+    step = replace(step, paste=_of_wheel(step.paste, vehicle))
     return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 

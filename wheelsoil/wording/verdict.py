@@ -160,6 +160,14 @@ def _finding_or_size(cause: Cause, channel: str) -> str:
     return f"{text[0].lower()}{text[1:]}"
 
 
+def not_corrected(found: Diagnosis | None, *channels: str) -> str:
+    """Return which errors under a verdict are in a measured figure of some channels ("torque", ...); "" for none."""
+    causes = found.causes if found is not None and found.verdict in ("named", "one_of") else ()
+    names = [plain_name(each.name) for each in causes if each.kind == "measurement" and each.name.startswith(channels)]
+    joined = listed(names, "or" if found is not None and found.verdict == "one_of" else "and")
+    return joined and f"not corrected for {joined}"
+
+
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
     sizes = "; ".join(_form_and_size(cause) for cause in found.causes)

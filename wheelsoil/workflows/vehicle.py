@@ -281,7 +281,8 @@ def _lateness(first: str, name: str, shared: Shared) -> Fault | None:
     return Fault(
         f"the speed of wheel {name} comes {abs(best - reach) / rate:.2f} s {later} than that of wheel {first}",
         expected="wheels on one clock",
-        next_step="check latency_s of wheel_speed, and the clocks that stamp their frames; until then --apart",
+        next_step="check latency_s of wheel_speed, and the clocks that stamp their frames; until then rely on each "
+        "wheel by itself (--apart)",
     )
 
 

@@ -6,19 +6,22 @@ import re
 import shutil
 import tarfile
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pytest
-from cli_support import invoke, ok
+from cli_support import invoke, ok, silence
+from diagnosis_samples import diagnosis
 from fleet_support import differing, in_one_process, killed_at, rows_of
 from live_browser import shown
 from playwright.sync_api import Browser, expect
 from shared_results import made_once
 
 from daq import DataError
+from model.diagnosis import Campaign, Diagnosis
 from wheelsoil.fleet import Overview, ask, compact, holdings_of, open_store, overview_of, plan_fleet, pool
 from wheelsoil.fleet.tables import COLUMNS
 
@@ -194,6 +197,32 @@ def test_a_wheel_that_fails_says_why_and_the_other_has_its_rows(field: Path, tmp
     mended(day, "can1:WFT_Moments.Mq", "can1:WFT_Moments.My")
     ok("fleet", "run", tmp_path / "field", "--store", url)
     assert keys(rows_of(url)["diagnoses"]) == {("day-1", wheel) for wheel in (*IDS, "all")}
+
+
+@pytest.mark.usefixtures("one_process")
+def test_a_silent_wheel_is_neither_done_nor_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    day, url, together = tmp_path / "field" / "day", tmp_path / "store", []
+    day.parent.mkdir()
+    ok("simulate", "-o", day, "--wheels", 4, "--runs", 1, "--duration", 15, "--format", "candump")
+    silence(day / "run-1.log", "can3")
+
+    def by_hand(campaigns: Sequence[Campaign], _: object) -> Diagnosis:
+        together.append([campaign.of_vehicle.wheel for campaign in campaigns if campaign.of_vehicle])
+        return diagnosis("nothing_detectable")
+
+    monkeypatch.setattr("wheelsoil.fleet.campaign_task.diagnose_campaigns", by_hand)
+    said = ok("fleet", "run", day.parent, "--store", url).err
+    assert "day: done, nothing detectable; wheel RR: vertical_load is missing; can3:WFT_Forces.Fz" in said
+    tables = rows_of(url)
+    states = {row["wheel"]: (row["state"], row["fault"]) for row in tables["campaigns"].to_pylist()}
+    assert states["RR"][0] == "silent" and "holds no sample" in states["RR"][1] and states["FL"] == ("done", None)
+    assert keys(tables["diagnoses"]) == {("day", wheel) for wheel in ("FL", "FR", "RL", "all")}
+    assert together == [[], [], [], ["FL", "FR", "RL"]]
+    assert "silent: day: wheel RR: vertical_load is missing" in ok("fleet", "status", url).out
+    page = overview_of(open_store(str(url))).html(tmp_path)
+    assert '<span class="level">▲ silent</span> vertical_load is missing' in page and "✓ none failed" in page
+    assert page.count("▲ silent") == 1, "all wheels together are not"
+    assert "1 in the store already" in ok("fleet", "run", day.parent, "--store", url).err
 
 
 @pytest.mark.usefixtures("warm", "one_process")

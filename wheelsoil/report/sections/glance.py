@@ -11,7 +11,7 @@ import numpy as np
 from daq import OUTPUTS, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
-from wheelsoil.report.content import Contents, Drawing, Steps, Text, Tile, Tiles, section
+from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
@@ -49,7 +49,6 @@ from wheelsoil.wording.verdict import (
 from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, figures_of_diagnosis, figures_of_traction
 
-_STEPS = 3
 _NAMED = 5
 _ONE_PLACE_DEG = 0.02
 """Two kilometres: runs farther apart have no place in common."""
@@ -447,7 +446,7 @@ def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     found, steps = inputs.diagnosed, _before_diagnosis(inputs, grades)
     if found is not None:
         steps = [*steps, *next_steps(found, inputs.vehicle)] or [step_of(found)]
-    return steps[:_STEPS]
+    return steps[:MOST_STEPS]
 
 
 def _before_diagnosis(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:

@@ -71,7 +71,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.verdict import refusal_words, several_terrains
+from wheelsoil.wording.verdict import not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -146,7 +146,7 @@ def fit(inputs: ReportInputs) -> Contents:
     if inputs.fitted:
         if inputs.several_terrains is not None:
             blocks.append(Text("Over all runs, which are probably not of one soil; each run is under Runs.", "warning"))
-        blocks.append(Tiles(_traction_tiles(inputs.traction), small=True))
+        blocks.append(Tiles(_traction_tiles(inputs.traction, inputs.diagnosed), small=True))
         numbers["traction"] = inputs.traction
     return blocks, numbers
 
@@ -301,7 +301,7 @@ def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     ]
 
 
-def _traction_tiles(traction: Traction) -> list[Tile]:
+def _traction_tiles(traction: Traction, found: Diagnosis | None) -> list[Tile]:
     tiles: list[Tile] = []
     figures = figures_of_traction(traction)
     measured = "" if traction.model == MODELS["named"] else "measured "
@@ -314,7 +314,8 @@ def _traction_tiles(traction: Traction) -> list[Tile]:
         note = f"at slip {traction.at_slip:.2f}"
         tiles.append(_tile(f"Highest {measured}Dp/W", figures["drawbar_coefficient"], note))
     if isfinite(traction.efficiency):
-        note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω)"
+        errors = not_corrected(found, "torque", "drawbar_pull") if measured else ""
+        note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω){errors and f'; {errors}'}"
         tiles.append(_tile(f"Highest {measured}tractive efficiency", figures["tractive_efficiency"], note))
     return tiles
 
