@@ -85,10 +85,10 @@ def rows_of(world: str, seed: int) -> list[Row]:
     bins = sinkage_from_forces(cells_of_runs(runs), np.random.default_rng(0)).bins()
 
     def row(own: SlipBin) -> Row:
-        low, high = own.sinkage_m.interval95
-        shares = np.array([low, own.sinkage_m.value, high, own.measured_m]) / radius
+        (low, high), middle = own.sinkage_m.interval95, own.sinkage_m.value
         wheel = world if world == "granular" else f"{world} {seed}"  # one wheel, by its table
-        return Row(world, wheel, own.slip, *shares.tolist(), own.tells)
+        sinkages = (low / radius, middle / radius, high / radius, own.measured_m / radius)
+        return Row(world, wheel, own.slip, *sinkages, own.tells)
 
     return [row(own) for own in bins]
 
