@@ -98,7 +98,7 @@ def study() -> dict[str, dict[str, Any]]:
 def table(found: dict[str, dict[str, Any]]) -> list[str]:
     """Return the rows of the page's table: one a verdict, with the figures of the last assumption that gives it."""
     lines = [
-        "| rows and channels | assumed | verdict | probabilities, % | lack of fit (threshold) |",
+        "| rows and channels | assumed | verdict | probabilities, % | lack of fit, most probable set (threshold) |",
         "|---|---|---|---|---|",
     ]
     for name, cases in found.items():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from bench_samples import REPEATS, bench
@@ -12,8 +14,9 @@ from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.hypotheses import Posterior, listed_sets
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.single_wheel import form_error
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
-from model.diagnosis.single_wheel.form_error import HALF, TWICE, Judged, steady
+from model.diagnosis.single_wheel.form_error import HALF, TWICE, Judged, adequate_at, steady
 from model.diagnosis.single_wheel.noise import FORM_SHARE, FormError
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.notes import LackCode
@@ -117,3 +120,28 @@ def test_a_verdict_that_turns_is_never_a_name() -> None:
             assert found.verdict != "named"
             assert "depends on it" in sentence_of(found)
     assert diagnosed(single(), 0.3).verdict != "named"
+
+
+def test_the_error_that_is_offered_is_that_of_the_most_probable_sets_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The set that fits first with a larger error need not be among those that fit least badly with the usual one."""
+    problem = BenchProblem.of([single()], ("dp",))
+
+    def one(name: str, score: float, misfit: float, power: float) -> SimpleNamespace:
+        return SimpleNamespace(
+            hypothesis=(name,), families=frozenset({name}), score=score, misfit=misfit, optima=((misfit, power),)
+        )
+
+    sets = (one("slip_sinkage", -44.0, 590.0, 2.0), *(one(f"rival {i}", -80.0 - i, 550.0 + i, 1.0) for i in range(8)))
+
+    def misfits(scaled: BenchProblem, optima: list[tuple[float, float]]) -> np.ndarray:
+        factor = scaled.noises[0].form_scale / problem.noises[0].form_scale
+        return np.array([misfit / factor**power for misfit, power in optima])
+
+    monkeypatch.setattr(form_error, "misfits", misfits)
+    monkeypatch.setattr(form_error, "threshold", lambda *_: 85.0)
+    found = adequate_at(SimpleNamespace(problem=problem, sets=sets), np.random.default_rng(0))  # type: ignore[arg-type]
+    assert found is not None
+    assert found.code == LackCode.FORM_ADEQUATE
+    assert found.values["families"] == ("slip_sinkage",)
+    assert 1.0 <= found.values["factor"] / np.sqrt(590.0 / 85.0) < 1.1
+    assert found.values["share"] == pytest.approx(FORM_SHARE * found.values["factor"])

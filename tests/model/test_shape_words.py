@@ -46,6 +46,7 @@ def test_a_campaigns_name_stays_before_it() -> None:
     assert place_text(Shape(Kind.LOAD_DRIVING, "dp", campaign="a: b")) == "a: b: growing with load, driving"
     assert place_text(Shape(Kind.TIME_IN_RUN, "dp", (0.0, 20.0), run="run: 1")) == "run: 1, 0 to 20 s"
     assert place_text(Rows(-0.2, 512.0, 3, "table")) == "table, slip -0.20, load 512 N, braking (3 rows)"
+    assert place_text(Rows(0.2, 512.0, 1, "")).endswith("driving (1 row)")
 
 
 def test_the_outer_hats_over_slip_go_on(shapes: tuple[Shape, ...]) -> None:

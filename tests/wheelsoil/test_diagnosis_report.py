@@ -29,6 +29,7 @@ from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
 from wheelsoil.report.sections.glance import glance
 from wheelsoil.to_json import to_json
+from wheelsoil.wording.mending import step_of
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 from wheelsoil.workflows.tables import BenchFiles
@@ -335,6 +336,12 @@ def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(pl
     panels = misfit.misfit.build(inputs)
     drawn = [figure.key for block in panels.blocks if isinstance(block, Panels) for figure in block.figures]
     assert "misfit-z-slip" in drawn and not any("speed" in key or "line_position" in key for key in drawn)
+    refused = replace(found, verdict="unexplained", causes=())
+    causes = overview.causes.build(replace(inputs, diagnosed=refused)).blocks
+    (residual,) = [block for block in causes if isinstance(block, Drawing)]
+    assert "median residual" in residual.title
+    assert residual.wide.count("<circle") == 6
+    assert "all rows are of one wheel" in step_of(refused).what
 
 
 def test_a_positive_parameter_of_the_soil_has_a_positive_interval(plain_material):

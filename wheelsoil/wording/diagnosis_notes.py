@@ -7,7 +7,7 @@ from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
-from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name, stretches
+from wheelsoil.wording.names import chance, effect_name, listed, page_unit, plain_name, stretches
 from wheelsoil.wording.numbers import after_value
 from wheelsoil.wording.run_notes import Sentence, Values
 
@@ -124,7 +124,7 @@ def _form_decides(v: Values) -> str:
 def _form_adequate(v: Values) -> str:
     size = f"{100.0 * v['share']:.2g} % of load, load x radius and radius" if "share" in v else "this"
     times = f", {v['factor']:.2g} times the one here" if "share" in v else f" times {v['factor']:.2g}"
-    names = " and ".join(map(plain_name, v["families"])) or "no cause at all"
+    names = listed([plain_name(family) for family in v["families"]]) or "no cause at all"
     return f"with an error of form of {size}{times}, {names} would be an adequate explanation, and the verdict one_of"
 
 

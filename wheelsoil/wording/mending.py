@@ -121,9 +121,13 @@ def step_of(found: Diagnosis) -> Step:
         told = dict.fromkeys(fault.next_step for fault in faults if fault.next_step)
         return Step(upper("; ".join(told) or "give what is missing") + ".")
     if found.verdict == "unexplained":
+        checked, then = "runs are on one soil.", ""
+        if found.grounds.table_channels:
+            checked, then = "rows are of one wheel and one soil.", "Then repeat the rows that are off most."
         return Step(
             "Look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
-            "Check zeros, signs and configuration first, and whether all runs are on one soil."
+            f"Check zeros, signs and configuration first, and whether all {checked}",
+            then,
         )
     if found.verdict == "named":
         advice = "Save the recommended model for fit, simulate and report."

@@ -169,8 +169,8 @@ def place_text(place: Shape | Rows) -> str:
     """Return where a misfit is, as it reads on its own."""
     if isinstance(place, Rows):
         before = f"{place.campaign}, " if place.campaign else ""
-        manner = "driving" if place.slip >= 0 else "braking"
-        return f"{before}slip {place.slip:.2f}, load {place.vertical_load_n:.3g} N, {manner} ({place.count} rows)"
+        manner, rows = "driving" if place.slip >= 0 else "braking", "row" if place.count == 1 else "rows"
+        return f"{before}slip {place.slip:.2f}, load {place.vertical_load_n:.3g} N, {manner} ({place.count} {rows})"
     before = f"{place.campaign}: " if place.campaign else ""
     ends = [f"{end:.2g}" for end in place.range or ()]
     return before + _TEXTS[Kind(place.kind)].format(*ends, run=place.run)

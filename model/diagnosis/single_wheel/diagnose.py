@@ -206,7 +206,7 @@ def _again(
 
 
 def _adequacy(weighing: Weighing) -> Adequacy:
-    return Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
+    return Adequacy(weighing.sets[0].misfit, weighing.threshold, weighing.any_adequate)
 
 
 def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:
@@ -230,13 +230,6 @@ def _shown(weighing: Weighing, causes: Sequence[Cause]) -> list[str]:
     ranked = [w for w in sorted(weighing.sets, key=lambda w: -w.score) if len(w.hypothesis) == 1]
     keys = [cause.key for cause in causes] + [w.hypothesis[0].key for w in ranked]
     return list(dict.fromkeys(keys))[:_MOST_SIGNATURES]
-
-
-def _least_misfit(weighing: Weighing) -> float:
-    """Return the misfit of the most probable set, or the least of all where none is right enough."""
-    if weighing.any_adequate:
-        return weighing.sets[0].misfit
-    return min(w.misfit for w in weighing.sets)
 
 
 def _noise(problem: BenchProblem, predicted: dict[str, FloatArray]) -> dict[str, float]:

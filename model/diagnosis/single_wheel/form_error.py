@@ -37,7 +37,7 @@ _LIKELY = 0.9
 _STEPS = 5
 """Of a bisection of the logarithm: to within 9 %."""
 _RIVALS = 6
-"""Sets of the least lack of fit that may be the first to be adequate."""
+"""Sets of the least lack of fit, and as many of the most probable, that may be the first to be adequate."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _same(judgement: Judgement, other: Judgement) -> bool:
 
 
 def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:
-    """Return the least factor on the error of form at which a set is adequate, and its families.
+    """Return the least factor on the error of form at which a set is adequate, and the most probable one's families.
 
     None where that of `_MOST_FACTOR` times has no adequate explanation either.
 
@@ -88,13 +88,16 @@ def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:
     weighing : Weighing
         Without an adequate set.
     """
-    tried = sorted((w for w in weighing.sets if np.isfinite(w.misfit)), key=lambda w: w.misfit)[:_RIVALS]
+    known = [w for w in weighing.sets if np.isfinite(w.misfit)]
+    least = sorted(known, key=lambda w: w.misfit)[:_RIVALS]
+    rivals = {w.hypothesis: w for w in (*known[:_RIVALS], *least)}
+    tried = sorted(rivals.values(), key=lambda w: -w.score)
 
     def first(factor: float) -> int | None:
         problem = _with_form_times(weighing.problem, factor)
         left = misfits(problem, [w.optima[0] for w in tried])
-        best = int(np.argmin(left))
-        return best if left[best] <= threshold(problem, rng) else None
+        adequate = np.flatnonzero(left <= threshold(problem, rng))
+        return int(adequate[0]) if len(adequate) else None
 
     low, high = 0.0, float(np.log(_MOST_FACTOR))
     found = first(_MOST_FACTOR) if tried else None

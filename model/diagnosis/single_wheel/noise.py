@@ -167,7 +167,7 @@ class ChannelNoise:
         weight = self._row_precision * counted  # (nodes, m)
         precision = weight @ self.members
         squares = (error**2) @ weight.T
-        sums = np.einsum("...m,km,mg->...kg", error, weight, self.members, optimize=True)
+        sums = np.tensordot(error, (weight[:, :, None] * self.members).swapaxes(0, 1), 1)
         shared = 1.0 + self.form[:, None] ** 2 * precision
         determinant = (np.log(2 * np.pi / self._row_precision) @ counted) + np.log(shared).sum(axis=1)
         explained = (sums**2 * (self.form[:, None] ** 2 / shared)).sum(axis=-1)
@@ -195,7 +195,7 @@ class ChannelNoise:
         factor = (self.form[:, None] ** 2 / shared) @ self.members.T  # (nodes, m)
         together = self.members @ self.members.T
         diagonal = (shares @ weight)[..., None] * np.eye(len(counted))
-        block = np.einsum("...k,ki,kj->...ij", shares, weight * factor, weight, optimize=True) * together
+        block = np.tensordot(shares, (weight * factor)[:, :, None] * weight[:, None, :], 1) * together
         return np.asarray(diagonal - block)
 
     def means(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -187,7 +187,7 @@ def _residual_numbers(
     }
 
 
-def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
+def _residuals_of_rows(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = _WIDE) -> Drawing:
     """Return the residual of every row of tables; a line joins the medians of repeats."""
     factor, text = page_unit(channel)
     slip = recommendation.slip
@@ -207,7 +207,7 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     )
     caption = "Points: rows. Grey: 95 % of scatter and error of form."
     title = f"{OUTPUTS[channel].name.capitalize()}: residual"
-    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=_WIDE)
+    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=wide)
 
 
 def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = _WIDE) -> Drawing:
@@ -389,7 +389,7 @@ def _alone(name: str) -> str:
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     """Return the residual where it is largest, and the best set of the library with why it is refused."""
     refusal = refusal_words(found) or "Nothing can be decided from these data."
-    figure = figure_or_reason(lambda: _largest_residual(inputs.recommendation, found))
+    figure = figure_or_reason(lambda: _largest_residual(inputs.recommendation, found, of_rows=bool(inputs.tables)))
     return [Text(refusal, "warning"), figure], {
         "sets": [],
         "refused": refusal,
@@ -399,13 +399,12 @@ def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     }
 
 
-def _largest_residual(recommendation: Recommendation, found: Diagnosis) -> Drawing:
+def _largest_residual(recommendation: Recommendation, found: Diagnosis, *, of_rows: bool) -> Drawing:
     """Return the residual of the channel that leads the list of them, else of that of the largest median."""
-    sizes = {}
+    sizes, summary = {}, repeated if of_rows else by_slip
     for channel in recommendation.measured:
         left, noise = (
-            binned(recommendation.slip, x, EDGES)
-            for x in (recommendation.residual(channel), recommendation.noise[channel])
+            summary(recommendation.slip, x) for x in (recommendation.residual(channel), recommendation.noise[channel])
         )
         sigmas = np.abs(left.median) / matched(left.centre, noise)
         if np.isfinite(sigmas).any():
@@ -419,7 +418,8 @@ def _largest_residual(recommendation: Recommendation, found: Diagnosis) -> Drawi
     size = f"{number(factor * float(left.median[worst]))} {text}"
     slip = signed(float(left.centre[worst]), ".2f")
     title = f"{OUTPUTS[channel].name.capitalize()}: median residual {size} at slip {slip}, calibrated soil"
-    return replace(_residuals(recommendation, channel, wide=(1000, 340, 150)), key="largest-residual", title=title)
+    draw = _residuals_of_rows if of_rows else _residuals
+    return replace(draw(recommendation, channel, wide=(1000, 340, 150)), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
