@@ -388,18 +388,18 @@ def columns_of(
     changes = _changes(causes, linear) if freed else {}
     shapes = basis(samples, linear, changes, freed) if catch_all else no_basis(samples, linear)
     measured = np.stack([_compensated(samples, linear) if c == "dp" else samples.measured[c] for c in linear.channels])
-    own = linear.causes * scale
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
-    residual += own @ at + linear.speed * linear.point.speed_mps
+    residual += (linear.causes * scale) @ at + linear.speed * linear.point.speed_mps
     residual += linear.acceleration * linear.point.acceleration_mps2
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
-    parts = [residual[..., None], linear.soil, own, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
+    parts = [residual[..., None], linear.soil, linear.causes, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
     rows = np.concatenate(parts, axis=-1)
     rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
+    rows[..., 1 + linear.soil.shape[-1] :][..., : len(causes)] *= scale
         rows=rows,
         present=present,
         rests=rests,

@@ -31,7 +31,6 @@ from model.diagnosis.time_series.noise import constants, processes, rest_varianc
 from model.diagnosis.time_series.samples import Places, Samples, places_of
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import (
-    RUNS_AT_ONCE,
     Neighbours,
     RunGrams,
     StateSpace,
@@ -39,6 +38,7 @@ from model.diagnosis.time_series.whitening import (
     measured_of,
     run_grams,
     smoothed,
+    some_runs,
     state_space,
     whiten,
 )
@@ -331,8 +331,7 @@ def _of_wheels(
             alone[i, row, states[i * count : (i + 1) * count]] = 1.0
     apart = parts[0].values[OWN_SPEED] >= APART
     found: list[list[FloatArray]] = [[] for _ in parts]
-    for first in range(0, len(left), RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, len(left))
+    for first, last in some_runs(len(left), own):
         means, covariances = smoothed(space.runs(first, last), left[first:last])
         for of, mine in zip(found, alone, strict=True):
             now, later, before = common + mine if apart else common
@@ -392,8 +391,7 @@ def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> I
     for drive, members in enumerate(drives.values()):
         for i, run in members:
             sizes[drive, i] = len(wheels[i].columns.catch_all.of_run[run].shapes)
-    for first in range(0, len(drives), RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, len(drives))
+    for first, last in some_runs(len(drives), len(wheels)):
         rows, rests, log_determinants = [], [], np.zeros(last - first)
         for i, (wheel, turn) in enumerate(zip(aligned, turns, strict=True)):
             into = _embedded(aligned, i, turn, own, sizes[first:last])
