@@ -128,6 +128,8 @@ class Grams:
         Which channels each run has: runs with the same number have the same.
     static : array, shape (m, m), optional
         Cross products of what the lifted wheel read, which belongs to no run.
+    constants : array, shape (runs, l, at least m), optional
+        Means of what is one value a run by each column, of one campaign or one vehicle, whitened as it is.
     """
 
     matrices: FloatArray
@@ -142,6 +144,7 @@ class Grams:
     form: FloatArray | float = 0.0
     measured: IndexArray | None = None
     static: FloatArray | float = 0.0
+    constants: FloatArray | None = None
 
     @property
     def soil_columns(self) -> slice:
@@ -396,10 +399,10 @@ def columns_of(
     turning = [loading(linear, samples, name) for _, name in by_run]
     parts = [residual[..., None], linear.soil, linear.causes, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
     rows = np.concatenate(parts, axis=-1)
+    rows[..., 1 + linear.soil.shape[-1] :][..., : len(causes)] *= scale
     rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
-    rows[..., 1 + linear.soil.shape[-1] :][..., : len(causes)] *= scale
         rows=rows,
         present=present,
         rests=rests,
