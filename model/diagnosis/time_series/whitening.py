@@ -315,13 +315,13 @@ class RunGrams:
 
 
 _SAME_S = 1e-6
-RUNS_AT_ONCE = 16
+RUNS_AT_ONCE, BY_NUMPY = 4, 16
 """Runs of a wheel whose columns are padded and whitened together: what bounds the memory of a long campaign."""
 
 
 def some_runs(runs: int, wheels: int = 1) -> Iterator[tuple[int, int]]:
     """Yield the first run and that behind the last of those that are whitened together."""
-    step = max(RUNS_AT_ONCE // wheels, 1)
+    step = max((RUNS_AT_ONCE if library() else BY_NUMPY) // wheels, 1)
     yield from ((first, min(first + step, runs)) for first in range(0, runs, step))
 
 
