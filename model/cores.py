@@ -15,6 +15,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
@@ -28,7 +29,6 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 _count: ContextVar[int] = ContextVar("processes", default=1)
-_task: Callable[[int], Any]
 
 
 def one_thread(function: Callable[P, R]) -> Callable[P, R]:
@@ -67,8 +67,9 @@ def processes(count: int) -> Iterator[None]:
 def in_parallel(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
     """Yield what a function returns of each item, in their order, from as many processes as `processes` allows.
 
-    A process is a copy of this one, so that the function may be a closure over large data; what it returns is pickled.
-    Where a system cannot safely copy a process (all but Linux), and within such a process, it is called here.
+    This process is one of them; another is a copy of it, so that the function may be a closure over large data, and
+    what it returns there is pickled. Where a system cannot safely copy a process (all but Linux), and within such a
+    process, all is done here.
 
     Raises
     ------
@@ -99,38 +100,43 @@ def spread(objects: Sequence[Any]) -> Iterator[Ask]:
     WheelsoilError
         See `in_parallel`, as of exceptions.
     """
-    count = min(_count.get(), len(objects)) if can_copy_processes() else 1
-    lines, helpers = [], []
-    for i in range(1, count):
-        context = multiprocessing.get_context("fork")
-        line, far = context.Pipe()
-        helper = context.Process(target=_serve, args=(far, objects[i::count]), daemon=True)
-        with _without_fork_warning():
-            helper.start()
-        far.close()
-        lines.append(line)
-        helpers.append(helper)
-    share = max(count, 1)
+    count = max(min(_count.get(), len(objects)), 1) if can_copy_processes() else 1
+    with _helpers([objects[i::count] for i in range(1, count)]) as lines:
 
-    def ask(method: str, *args: Any) -> list[Any]:
-        try:
-            for line in lines:
-                line.send((method, args))
-            answers = [_answer(objects[::share], method, args), *(line.recv() for line in lines)]
-        except (EOFError, ConnectionError):
-            raise _ended() from None
-        found: list[Any] = [None] * len(objects)
-        for i, answer in enumerate(answers):
-            if isinstance(answer, Exception):
-                raise answer
-            found[i::share] = answer
-        return found
+        def ask(method: str, *args: Any) -> list[Any]:
+            try:
+                for line in lines:
+                    line.send((method, args))
+                answers = [_answer(objects[::count], method, args), *(line.recv() for line in lines)]
+            except (EOFError, ConnectionError):
+                raise _ended() from None
+            found: list[Any] = [None] * len(objects)
+            for i, answer in enumerate(answers):
+                if isinstance(answer, Exception):
+                    raise answer
+                found[i::count] = answer
+            return found
 
-    try:
         yield ask
+
+
+@contextmanager
+def _helpers(shares: Sequence[Sequence[Any]]) -> Iterator[list[Connection]]:
+    """Start a process for each share of some objects, and yield the lines to them; they end with the context."""
+    context = multiprocessing.get_context("fork")
+    lines, helpers = [], []
+    try:
+        for share in shares:
+            line, far = context.Pipe()
+            helper = context.Process(target=_serve, args=(far, share), daemon=True)
+            with _without_fork_warning():
+                helper.start()
+            far.close()
+            lines.append(line)
+            helpers.append(helper)
+        yield lines
     finally:
-        for helper, line in zip(helpers, lines, strict=True):
-            line.close()
+        for helper in helpers:
             helper.terminate()
             helper.join()
 
@@ -168,31 +174,34 @@ def _ended() -> WheelsoilError:
 
 
 def _in_processes(function: Callable[[T], R], items: Sequence[T], count: int) -> Iterator[R]:
-    from concurrent.futures import ProcessPoolExecutor
-    from concurrent.futures.process import BrokenProcessPool
+    """Have each process, this one too, do one item after the other."""
+    found: list[Future[list[R] | Exception]] = [Future() for _ in items]
+    waiting = iter(range(len(items)))
+    tasks = [lambda index: function(items[index])]
 
-    before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("fork")
-    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(lambda index: function(items[index]),))
-    try:
-        with _without_fork_warning():
-            found = pool.map(_call, range(len(items)))
-        yield from found
-    except BrokenProcessPool:
-        raise _ended() from None
-    except BaseException:
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    def have_done(line: Connection) -> None:
+        for i in waiting:
+            try:
+                line.send(("__call__", (i,)))
+                found[i].set_result(line.recv())
+            except Exception as error:  # noqa: BLE001 - it is raised where the result was asked for
+                found[i].set_result(_ended() if isinstance(error, EOFError | OSError) else error)
+
+    with _helpers([tasks] * (count - 1)) as lines:
+        for line in lines:
+            threading.Thread(target=have_done, args=(line,), daemon=True).start()
+        for future in found:
+            while not future.done() and (i := next(waiting, None)) is not None:
+                with processes(1):
+                    found[i].set_result(_answer(tasks, "__call__", (i,)))
+            answer = future.result()
+            if isinstance(answer, Exception):
+                raise answer
+            yield answer[0]
 
 
-def _begin(task: Callable[[int], Any] | None = None) -> None:
+def _begin() -> None:
     """Prepare a process: it ends with Ctrl-C without a word, and when its parent ends."""
-    global _task
-    if task is not None:
-        _task = task
     _count.set(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -204,7 +213,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def _call(index: int) -> Any:
-    return _task(index)

@@ -19,6 +19,7 @@ from model.diagnosis.time_series import diagnosis
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.evidence import SetEstimate, estimate, log_evidence
+from model.diagnosis.time_series.joining import joined, part_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, linearisation_points
 from model.diagnosis.time_series.linearised_campaign import (
     STEPS,
@@ -26,7 +27,6 @@ from model.diagnosis.time_series.linearised_campaign import (
     Relinearised,
     _swings,
     campaigns_at,
-    joined_grams,
     most_probable,
     relinearise,
 )
@@ -120,7 +120,7 @@ def test_a_start_does_not_win_by_having_fewer_samples() -> None:
     few = replace(data.columns, present=data.columns.present & (np.arange(len(data.samples)) < 60))
     assert few.present.any()
     emptier = replace(data, columns=few)
-    lost = joined_grams([replace(data, grams=replace(data.grams, log_determinants=np.full(data.samples.runs, -1e4)))])
+    lost = joined([part_of(data)], [replace(data.grams, log_determinants=np.full(data.samples.runs, -1e4))])
     wrong = Relinearised(seen.starts, lost, (emptier,), estimate(seen.grams, ()), True, ((),))
     assert log_evidence(wrong.grams) > log_evidence(right.grams, right.best.keys)
     assert most_probable([wrong, right]) is right

@@ -22,7 +22,6 @@ from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import best_set, log_evidence_of_sets
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, joined_grams
 from model.diagnosis.time_series.start import CampaignData
-from model.diagnosis.time_series.whitening import run_grams
 from model.effects.catalogue import EFFECTS
 
 DEPARTS = 0.2
@@ -99,5 +98,4 @@ def _with(linearised: LinearisedCampaign, freed: Freed) -> LinearisedCampaign:
 
 def _of_campaign(data: CampaignData, freed: Freed) -> CampaignData:
     columns = columns_of(data.simulation, data.samples, data.linear, data.speed_variance, freed=freed)
-    grams = run_grams(data.samples, data.linear, columns, data.noise.values, data.speed_variance)
-    return replace(data, columns=columns, grams=grams)
+    return replace(data, columns=columns)

@@ -21,7 +21,7 @@ from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, 
 from model.diagnosis.time_series.noise import named, swing_seen
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.start import CampaignData
-from model.diagnosis.time_series.whitening import RUNS_AT_ONCE, state_space, whiten
+from model.diagnosis.time_series.whitening import some_runs, state_space, whiten
 from model.notes import DiagnosisCode
 
 _STEP = 0.05
@@ -85,8 +85,7 @@ def _swings(data: CampaignData, left: FloatArray, row: int, order: FloatArray, l
     space = state_space(samples, data.linear, columns.present, values, data.speed_variance)
     at = places_of(samples.run, samples.runs)
     found = np.zeros((2, len(order)))
-    for first in range(0, samples.runs, RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, samples.runs)
+    for first, last in some_runs(samples.runs):
         rows = whiten(space.runs(first, last), at.padded_runs(together, first, last)).columns
         found += _of_runs(_without(rows[long[first:last]], len(others)))
     return found

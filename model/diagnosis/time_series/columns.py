@@ -128,6 +128,8 @@ class Grams:
         Which channels each run has: runs with the same number have the same.
     static : array, shape (m, m), optional
         Cross products of what the lifted wheel read, which belongs to no run.
+    constants : array, shape (runs, l, at least m), optional
+        Means of what is one value a run by each column, of one campaign or one vehicle, whitened as it is.
     """
 
     matrices: FloatArray
@@ -142,6 +144,7 @@ class Grams:
     form: FloatArray | float = 0.0
     measured: IndexArray | None = None
     static: FloatArray | float = 0.0
+    constants: FloatArray | None = None
 
     @property
     def soil_columns(self) -> slice:
@@ -388,15 +391,15 @@ def columns_of(
     changes = _changes(causes, linear) if freed else {}
     shapes = basis(samples, linear, changes, freed) if catch_all else no_basis(samples, linear)
     measured = np.stack([_compensated(samples, linear) if c == "dp" else samples.measured[c] for c in linear.channels])
-    own = linear.causes * scale
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
-    residual += own @ at + linear.speed * linear.point.speed_mps
+    residual += (linear.causes * scale) @ at + linear.speed * linear.point.speed_mps
     residual += linear.acceleration * linear.point.acceleration_mps2
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
-    parts = [residual[..., None], linear.soil, own, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
+    parts = [residual[..., None], linear.soil, linear.causes, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
     rows = np.concatenate(parts, axis=-1)
+    rows[..., 1 + linear.soil.shape[-1] :][..., : len(causes)] *= scale
     rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(

@@ -31,7 +31,6 @@ from model.diagnosis.time_series.noise import constants, processes, rest_varianc
 from model.diagnosis.time_series.samples import Places, Samples, places_of
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import (
-    RUNS_AT_ONCE,
     Neighbours,
     RunGrams,
     StateSpace,
@@ -39,6 +38,7 @@ from model.diagnosis.time_series.whitening import (
     measured_of,
     run_grams,
     smoothed,
+    some_runs,
     state_space,
     whiten,
 )
@@ -166,7 +166,7 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
     return Layout(labels, every, tuple(turns), tuple(ranks))
 
 
-def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None) -> Grams:
+def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams | None] = ()) -> Grams:
     """Put the Gram matrices of several campaigns into one.
 
     Parameters
@@ -175,7 +175,7 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None)
         A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
         the first campaign that has the cause.
     alone : sequence of RunGrams, optional
-        Of each campaign by itself, where they are known.
+        Of each campaign by itself, where they are known; those of the wheels of a vehicle are not used.
     """
     several, layout = len(parts) > 1, layout_of(parts)
     turns, ranks = layout.turns, layout.ranks
@@ -189,7 +189,7 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None)
             found.append(_of_vehicle(wheels, [turns[i] for i in group], [ranks[i] for i in group]))
             runs = tuple(_drives(wheels))
         else:
-            grams = alone[group[0]] if alone else run_grams(*part.whitening)
+            grams = (alone[group[0]] if alone else None) or run_grams(*part.whitening)
             found.append(_turned(grams, part.campaign, turns[group[0]], ranks[group[0]], several))
             runs = part.samples.run_names
         names += [_labelled(part.campaign.ground, run, len(groups) > 1) for run in runs]
@@ -206,6 +206,7 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams] | None = None)
         order=np.concatenate([part.columns.catch_all.order + rank for part, rank in zip(parts, ranks, strict=False)]),
         own=tuple(own for g in found for own in g.own),
         form=np.concatenate([part.columns.catch_all.form for part in parts]),
+        constants=found[0].constants if len(found) == 1 else None,
     )
 
 
@@ -279,7 +280,7 @@ def _integrated(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks
 
 
 def smoothed_speeds(
-    parts: Sequence[OfCampaign], coefficients: Sequence[FloatArray]
+    parts: Sequence[OfCampaign], coefficients: Sequence[FloatArray], constants: FloatArray | None = None
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return the error of the ground speed that all wheels of a vehicle ask for, its slope and variance, at each wheel.
 
@@ -292,6 +293,8 @@ def smoothed_speeds(
         The wheels.
     coefficients : sequence of array, shape (m,)
         Of each wheel's shared columns: 1 for the residual, minus the estimate for the others.
+    constants : array, optional
+        Of the `Grams` of these wheels, where they are known.
     """
     layout = layout_of(parts)
     together = np.zeros(layout.turns[0].shape[1])
@@ -299,7 +302,8 @@ def smoothed_speeds(
         row, column = np.nonzero(turn)
         together[column] = own[row] / turn[row, column]
     wheels = _with_common_values(parts)
-    constants_of = _integrated(parts, layout.turns, layout.ranks).constants[..., : len(together)] @ together
+    known = _integrated(parts, layout.turns, layout.ranks).constants if constants is None else constants
+    constants_of = known[..., : len(together)] @ together
     drives = list(_drives(wheels))
     aligned, places = _on_one_clock(wheels, drives)
     space = _space(aligned)
@@ -331,8 +335,7 @@ def _of_wheels(
             alone[i, row, states[i * count : (i + 1) * count]] = 1.0
     apart = parts[0].values[OWN_SPEED] >= APART
     found: list[list[FloatArray]] = [[] for _ in parts]
-    for first in range(0, len(left), RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, len(left))
+    for first, last in some_runs(len(left), own):
         means, covariances = smoothed(space.runs(first, last), left[first:last])
         for of, mine in zip(found, alone, strict=True):
             now, later, before = common + mine if apart else common
@@ -392,8 +395,7 @@ def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> I
     for drive, members in enumerate(drives.values()):
         for i, run in members:
             sizes[drive, i] = len(wheels[i].columns.catch_all.of_run[run].shapes)
-    for first in range(0, len(drives), RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, len(drives))
+    for first, last in some_runs(len(drives), len(wheels)):
         rows, rests, log_determinants = [], [], np.zeros(last - first)
         for i, (wheel, turn) in enumerate(zip(aligned, turns, strict=True)):
             into = _embedded(aligned, i, turn, own, sizes[first:last])

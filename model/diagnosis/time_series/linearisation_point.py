@@ -88,7 +88,7 @@ def linearisation_points(
         _estimate(data, best.soil[places], grams, best, step)
         for data, places in zip(campaigns, soil_places_of(campaigns), strict=True)
     ]
-    speeds = _speeds(campaigns, estimates)
+    speeds = _speeds(campaigns, estimates, grams.constants)
     found = []
     for data, (soil, at), (*estimated, variance) in zip(campaigns, estimates, speeds, strict=True):
         values = zip(data.simulation.parameters, data.columns.causes, at, strict=True)
@@ -118,14 +118,14 @@ def _estimate(
 
 
 def _speeds(
-    campaigns: Sequence[CampaignData], estimates: Sequence[tuple[FloatArray, FloatArray]]
+    campaigns: Sequence[CampaignData], estimates: Sequence[tuple[FloatArray, FloatArray]], constants: FloatArray | None
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return the error of each campaign's ground speed, its slope and its variance; wheels of a vehicle have one."""
     found: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
     for group in groups_of([data.campaign for data in campaigns]):
         if campaigns[group[0]].campaign.of_vehicle:
             shared = [_coefficients(campaigns[i].columns, *estimates[i])[: campaigns[i].columns.shared] for i in group]
-            found |= zip(group, smoothed_speeds([part_of(campaigns[i]) for i in group], shared), strict=True)
+            found |= zip(group, smoothed_speeds([part_of(campaigns[i]) for i in group], shared, constants), strict=True)
         else:
             [i] = group
             found[i] = smoothed_speed(remainder_of(campaigns[i], *estimates[i]), campaigns[i].samples.block_s)

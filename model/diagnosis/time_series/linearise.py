@@ -257,7 +257,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         lambda: at_other_speed(-1.0),
         *(partial(_by_secant, simulation, conditions, values, e, key, channels) for e, key in secants.values()),
     ]
-    done = list(in_parallel(lambda part: part(), parts))
+    done = list((in_parallel if len(pieces) > 1 else map)(lambda part: part(), parts))  # of one they cost less
     found, (value, up, down, *moved) = _joined(done[: len(pieces)]), done[len(pieces) :]
     centre, causes = found["value"], found["causes"]
     for i, (by, share) in zip(secants, moved, strict=True):

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -57,7 +58,7 @@ from model.diagnosis.time_series.start import (
     not_identifiable_in_any,
     soil_places_of,
 )
-from model.diagnosis.time_series.whitening import StateSpace, run_grams, smoothed
+from model.diagnosis.time_series.whitening import StateSpace, smoothed
 from model.effects.catalogue import parted
 
 _LEAST_SHARE = 0.1
@@ -177,7 +178,8 @@ def relinearise(
     while True:
         kept = keep_noise or not chosen_sets
         campaigns, step = campaigns_at(starts, points, clock, keep_noise=kept, catch_all=not kept)
-        grams = joined_grams(campaigns)
+        with clock.stage("whitening"):
+            grams = joined_grams(campaigns)
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and step == 1.0 and _same(best, found)
@@ -241,7 +243,7 @@ def _campaign_data(
     keep_noise: bool,
     catch_all: bool,
 ) -> CampaignData:
-    """Whiten a campaign about a point; see `campaigns_at`."""
+    """Linearise a campaign about a point; see `campaigns_at`."""
     variance, noise = at.speed_variance, at.noise
     with clock.stage("columns"):
         columns = columns_of(start.simulation, samples, linear, variance, catch_all=catch_all)
@@ -251,22 +253,23 @@ def _campaign_data(
             share = {name: noise.values[name] for name in (OWN_SPEED,) if name in noise.values}
             noise = estimated(blocks, hyper_priors(samples), noise.values)
             noise = replace(noise, values=noise.values | share)
-    with clock.stage("whitening"):
-        grams = run_grams(samples, linear, columns, noise.values, variance)
-    return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
+    return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, variance)
 
 
 def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
     """Return the Gram matrices of all campaigns as one."""
-    return joined([part_of(data) for data in campaigns], [data.grams for data in campaigns])
+    return joined(
+        [part_of(data) for data in campaigns],
+        [None if data.campaign.of_vehicle else data.grams for data in campaigns],
+    )
 
 
 _MOST_BESIDE = 2
 """Causes of the sets over which a share is judged."""
 
 
-def _with_other_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData, ...] | None:
-    """Return the campaigns of a vehicle with the share of the speed's error that belongs next; None where it stays."""
+def _other_shares(campaigns: Sequence[CampaignData]) -> list[float | None] | None:
+    """Return the share of the speed's error that belongs next to each campaign; None where all stay."""
 
     def evidence(grams: Grams) -> float:
         return log_evidence_of_sets(grams, _traceless(grams), _MOST_BESIDE)
@@ -276,11 +279,17 @@ def _with_other_shares(campaigns: Sequence[CampaignData]) -> tuple[CampaignData,
         shares = [None if share is None else OWN_SHARES[0] for share in now]
     else:
         shares = most_probable_shares([part_of(data) for data in campaigns], evidence)
-    if shares == now:
-        return None
-    return tuple(
-        data if share is None else replace(data, noise=data.noise.with_value(OWN_SPEED, share))
-        for data, share in zip(campaigns, shares, strict=True)
+    return None if shares == now else shares
+
+
+def _with_shares(found: Relinearised, shares: Sequence[float | None]) -> Relinearised:
+    return replace(
+        found,
+        grams=replace(found.grams, constants=None),
+        campaigns=tuple(
+            data if share is None else replace(data, noise=data.noise.with_value(OWN_SPEED, share))
+            for data, share in zip(found.campaigns, shares, strict=True)
+        ),
     )
 
 
@@ -361,8 +370,7 @@ def _of_samples(data: CampaignData, kept: BoolArray) -> CampaignData:
     if (kept == data.columns.present).all():
         return data
     columns = replace(data.columns, rows=np.where(kept[..., None], data.columns.rows, 0.0), present=kept)
-    grams = run_grams(data.samples, data.linear, columns, data.noise.values, data.speed_variance)
-    return replace(data, columns=columns, grams=grams)
+    return replace(data, columns=columns)
 
 
 _NOTHING = 1e-8
@@ -479,31 +487,25 @@ def linearise_campaigns(
         ]
     choose = _choice(options.most_causes)
     found = [_from_first(starts, causes, choose, clock) for causes in first_causes(starts)]
-    best_found = most_probable(found)
-    starts = list(best_found.starts)
-    if cleaned := without_outliers(starts, best_found.campaigns, best_found.grams, best_found.best):
-        starts = list(cleaned)
-        points = linearisation_points(best_found.campaigns, best_found.grams, best_found.best)
-        again = relinearise(starts, points, choose, clock)
-        best_found = replace(again, chosen_sets=(*best_found.chosen_sets, *again.chosen_sets))
-        found = [best_found]
+    tried = [one.chosen_sets for one in found]
+    found = [most_probable(found)]
+    if cleaned := without_outliers(found[0].starts, found[0].campaigns, found[0].grams, found[0].best):
+        found = [_again(replace(found.pop(), starts=cleaned), choose, clock)]
     for _ in range(_MOST_SHARES):
-        together = _with_other_shares(best_found.campaigns) if best_found.converged else None
-        if together is None:
+        shares = _other_shares(found[0].campaigns) if found[0].converged else None
+        if shares is None:
             break
-        points = linearisation_points(together, best_found.grams, best_found.best)
-        again = relinearise(starts, points, choose, clock)
-        best_found = replace(again, chosen_sets=(*best_found.chosen_sets, *again.chosen_sets))
-        found = [best_found]
+        found = [_again(_with_shares(found.pop(), shares), choose, clock)]
+    [best_found] = found
     if not best_found.converged:
-        chosen_sets = tuple(dict.fromkeys(keys for f in found for keys in f.chosen_sets))
-        best_found = converged_alternative(starts, best_found, chosen_sets, choose, clock)
+        sets = tried if best_found.chosen_sets in tried else [best_found.chosen_sets]
+        best_found = converged_alternative(best_found.starts, best_found, list(chain(*sets)), choose, clock)
     return LinearisedCampaign(
         grams=best_found.grams,
         campaigns=best_found.campaigns,
-        starts=tuple(starts),
+        starts=best_found.starts,
         best=best_found.best,
-        not_identifiable=not_identifiable_in_any(starts),
+        not_identifiable=not_identifiable_in_any(best_found.starts),
         excluded=_traceless(best_found.grams),
         most_causes=options.most_causes,
         rounds=len(best_found.chosen_sets),
@@ -531,6 +533,17 @@ def _from_first(
     before = rough.best, rough.chosen_sets
     del rough  # as large as what comes
     return relinearise(without_near_cuts(starts, points), points, choose, clock, before=before)
+
+
+def _again(
+    found: Relinearised, choose: Callable[[Grams, SetEstimate | None], SetEstimate], clock: Clock
+) -> Relinearised:
+    """Iterate anew from an explanation, with its samples and noise as they are now."""
+    points = linearisation_points(found.campaigns, found.grams, found.best)
+    starts, before = found.starts, found.chosen_sets
+    del found  # as large as what comes
+    again = relinearise(starts, points, choose, clock)
+    return replace(again, chosen_sets=(*before, *again.chosen_sets))
 
 
 def notes_of(data: CampaignData, *, named: bool = False) -> tuple[Note, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -14,7 +15,7 @@ from model.diagnosis.time_series.columns import Columns, soil_places
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of
-from model.diagnosis.time_series.whitening import RunGrams
+from model.diagnosis.time_series.whitening import RunGrams, run_grams
 from model.effects.catalogue import EFFECTS, parted
 from model.notes import LackCode
 from model.wheel_soil.wheel_soil_model import Reading
@@ -22,7 +23,7 @@ from model.wheel_soil.wheel_soil_model import Reading
 
 @dataclass(frozen=True)
 class CampaignData:
-    """Linearised and whitened data of one campaign.
+    """Linearised data of one campaign and what whitens them.
 
     Attributes
     ----------
@@ -30,8 +31,6 @@ class CampaignData:
         With the most probable load, see `model.diagnosis.time_series.linearised_campaign`.
     linear : Linear
         About the last point.
-    grams : RunGrams
-        Of this campaign alone.
     speed_variance : array, shape (n,)
         Of what is left of the ground speed's error about the point.
     """
@@ -42,8 +41,12 @@ class CampaignData:
     linear: Linear
     columns: Columns
     noise: Noise
-    grams: RunGrams
     speed_variance: FloatArray
+
+    @cached_property
+    def grams(self) -> RunGrams:
+        """Gram matrices of this campaign alone; of a wheel of a vehicle only its outliers need them."""
+        return run_grams(self.samples, self.linear, self.columns, self.noise.values, self.speed_variance)
 
 
 def soil_places_of(campaigns: Sequence[CampaignData]) -> tuple[IndexArray, ...]:

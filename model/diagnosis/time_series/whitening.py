@@ -315,8 +315,14 @@ class RunGrams:
 
 
 _SAME_S = 1e-6
-RUNS_AT_ONCE = 16
-"""Runs whose columns are padded and whitened together: what bounds the memory of a long campaign."""
+RUNS_AT_ONCE, BY_NUMPY = 4, 16
+"""Runs of a wheel whose columns are padded and whitened together: what bounds the memory of a long campaign."""
+
+
+def some_runs(runs: int, wheels: int = 1) -> Iterator[tuple[int, int]]:
+    """Yield the first run and that behind the last of those that are whitened together."""
+    step = max((RUNS_AT_ONCE if library() else BY_NUMPY) // wheels, 1)
+    yield from ((first, min(first + step, runs)) for first in range(0, runs, step))
 
 
 def whitened_rows(
@@ -336,8 +342,7 @@ def whitened_rows(
     log_determinants = np.zeros(samples.runs)
     np.add.at(log_determinants, of_run, np.log(variance[:, ~lifted]).sum(axis=0))
     sigmas = np.array([values[name] for name in columns.constants])
-    for first in range(0, samples.runs, RUNS_AT_ONCE):
-        last = min(first + RUNS_AT_ONCE, samples.runs)
+    for first, last in some_runs(samples.runs):
         found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
         rests = rest_at.padded_runs(resting[:, ~lifted], first, last)
         rows = np.concatenate([found.columns, rests.reshape(last - first, -1, rests.shape[-1])], axis=1)
@@ -452,13 +457,16 @@ def remainder(
 
 def smoothed_speed(left: Remainder, block_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the error of the measured ground speed that the data ask for, its slope, and its variance; (n,) each."""
-    means, covariances = smoothed(left.space, left.values)
     now, slope = np.zeros(len(left.space.variance)), np.zeros(len(left.space.variance))
     if near := left.space.neighbours:
         now[near.now] = 1.0
         slope[near.later], slope[near.before] = 0.5 / block_s, -0.5 / block_s
-    at = left.places
-    return at.flat(means @ now), at.flat(means @ slope), at.flat(covariances @ now @ now)
+    found = []
+    for first, last in some_runs(len(left.values)):
+        means, covariances = smoothed(left.space.runs(first, last), left.values[first:last])
+        found.append(np.stack([means @ now, means @ slope, covariances @ now @ now], axis=-1))
+    speed, rate, variance = np.ascontiguousarray(left.places.flat(np.concatenate(found)).T)
+    return speed, rate, variance
 
 
 def innovations(left: Remainder) -> FloatArray:
