@@ -85,6 +85,7 @@ def posterior_with_usual_soil(
         last = rounds == _ROUNDS - 1
         campaigns, _ = campaigns_at(linearised.starts, points, clock, keep_noise=True, catch_all=last)
         grams = joined_grams(campaigns)
+    del campaigns
     return bagged(with_usual_soil(grams), rng, excluded, linearised.most_causes, factor)
 
 
