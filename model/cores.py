@@ -123,10 +123,10 @@ def spread(objects: Sequence[Any]) -> Iterator[Ask]:
 @contextmanager
 def _helpers(shares: Sequence[Sequence[Any]]) -> Iterator[list[Connection]]:
     """Start a process for each share of some objects, and yield the lines to them; they end with the context."""
-    context = multiprocessing.get_context("fork")
     lines, helpers = [], []
     try:
         for share in shares:
+            context = multiprocessing.get_context("fork")
             line, far = context.Pipe()
             helper = context.Process(target=_serve, args=(far, share), daemon=True)
             with _without_fork_warning():

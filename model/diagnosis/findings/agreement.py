@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc, stdtr
 
-from daq import BoolArray, FloatArray, Note, Severity
+from daq import OUTPUTS, BoolArray, FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.isolability import own_columns
@@ -50,6 +50,7 @@ from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import rest_variance
 from model.diagnosis.time_series.standstills import AT_REST
+from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode
 
 AT = 0.01
@@ -66,7 +67,12 @@ _FEW = 8
 _APART = 5e-4
 """Chance that a run, of all that are looked at, is so far from the others."""
 _APART_RUNS = 5
-_ZEROS = {"drawbar_pull_zero": "dp", "torque_zero": "t"}
+_ZEROS = {
+    key: name
+    for key, effect in EFFECTS.items()
+    for name, channel in OUTPUTS.items()
+    if effect.needs.zero_of == channel.role
+}
 _STATIC_SIGMAS = 4.0
 _LEAST_INFORMED = 1e-3
 
