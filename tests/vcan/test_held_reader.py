@@ -68,7 +68,7 @@ def watched() -> str:
     return f"""
 curl --silent --no-buffer {PAGE}/events > watched.txt &
 until test $(stat --format %s sent.log) -gt {FREEZE_AT // 80 * 16}; do sleep 0.1; done
-sleep 3
+for _ in $(seq 60); do if grep --quiet signal_stuck watched.txt; then break; fi; sleep 0.1; done
 curl --silent --fail --header 'Content-Type: application/json' --header 'Origin: {PAGE}' \\
   --data '{{"kind": "mark", "text": "stone on the track"}}' {PAGE}/command
 """
@@ -78,7 +78,7 @@ curl --silent --fail --header 'Content-Type: application/json' --header 'Origin:
 def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 1000", more=ROLES)
 
-    result = vcan(held(tmp_path, 13, watched()), timeout_s=90)
+    result = vcan(held(tmp_path, 15, watched()), timeout_s=90)
 
     assert result.exit_code == 0, result.output
     recording = check_losses(tmp_path)
