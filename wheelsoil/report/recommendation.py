@@ -57,6 +57,8 @@ class Recommendation:
         ``run`` indexes them.
     measured, base, recommended, noise : mapping channel -> float64 array, shape (n,)
         ``noise`` is one sigma of a measured sample about the baseline; NaN where nobody estimated it.
+    adequate : bool
+        Whether a diagnosis, which knows the error of the slip, finds no more than noise about the model.
     """
 
     title: str
@@ -73,6 +75,7 @@ class Recommendation:
     base: Mapping[str, FloatArray]
     recommended: Mapping[str, FloatArray]
     noise: Mapping[str, FloatArray]
+    adequate: bool = False
 
     def residual(self, channel: str, *, base: bool = False) -> FloatArray:
         """Return measured - predicted, shape (n,), of the recommended model or of the baseline."""
@@ -145,6 +148,7 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
         base=joined("base"),
         recommended=joined("base" if is_base else "extended"),
         noise=joined("base_sigma"),
+        adequate=found.verdict != "unexplained" and found.adequacy.ok and not found.grounds.table_channels,
     )
 
 
@@ -199,11 +203,12 @@ def biases(recommendation: Recommendation) -> list[Bias]:
     """Return where the recommended model's residual stays on one side of zero.
 
     Either nearly everywhere and by more than half the noise of a sample, or in bins of slip where the median is off by
-    more than the noise of a single sample.
+    more than the noise of a single sample. The braked side of an adequate model has `unconfirmed`: at measured slip its
+    median is off by what the error of the slip does on the steep curve.
     """
     found = []
     for channel in recommendation.measured:
-        for driving in (True, False):
+        for driving in (True,) if recommendation.adequate else (True, False):
             bias = _bias(recommendation, channel, driving=driving)
             found += [bias] if bias else []
     return found
