@@ -88,3 +88,19 @@ def test_cochrans_q_has_one_degree_of_freedom_less_than_campaigns(campaigns: int
     q = np.sum(weights * (values - np.average(values, weights=weights)) ** 2)
     assert found.q == pytest.approx(q)
     assert found.chance == pytest.approx(chi2.sf(q, campaigns - 1))
+
+
+@pytest.mark.parametrize("readings", [1, 2, 3, 5])
+def test_a_channel_that_few_runs_measure_is_certain_of_nothing(readings: int) -> None:
+    """One run with a sinkage sensor among five: its error grows twofold, and no interval can be known."""
+    slip, nothing = np.full(4, 0.5), np.full(4, np.nan)
+
+    def fold(error: float, measured: bool) -> HeldOutPrediction:
+        values = {"dp": slip, "z": slip if measured else nothing}
+        return HeldOutPrediction(-1.0, values, {c: v + error for c, v in values.items()}, slip > 0.2, 8, slip)
+
+    base, worse = ([fold(e, i < readings) for i in range(5)] for e in (0.1, 0.2))
+    change = gain_of(base, worse, [("a",)] * 5, "dp").reductions["z"]
+    assert change.percent == pytest.approx(-100.0)
+    assert change.grows == (readings >= 3) and not change.falls
+    assert gain_of(worse, base, [("a",)] * 5, "dp").reductions["z"].falls == (readings >= 3)

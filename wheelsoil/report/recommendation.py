@@ -148,7 +148,7 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
         base=joined("base"),
         recommended=joined("base" if is_base else "extended"),
         noise=joined("base_sigma"),
-        adequate=found.verdict != "unexplained" and found.adequacy.ok and not found.grounds.table_channels,
+        adequate=bool(found.adequacy and found.adequacy.ok) and not found.grounds.table_channels,
     )
 
 

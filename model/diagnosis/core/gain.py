@@ -145,11 +145,11 @@ def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:
 
 
 def _squares(base: Sequence[HeldOutPrediction], extended: Sequence[HeldOutPrediction], channel: str) -> FloatArray:
-    """Return squared errors of base and extended model in a channel; shape (folds, 2)."""
+    """Return squared errors of base and extended model in a channel, of the folds that have any; shape (folds, 2)."""
     pairs = [
         (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured
     ]
-    return np.array([(before, after) for (before, _), (after, _) in pairs], float)
+    return np.array([(before, after) for (before, count), (after, _) in pairs if count], float).reshape(-1, 2)
 
 
 def _reduction(squares: FloatArray) -> Reduction:
