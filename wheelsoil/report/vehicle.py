@@ -86,7 +86,7 @@ def build_vehicle_report(
         vehicle = vehicle_of({wheel.wheel: wheel.processed for wheel in given})
         figures = figures_of_vehicle(vehicle)
     except DataError as error:
-        omitted["vehicle"] = "; ".join(fault.what for fault in error.faults)
+        omitted["vehicle"] = error.what
     glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
     level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")

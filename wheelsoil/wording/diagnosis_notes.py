@@ -11,6 +11,7 @@ from wheelsoil.wording.names import chance, effect_name, listed, page_unit, plai
 from wheelsoil.wording.numbers import after_value
 from wheelsoil.wording.run_notes import Sentence, Values
 
+_PEAK_AHEAD = "if the stress peak usually lies ahead of the wheel's bottom, as on most soils"
 _CONDITIONS = {
     "ground_speed_mps": "the ground speed",
     "wheel_speed_radps": "the wheel speed",
@@ -265,10 +266,7 @@ SENTENCES: dict[str, Sentence] = {
         f"({v['low']:.0f} to {v['high']:.0f})"
     ),
     LackCode.PARTS_CANCEL: _cancel,
-    LackCode.PEAK_MAY_SHIFT: lambda v: (
-        f"its probability is only {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
-        "bottom, as on most soils"
-    ),
+    LackCode.PEAK_MAY_SHIFT: lambda v: f"its probability is only {chance(v['probability'])} {_PEAK_AHEAD}",
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,
@@ -291,10 +289,7 @@ SENTENCES: dict[str, Sentence] = {
         f"{v['run']} lies apart: its {OUTPUTS[v['channel']].name} is {v['size']:+.3g} {page_unit(v['channel'])[1]} off "
         f"what the other runs agree on, {abs(v['size'] / v['sigma']):.0f} times their scatter"
     ),
-    DiagnosisCode.LESS_BESIDE_USUAL: lambda v: (
-        f"{plain_name(v['family'])}: {chance(v['probability'])} if the stress peak usually lies ahead of the wheel's "
-        "bottom, as on most soils"
-    ),
+    DiagnosisCode.LESS_BESIDE_USUAL: lambda v: f"{plain_name(v['family'])}: {chance(v['probability'])} {_PEAK_AHEAD}",
     DiagnosisCode.OUTLIERS: lambda v: (
         f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "
         "sigma, are excluded: check the ground speed and the forces there"

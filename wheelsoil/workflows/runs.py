@@ -51,8 +51,8 @@ _OF_A_COPY = (*_MAY_BE_EVEN, *(ROLES[role] for role in ("ground_speed", "sinkage
 _SAME_NOISE = 0.1
 """In sigmas; two measurements are 1.4 apart, a cut copy less than .001."""
 _PROBED = 64
-_WEAK = 0.05
-"""Probability that a run is sound as declared from which on a doubt is weak: other runs may dispel it."""
+_WEAK, _FEWEST = 0.05, 3
+"""Probability that a run is sound as declared from which on a doubt is weak: so many runs or more may dispel it."""
 
 
 SetAside = Callable[[SetAsideRun], None]
@@ -325,27 +325,20 @@ def _once(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> lis
 def doubted_by_most(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs without a weak doubt of what vehicle.toml declares that few runs of it share: it is of all."""
 
-    def suspects(found: ProcessedRun, least: float = 0.0) -> list[Note]:
-        notes = [note for note in found.quality.notes if note.code == RunCode.IMPLAUSIBLE and "held" not in note.values]
-        return [note for note in notes if note.values["sound"] >= least]
+    def doubts(note: Note, least: float = 0.0) -> bool:
+        return note.code == RunCode.IMPLAUSIBLE and "held" not in note.values and note.values["sound"] >= least
 
-    of_vehicle: dict[str, list[ProcessedRun]] = {}
-    for run, found in processed:
-        of_vehicle.setdefault(run.vehicle.model_dump_json(), []).append(found)
-    few = {
-        id(found)
-        for found_of_it in of_vehicle.values()
-        if 2 * sum(bool(suspects(found)) for found in found_of_it) < len(found_of_it) > 2
-        for found in found_of_it
-        if suspects(found, _WEAK)
-    }
+    doubted = [any(map(doubts, found.quality.notes)) for _, found in processed]
 
-    def cleared(found: ProcessedRun) -> ProcessedRun:
-        weak = suspects(found, _WEAK)
-        left = tuple(note for note in found.quality.notes if note not in weak)
+    def cleared(run: Run, found: ProcessedRun) -> ProcessedRun:
+        alike = [own for (other, _), own in zip(processed, doubted, strict=True) if other.vehicle == run.vehicle]
+        if len(alike) < _FEWEST or 2 * sum(alike) >= len(alike):
+            return found
+        left = tuple(note for note in found.quality.notes if not doubts(note, _WEAK))
         return replace(found, quality=replace(found.quality, notes=left))
 
-    return [(run, cleared(found) if id(found) in few else found) for run, found in processed]
+    pairs = zip(processed, doubted, strict=True)
+    return [(run, cleared(run, found) if own else found) for (run, found), own in pairs]
 
 
 def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> list[tuple[Run, ProcessedRun]]:

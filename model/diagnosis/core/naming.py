@@ -245,9 +245,7 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
     rivals : sequence of str
         Families of that.
     """
-    if verdict.verdict != "named":
-        return verdict
-    lost = [f for f in verdict.families if is_physical(f) and f not in rivals and not chances.get(f, 0.0) > least]
+    lost = [note.values["family"] for note in less_beside_usual(verdict, chances, rivals, least)]
     if not lost:
         return verdict
     why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})

@@ -295,7 +295,6 @@ def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str
     others = len(there) - 1
     if others < _APART_RUNS - 1:
         return None
-
     weight = grams.matrices[there, at, at]
     left = weight * ~np.eye(len(there), dtype=bool)  # row i: of the others
 

@@ -154,12 +154,8 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
     turns, ranks = [], [0]
     for part, own in zip(parts, places, strict=True):
         count = len(part.columns.catch_all.shapes)
-        turn = np.zeros((part.columns.shared, width))
-        turn[: part.columns.shared - count] = turn_of(
-            part.columns.causes, own, tuple(causes.values()), len(soil), width
-        )
-        turn[part.columns.shared - count :, first : first + count] = np.eye(count)
-        turns.append(turn)
+        shapes = np.eye(count, width, first)
+        turns.append(np.concatenate([turn_of(part.columns.causes, own, every, len(soil), width), shapes]))
         first += count
         ranks.append(ranks[-1] + len(part.columns.catch_all.by_rank))
     labels = tuple(soil[at] for at in sorted(soil))
