@@ -143,8 +143,9 @@ def test_the_page_has_the_table_of_cost_of_the_report(material: ReportInputs) ->
     table = cost_rows(found)
     shown = shown_of(diagnosis(), found)["cost"]
     assert [row[:4] + row[5:] for row in shown["rows"]] == [row[:4] + row[5:] for row in table]
-    pull, efficiency = table[0], table[2]
-    assert pull[0] == "drawbar pull" and pull[1] == "0.20" and pull[-1] == "N" and efficiency[-1] == "%"
+    pull, sinkage, efficiency = table[0], table[2], table[3]
+    assert sinkage[0] == "sinkage" and sinkage[-1] == "mm" and float(str(sinkage[3])) == pytest.approx(138, abs=2)
+    assert pull[0] == "drawbar pull" and pull[1] == "0.20" and pull[-1] == "N" and efficiency[-1] == "points"
     written = [figure_value(cell) for row in (pull, efficiency) for cell in row if isinstance(cell, KeyFigure)]
     assert all(text.startswith("−") for text in written) and "%" not in written[1]
     assert found.costs[0].difference95[0] < found.costs[0].difference < 0
@@ -188,7 +189,7 @@ def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInput
     assert pull.interval95[0] < pull.pull_n < pull.interval95[1]
     written = build_report(inputs).numbers()["sections"]
     assert written["fit"]["traction"]["pull"]["pull_n"] == written["cost"]["costs"][0]["with_causes"]
-    assert inputs.traction.efficiency >= cost(material).costs[2].with_causes
+    assert inputs.traction.efficiency >= cost(material).costs[3].with_causes
     found = Found(Source("a", "a"), processed_of(campaign), fit=material.fit, diagnosis=diagnosis())
     [row_of_fleet] = tables_of([found], "")["campaigns"].to_pylist()
     assert row_of_fleet["pull_at_slip_0_2_n"] == pull.pull_n

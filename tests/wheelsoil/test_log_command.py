@@ -49,7 +49,7 @@ def taken_port():
 
 
 def test_everything_it_says_is_json(tmp_path):
-    vehicle = write_vehicle(tmp_path, "told", "[logger]\nrotate_mb = 0.01\nflush_s = 0.01\n")
+    vehicle = write_vehicle(tmp_path, "told", "[logger]\nrotate_mb = 0.002\nflush_s = 0.01\n")
     with busy("told"):
         said = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 1.5, "--no-page", "--json").json
     assert said["ended_by"] == "duration"

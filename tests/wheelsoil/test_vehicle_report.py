@@ -300,7 +300,7 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
         result = ok("report", four, "-o", tmp_path / "r.html")
     assert re.search("all wheels together +Torque gain of wheel FR", result.out)
     card = (tmp_path / "r.html").read_text(encoding="utf-8").split("<h3>Do next</h3>")[1]
-    assert card.split("</ol>")[0].startswith('<p class="again"><b>Drive again:</b> none. All runs are usable.</p>')
+    assert card.split("</ol>")[0].startswith('<p class="again"><b>Runs to repeat:</b> none. All runs are usable.</p>')
     assert "<b>Check it.</b><span>Wheel FR is late; expected one clock. Until then wait.</span>" in card
     assert '<li data-n="3"><b>At wheel FR: calibrate the driving torque' in card
     glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
@@ -330,7 +330,7 @@ def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Pat
     page = tmp_path / "r.html"
     with (
         diagnosed_by_hand(diagnosis("nothing_detectable")),
-        patch("wheelsoil.report.sections.glance._again", drive_again),
+        patch("wheelsoil.report.sections.glance.runs_again", drive_again),
     ):
         result = invoke("report", four, "--vehicle", broken, "-o", page)
     assert result.code == 2 and "no DBC has a signal 'WFT_Moments.Mq'" in result.err

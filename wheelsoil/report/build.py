@@ -23,13 +23,24 @@ from daq import ConfigError, DataError, WheelsoilError
 from daq.runs import SetAsideRun
 from daq.series import write_whole
 from wheelsoil import __version__
-from wheelsoil.report.content import Section, SectionBuilder, Table, Text, drawings_of, drawn, figures_of, texts_of
+from wheelsoil.report.content import (
+    Links,
+    Section,
+    SectionBuilder,
+    Table,
+    Text,
+    drawings_of,
+    drawn,
+    figures_of,
+    texts_of,
+)
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.wording.names import upper
 from wheelsoil.wording.numbers import typeset, unbroken
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
@@ -277,9 +288,15 @@ def build_report(inputs: ReportInputs) -> Report:
         sections.append(section)
     # The sections, the summary's lead with what differs from the last report beyond the intervals.
     said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
+    changed = f"{upper(said)}." if said else "Nothing beyond the intervals."
+    changed = changed if inputs.last else "Not known: no earlier report was given (report FOLDER --against LAST)."
     with_change = [
-        _told(section, f"Since last time: {said}.") if said and i == 0 else section
-        for i, section in enumerate(sections)
+        _told(
+            section,
+            f"Since last time: {said}." if said else "",
+            ("What has changed?", changed, "#against" * bool(inputs.last)),
+        )
+        for section in sections
     ]
     return Report(
         head=_head(inputs),
@@ -293,10 +310,13 @@ def build_report(inputs: ReportInputs) -> Report:
     )
 
 
-def _told(section: Section, sentence: str) -> Section:
+def _told(section: Section, sentence: str, line: tuple[str, str, str]) -> Section:
+    """Return the summary with a sentence in its lead, the answers with one more; any other section as it is."""
     blocks = [
         replace(block, text=f"{block.text} {sentence}".strip())
         if isinstance(block, Text) and block.kind == "lead"
+        else replace(block, lines=[*block.lines, line])
+        if isinstance(block, Links)
         else block
         for block in section.blocks
     ]

@@ -82,9 +82,11 @@ def _was(change: Change) -> str:
 def size_sentence(change: Change) -> str:
     """Return what became of one quantity."""
     if not isfinite(change.last):
-        return f"{_name(change)} is {_value(change, change.now)} and had no value last time"
+        before = "was not among the causes" if change.kind == "cause" else "had no value"
+        return f"{_name(change)} is {_value(change, change.now)} and {before} last time"
     if not isfinite(change.now):
-        return f"{_was(change)} last time and has no value now"
+        now = "is not among the causes" if change.kind == "cause" else "has no value"
+        return f"{_was(change)} last time and {now} now"
     unit = _unit(change)
     return f"{_name(change)} went from {_number(change, change.last)} to {_number(change, change.now)} {unit}".rstrip()
 

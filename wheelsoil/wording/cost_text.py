@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from wheelsoil.wording.figures import figure_interval
+from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import listed, plain_name
 from wheelsoil.wording.numbers import number
+from wheelsoil.workflows.cause_cost import USUAL_SLIP
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost
 
 if TYPE_CHECKING:
-    from wheelsoil.workflows.cause_cost import CausesCost
+    from collections.abc import Sequence
+
+    from wheelsoil.workflows.cause_cost import CausesCost, Cost
 
 COST_HEAD = ("quantity", "slip", "without", "with", "difference", "95 % interval", "unit")
 _QUANTITIES = {
     "drawbar_pull": ("drawbar pull", 1.0),
     "driving_torque": ("driving torque", 1.0),
+    "sinkage": ("sinkage", 1e3),
     "tractive_efficiency": ("tractive efficiency", 100.0),
 }
-_PHYSICAL = "The same soil, load and slip, with and without: what the wheel loses or gains through the cause."
+_PHYSICAL = (
+    "The same soil, load and slip, with and without: what the wheel loses or gains through the cause. (In the first "
+    "figure the line without a cause has a soil of its own, calibrated to the runs.)"
+)
 _MEASURED = (
     "The wheel loses nothing: the cause is in the measurement. The difference is the error of the reading at the same "
     "soil, load and slip."
@@ -48,9 +55,20 @@ def cost_note(found: CausesCost) -> str:
     cause = "the cause" if len(found.causes) == 1 else "the causes"
     return (
         f"Steady driving at {found.load_n / 1e3:.1f} kN and {found.ground_speed_mps:.1f} m/s, "
-        f"by the recommended model. Without {cause}, efficiency is highest at slip {found.costs[-1].slip:.2f}. "
+        f"by the recommended model. Without {cause}, efficiency is highest at slip {found.best_slip:.2f}. "
         "Interval: of the causes' sizes, soil held."
     )
+
+
+def cost_sentence(costs: Sequence[Cost], slip: float = USUAL_SLIP) -> str:
+    """Return what causes change at one slip, without a full stop: "drawbar pull −110 N (−117 to −96), ..."."""
+    texts = []
+    for cost in costs:
+        if cost.slip == slip and abs(cost.difference) > 0:
+            figure = figure_of_cost(cost)
+            ends = "" if (ends := figure_interval(figure)) == "–" else f" ({ends})"
+            texts.append(f"{_QUANTITIES[cost.quantity][0]} {figure_value(figure)} {figure.unit}{ends}")
+    return f"at slip {slip:g} {listed(texts)}" if texts else ""
 
 
 def cost_rows(found: CausesCost) -> list[list[str | KeyFigure]]:

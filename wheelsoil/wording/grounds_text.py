@@ -251,6 +251,16 @@ def detectable_by_family(found: Diagnosis) -> dict[str, Detectable]:
     return first
 
 
+def detectable_words(sizes: Mapping[str, Detectable]) -> str:
+    """Return from which size on the first families would be detected, without a full stop; `sizes` by family."""
+    shown = [
+        f"{'an' if name[0] in 'aeio' else 'a'} {plain_name(name)} of {letter(d.parameter)} = "
+        f"{d.value:.3g}{after_value(d.unit)}"
+        for name, d in list(sizes.items())[:_MOST_EXAMPLES]
+    ]
+    return f"{listed(shown, 'or')} or more would be detected in half of such campaigns"
+
+
 def nothing_words(
     chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
 ) -> list[Statement]:
@@ -265,14 +275,8 @@ def nothing_words(
             f"The most probable one is {with_chance(best, chances[best])}",
             Statement("Next: drive another run", "next"),
         ]
-    shown = [
-        f"{'an' if name[0] in 'aeio' else 'a'} {plain_name(name)} of {letter(d.parameter)} = "
-        f"{d.value:.3g}{after_value(d.unit)}"
-        for name, d in sizes.items()
-    ]
-    if shown:
-        examples = listed(shown[:_MOST_EXAMPLES], "or")
-        statements.append(f"A cause may still act: {examples} or more would be detected in half of such campaigns")
+    if sizes:
+        statements.append(f"A cause may still act: {detectable_words(sizes)}")
     if wrong:
         statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
     return sentences(statements)

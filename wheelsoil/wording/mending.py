@@ -9,7 +9,7 @@ from functools import reduce
 from daq import OUTPUTS, Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
-from model.effects import parted
+from model.effects import EFFECTS, parted
 from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
@@ -59,6 +59,8 @@ def next_steps(
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
+    if found.verdict == "one_of" and any(EFFECTS[c.key].needs.lugs for c in found.causes if c.key in EFFECTS):
+        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [_TREAD]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [step_of(found)]
@@ -100,13 +102,17 @@ def _apart_step(note: Note) -> Step:
 
 def residual_step(found: Diagnosis) -> Step:
     """Return what to look at where nothing explains the runs: the channel in which the residual is, where it is one."""
-    worst = found.grounds.lack_of_fit.worst
-    roles = set(map(_role_of, worst))
-    if found.grounds.barred is not None or len(roles) != 1:
+    role, worst = doubted_channel(found), found.grounds.lack_of_fit.worst
+    if not role:
         return step_of(found)
-    [role] = roles
     where = findings_text([w for w in found.what_is_wrong if w.channel == role][:2] or worst)
     return Step(_CHECKS[role], f"Residual: {where}. Until then do not rely on the model.")
+
+
+def doubted_channel(found: Diagnosis) -> str:
+    """Return the role to which the residual of unexplained runs points; "" where it points to several."""
+    roles = set(map(_role_of, found.grounds.lack_of_fit.worst))
+    return roles.pop() if found.grounds.barred is None and len(roles) == 1 else ""
 
 
 def _role_of(found: Finding) -> str:
@@ -212,6 +218,9 @@ def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
     return lambda _value, _vehicle: Step(what, paste=paste)
 
 
+_TREAD = Step(
+    "Look at the tyre: if it has no lugs, declare that, and they are no cause.", paste='[wheel]\ntyre = "smooth"'
+)
 _ZERO = _step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", _LIFTED)
 
 

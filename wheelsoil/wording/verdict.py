@@ -205,6 +205,11 @@ def runs_apart(found: Diagnosis) -> dict[str, Note]:
     return {note.values["run"]: note for note in found.grounds.cautions if note.code == DiagnosisCode.RUN_APART}
 
 
+def doubt_of_the_peak(found: Diagnosis) -> Note | None:
+    """Return how much less probable a name is where the stress peak usually lies ahead; None where it stays."""
+    return next((note for note in found.grounds.cautions if note.code == DiagnosisCode.LESS_BESIDE_USUAL), None)
+
+
 class Groups(NamedTuple):
     """Runs of the one soil and of the other as text, and whether the first is a single run, and the second."""
 
@@ -373,7 +378,8 @@ def _with_chances(causes: Sequence[Cause]) -> list[str]:
 
 def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statement]:
     """Return the sentences of "named"."""
-    alike = found.grounds.confounded
+    ahead = doubt_of_the_peak(found) is not None
+    alike = [name for name in found.grounds.confounded if not (ahead and name in EFFECTS and EFFECTS[name].is_usual())]
     causes = " and ".join(f"{_cause_named(cause, _explains(found))}: {size_text(cause)}" for cause in found.causes)
     statements: list[str | Statement] = [Statement(causes, "cause")]
     if free := found.grounds.free_form:

@@ -18,7 +18,9 @@ from wheelsoil.workflows.traction import PullAtSlip, Traction, median_of_passes,
 USUAL_SLIP = 0.2
 _SLIPS = np.round(np.linspace(0.02, 0.95, 94), 2)
 _USUAL = int(np.argmin(np.abs(_SLIPS - USUAL_SLIP)))
-_QUANTITIES = (("drawbar_pull", "N"), ("driving_torque", "N m"), ("tractive_efficiency", "1"))
+_QUANTITIES = (("drawbar_pull", "N"), ("driving_torque", "N m"), ("sinkage", "m"), ("tractive_efficiency", "1"))
+_BEYOND = 1.2
+"""Of the highest load: what is said of loads that were not driven."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,16 @@ class Cost:
 
 @dataclass(frozen=True)
 class CausesCost:
-    """What the causes of a `named` verdict cost at one load (N) and ground speed (m/s)."""
+    """What the causes of a `named` verdict cost at one load (N) and ground speed (m/s).
+
+    `best_slip` is that of the highest tractive efficiency without them.
+    """
 
     causes: tuple[Cause, ...]
     costs: tuple[Cost, ...]
     load_n: float
     ground_speed_mps: float
+    best_slip: float
 
 
 def cost_of_verdict(
@@ -67,11 +73,33 @@ def cost_of_verdict(
     """
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
-    load_n, speed_mps = _usual_driving(runs)
-    costs = costs_of(
-        found.causes, wheel, laboratory, found.soils[0], load_n=load_n, speed_mps=speed_mps, reading=reading
+    load_n, speed_mps = usual_driving(runs)
+    highest = max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs)
+    costs, best_slip = costs_of(
+        found.causes,
+        wheel,
+        laboratory,
+        found.soils[0],
+        load_n=load_n,
+        speed_mps=speed_mps,
+        reading=reading,
+        highest_slip=highest,
     )
-    return CausesCost(found.causes, tuple(costs), load_n, speed_mps)
+    return CausesCost(found.causes, tuple(costs), load_n, speed_mps, best_slip)
+
+
+def pull_beyond(
+    found: Diagnosis, highest_load_n: float, wheel: Wheel, laboratory: Soil, reading: Reading, speed_mps: float
+) -> tuple[float, Cost]:
+    """Return a load (N) above the highest that was driven, and the pull at slip 0.2 there with and without the causes.
+
+    Of a verdict without a name both are the calibrated soil's. `DataError` where the model has no answer.
+    """
+    load_n = float(f"{_BEYOND * highest_load_n:.2g}")
+    causes = found.causes if found.verdict == "named" else ()
+    soil = found.soils[0] if found.soils else SoilEstimate("", {}, {})
+    costs, _ = costs_of(causes, wheel, laboratory, soil, load_n=load_n, speed_mps=speed_mps, reading=reading)
+    return load_n, costs[0]
 
 
 def costs_of(
@@ -83,8 +111,11 @@ def costs_of(
     load_n: float,
     speed_mps: float,
     reading: Reading = "balanced",
-) -> list[Cost]:
-    """Return what causes change at slip 0.2 and at the slip of the highest tractive efficiency without them.
+    highest_slip: float = nan,
+) -> tuple[list[Cost], float]:
+    """Return what causes change at slip 0.2, at that of the highest tractive efficiency without them, and at the end.
+
+    The end is the highest slip that was driven, where it is given. The slip of the highest efficiency is returned, too.
 
     Parameters
     ----------
@@ -109,14 +140,15 @@ def costs_of(
         raise DataError("the model has no answer for this load")
     best = int(np.nanargmax(without["tractive_efficiency"]))
     found = []
-    for row in dict.fromkeys((_USUAL, best)):
+    last = [int(np.searchsorted(_SLIPS, highest_slip, "right")) - 1] if highest_slip > _SLIPS[_USUAL] else []
+    for row in dict.fromkeys((_USUAL, best, *last)):
         for quantity, unit in _QUANTITIES:
             base, whole = float(without[quantity][row]), float(complete[quantity][row])
             changes = np.array([[float(end[quantity][row]) - whole for end in of_cause] for of_cause in moved])
             below, above = _half_widths(changes.reshape(-1, 2)) if known else (nan, nan)
             interval = (whole - base - below, whole - base + above)
             found.append(Cost(quantity, unit, float(_SLIPS[row]), base, whole, interval))
-    return found
+    return found, float(_SLIPS[best])
 
 
 def steady_traction(
@@ -135,7 +167,7 @@ def steady_traction(
         return measured
     soil = found.soils[0] if found is not None and found.soils else SoilEstimate("", {}, {})
     causes = found.causes if found is not None and found.verdict == "named" and found.soils else ()
-    load_n, speed_mps = _usual_driving(runs)
+    load_n, speed_mps = usual_driving(runs)
 
     def model_of(chosen: Sequence[Cause]) -> ExtendedModel:
         return extended_model(wheel, laboratory, soil, tuple(chosen), reading)
@@ -194,7 +226,7 @@ def _at_end(cause: Cause, end: int) -> Cause:
     return replace(cause, parameters=tuple(moved))
 
 
-def _usual_driving(runs: Sequence[ProcessedRun]) -> tuple[float, float]:
+def usual_driving(runs: Sequence[ProcessedRun]) -> tuple[float, float]:
     """Return the median load (N) and ground speed (m/s) of the used samples."""
     load_n, speed_mps = (
         float(np.nanmedian(np.concatenate([getattr(run, name)[run.used] for run in runs])))
@@ -204,12 +236,14 @@ def _usual_driving(runs: Sequence[ProcessedRun]) -> tuple[float, float]:
 
 
 def _curves(model: ExtendedModel, load_n: float, speed_mps: float) -> dict[str, FloatArray]:
-    """Return pull (N), torque (N m) and tractive efficiency over `_SLIPS`."""
+    """Return pull (N), torque (N m), sinkage (m) and tractive efficiency over `_SLIPS`."""
     found = model.predict(_steady(model.wheel, model.soil, load_n, speed_mps))
-    pull, torque = (np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm))
+    pull, torque, sinkage = (
+        np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm, found.sinkage_m)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         efficiency = pull * model.wheel.radius_m * (1 - _SLIPS) / torque
-    return {"drawbar_pull": pull, "driving_torque": torque, "tractive_efficiency": efficiency}
+    return {"drawbar_pull": pull, "driving_torque": torque, "sinkage": sinkage, "tractive_efficiency": efficiency}
 
 
 def _peak(values: FloatArray, driven: BoolArray) -> tuple[float, float]:

@@ -127,14 +127,21 @@ def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:
     return {figure.key: figure for figure in figures if figure.value == figure.value}
 
 
+_UNITS_OF_COST: dict[str, tuple[float, str, Digits]] = {
+    "1": (1.0, "points", "percent change"),
+    "m": (1e3, "mm", "change"),
+}
+
+
 def figure_of_cost(cost: Cost) -> KeyFigure:
-    """Return what causes change in a quantity at one slip; of the efficiency as a fraction, written in percent."""
-    share = cost.unit == "1"
+    """Return what causes change in a quantity at one slip; of the efficiency a fraction, written in points of 1 %."""
+    factor, unit, digits = _UNITS_OF_COST.get(cost.unit, (1.0, cost.unit, "change"))
+    low, high = cost.difference95
     return KeyFigure(
         f"cost.{cost.quantity}.at_slip_{cost.slip:.2f}",
-        cost.difference,
-        "%" if share else cost.unit,
-        "percent change" if share else "change",
+        factor * cost.difference,
+        unit,
+        digits,
         MODELS["named"],
-        interval95=cost.difference95,
+        interval95=(factor * low, factor * high),
     )

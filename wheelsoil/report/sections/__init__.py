@@ -9,6 +9,7 @@ from wheelsoil.report.content import SectionBuilder
 from wheelsoil.report.sections import (
     against_slip,
     against_time,
+    answers,
     candidates,
     change,
     coefficients,
@@ -25,6 +26,7 @@ from wheelsoil.report.sections import (
 )
 
 EVIDENCE: tuple[SectionBuilder, ...] = (
+    answers.answers,
     change.against,
     overview.fit,
     overview.causes,
@@ -66,6 +68,7 @@ SECTIONS: tuple[SectionBuilder, ...] = (
 
 SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
     glance.glance,
+    answers.answers,
     overview.fit,
     overview.causes,
     tables.rows,
@@ -98,6 +101,7 @@ GROUPS: dict[str, tuple[SectionBuilder, ...]] = {
 """Of the appendix: one section of each group is open at a time."""
 
 OF_THE_DIAGNOSIS = (
+    answers.answers,
     overview.causes,
     *DIAGNOSIS,
     provenance.workings,

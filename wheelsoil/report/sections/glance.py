@@ -40,6 +40,7 @@ from wheelsoil.wording.verdict import (
     alternatives,
     details_of,
     falling_channel,
+    groups_of_runs,
     headline_of,
     peak_bars,
     reduction_in,
@@ -59,8 +60,10 @@ def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
     sentences = _sentences(inputs)
-    steps = Steps(_steps(inputs, grades), _again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)])
-    headline, details = _headline(inputs, sentences)
+    steps = Steps(
+        steps_of_report(inputs, grades), runs_again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)]
+    )
+    headline, details = headline_and_details(inputs, sentences)
     # The channel whose fall the headline tells; None where it tells of none.
     channel_of_headline = (
         falling_channel(inputs.diagnosed)
@@ -88,7 +91,7 @@ def glance(inputs: ReportInputs) -> Contents:
     return [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles, figure, steps], numbers
 
 
-def _only_driving(inputs: ReportInputs) -> list[str]:
+def only_driving(inputs: ReportInputs) -> list[str]:
     """Return that a recommended model is confirmed for driving only, where braked samples are off and no driven one."""
     found = inputs.diagnosed
     if inputs.tables or found is None or found.verdict != "named" or several_terrains(found) is not None:
@@ -102,10 +105,10 @@ def _only_driving(inputs: ReportInputs) -> list[str]:
     return ["Confirmed for driving only."] if braked and not any(bias.driving for bias in off) else []
 
 
-def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
+def headline_and_details(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
-        return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *_only_driving(inputs)]
+        return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *only_driving(inputs)]
     if len(sentences[0].split()) <= MOST_WORDS:
         return sentences[0], sentences[1:]
     if inputs.campaign is not None:
@@ -126,7 +129,7 @@ def _sentences(inputs: ReportInputs) -> list[str]:
 
 
 def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
-    return [_confidence_tile(inputs.diagnosed), _data_tile(inputs, grades)]
+    return [confidence_tile(inputs.diagnosed), data_tile(inputs, grades)]
 
 
 def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
@@ -146,12 +149,12 @@ def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
     title = f"{channel.name.capitalize()} error, held-out"
     if found.verdict not in ("named", "one_of") or abs(change.percent) < NO_CHANGE:
         others = [f"{OUTPUTS[output].name} {_error_of(gain, output)}" for output in gain.base if output != main]
-        return Tile(
-            title, number(before), unit, " · ".join([f"{CALIBRATED}; no cause changes it", *others]), keys=(None, was)
-        )
+        stays = "the causes hardly change it" if found.verdict == "one_of" else "without a cause"
+        return Tile(title, number(before), unit, " · ".join([f"{CALIBRATED}; {stays}", *others]), keys=(None, was))
     apart = several_terrains(found) is not None
-    right = f" ({covered(found)})" if covered(found) else ""
-    notes = [f"95 % interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %{right}"] if isfinite(low) else []
+    ends = f"interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %"
+    ends = f"{ends} ({right})" if (right := covered(found)) else f"95 % {ends}"
+    notes = [ends] if isfinite(low) else []
     notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
     better = low > 0 and not apart
@@ -190,7 +193,8 @@ def _in_sample_tile(inputs: ReportInputs) -> Tile:
     return Tile(title, number(after), "N", "in sample, driving; no run was held out", number(base))
 
 
-def _confidence_tile(found: Diagnosis | None) -> Tile:
+def confidence_tile(found: Diagnosis | None) -> Tile:
+    """Return the tile of how sure the verdict is."""
     title = "Confidence"
     if found is None:
         return Tile(title, "–", "", "no diagnosis was made")
@@ -209,7 +213,10 @@ def _confidence_tile(found: Diagnosis | None) -> Tile:
         return Tile(title, *share, f"that a cause acts: {names}", keys=keys)
     if found.verdict == "nothing_detectable":
         return Tile(title, *share, "that no cause acts", keys=keys)
-    why = "no known cause explains these data" if found.adequacy else "nothing was decided"
+    judged = found.adequacy
+    if judged is not None and judged.measure == "probability" and found.grounds.barred is None:
+        return Tile(title, *_share(judged.statistic), "that an unknown cause acts; no name")
+    why = "no known cause explains these data" if judged else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why
     return Tile(title, "none", "", why)
 
@@ -226,7 +233,15 @@ def _chosen(found: Diagnosis) -> str:
     return f"; chosen in {held} of {len(chosen)} held-out fits" if chosen else ""
 
 
-def _data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
+def ends_of_slip(inputs: ReportInputs) -> tuple[float, float]:
+    """Return the lowest and the highest slip of the used samples; NaN where there are none."""
+    pieces = [run.slip[run.used] for run in inputs.runs] or [seen.slip for seen in inputs.diagnosis.plot_data]
+    slip = np.concatenate([piece[np.isfinite(piece)] for piece in pieces])
+    return (float(slip.min()), float(slip.max())) if len(slip) else (np.nan, np.nan)
+
+
+def data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
+    """Return the tile of what can be used."""
     title = "Usable data"
     if inputs.tables:
         total = sum(len(wheel_test.rows) for wheel_test in inputs.tables)
@@ -235,12 +250,10 @@ def _data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
         rows = sum(len(seen.slip) for seen in inputs.diagnosed.plot_data)
         return Tile(title, str(rows), f"of {total} rows", rows_not_used(inputs.diagnosed) or "of single-wheel tests")
     shares = np.array([grade.usable_share for grade in grades.values()])
-    used = np.concatenate([run.used for run in inputs.runs]) if inputs.runs else np.zeros(0)
-    slip = np.concatenate([run.slip[run.used] for run in inputs.runs]) if inputs.runs else np.zeros(0)
-    known = slip[np.isfinite(slip)]
-    if not len(known):
+    if not inputs.runs or not isfinite(ends_of_slip(inputs)[0]):
         return Tile(title, "0", "%", "no sample can be used")
-    low, high = (signed(float(end), ".2f") for end in (known.min(), known.max()))
+    low, high = (signed(end, ".2f") for end in ends_of_slip(inputs))
+    used = np.concatenate([run.used for run in inputs.runs])
     note = f"{100 * used.mean():.0f} % of all samples · slip {low} to {high}"
     return Tile(title, number(100 * float(np.nanmean(shares))), "% of motion", note)
 
@@ -415,7 +428,7 @@ def _cautions(inputs: ReportInputs) -> list[Bias]:
         return []
 
 
-def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
+def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     """Return which runs to drive again, or which are not used for another reason."""
     if not grades:
         return ""
@@ -426,7 +439,9 @@ def _again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     if not poor and others:
         return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand under Runs."
     if not poor and inputs.several_terrains is not None:
-        return "none. Each run is usable, but not all together."
+        groups = groups_of_runs(inputs.diagnosis)
+        apart = f": {groups.second} are not of the soil of {groups.first}" if groups else ""
+        return f"none. Each run is usable, but not all together{apart}."
     if not poor and inputs.to_check:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
         runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
@@ -441,7 +456,7 @@ def _few(runs: list[str], many: str) -> str:
     return listed(runs) if len(runs) <= _NAMED else many
 
 
-def _steps(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
+def steps_of_report(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
     """Return the next steps: repair what spoils runs, then what the diagnosis asks for."""
     found, steps = inputs.diagnosed, _before_diagnosis(inputs, grades)
     if found is not None:

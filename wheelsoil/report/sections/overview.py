@@ -435,6 +435,8 @@ def _size(found: Diagnosis, family: str) -> tuple[str, str]:
         sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
     key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
     least = found.minimum_detectable.get(key)
+    if family in found.not_identifiable:
+        return ", ".join(sizes) or "–", "not identifiable"
     if least is None:
         return ", ".join(sizes) or "–", "–"
     if key in undetectable(found.minimum_detectable, found.notes):

@@ -1,0 +1,98 @@
+"""The section that answers what a test engineer asks: every question under every verdict, and nothing against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import get_args
+
+import pytest
+from diagnosis_samples import diagnosis
+from report_support import material_of, processed_of
+
+from daq.notes import Note
+from model.diagnosis.core.result import Candidate, Cause, Detectable, Grounds, LackOfFit, ParameterEstimate, Verdict
+from model.notes import DiagnosisCode, LackCode
+from wheelsoil.report.build import build_report
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.transducer_text import transducer_words
+
+ZERO = Cause(
+    "torque_zero",
+    "",
+    "measurement",
+    "torque_zero",
+    0.99,
+    1.0,
+    (ParameterEstimate("offset_nm", "N m", 82.6, (78.1, 87.1), 2.3),),
+)
+
+
+@pytest.fixture(scope="module")
+def material(campaign) -> ReportInputs:
+    return material_of(processed_of(campaign))
+
+
+def answers(inputs: ReportInputs) -> dict[str, str]:
+    """Return the answers of a report by the first words of their questions."""
+    report = build_report(inputs)
+    assert not report.left_out
+    [section] = [section for section in report.sections if section.key == "answers"]
+    return {question: text for question, text, _ in section.blocks[0].lines}
+
+
+@pytest.mark.parametrize("verdict", get_args(Verdict))
+def test_every_question_has_an_answer_under_every_verdict(material: ReportInputs, verdict: Verdict) -> None:
+    found = answers(replace(material, diagnosed=diagnosis(verdict)))
+    assert len(found) == 10 and all(text.strip(" .–-") for text in found.values())
+    assert all(bad not in text for text in found.values() for bad in ("nan", "..", "  "))
+    model, cost = found["How good is the model elsewhere?"], found["What does it cost?"]
+    relied = verdict != "unexplained"
+    assert ("Rely on no model" in model) != relied and ("Tested at" in model) == relied
+    assert ("points" in cost) == (verdict in ("named", "one_of"))
+    assert "Not known" in found["What has changed?"]
+
+
+def test_what_a_named_cause_costs_is_said_at_the_usual_and_the_highest_slip(material: ReportInputs) -> None:
+    text = answers(replace(material, diagnosed=diagnosis()))["What does it cost?"]
+    report = build_report(replace(material, diagnosed=diagnosis())).numbers()["sections"]["cost"]["costs"]
+    highest = max(one["slip"] for one in report)
+    assert highest > 0.5 and f"at slip {highest:g}" in text and text.startswith("At slip 0.2 drawbar pull −")
+    [deeper] = [one["difference"] for one in report if one["quantity"] == "sinkage" and one["slip"] == highest]
+    assert deeper == pytest.approx(0.051 * highest, rel=0.05)
+
+
+def test_the_channel_that_is_wrong_is_not_trusted_and_the_others_are() -> None:
+    found = replace(diagnosis(), causes=(ZERO,), candidates=(Candidate("torque_zero", 0.99),))
+    torque = next(text for text in transducer_words(found) if text.startswith("Driving torque"))
+    assert torque.startswith("Driving torque: not as it is read: torque zero, offset = 82.6 (78.1 to 87.1) N m")
+    pull = next(text for text in transducer_words(found) if text.startswith("Drawbar pull"))
+    assert pull == "Drawbar pull: no error is found; drawbar pull zero from 32 N on would show."
+    perhaps = replace(found, verdict="one_of", causes=(replace(ZERO, probability=0.4),))
+    assert any("not known: torque zero (40.0 %) may act" in text for text in transducer_words(perhaps))
+
+
+def test_what_the_runs_cannot_show_is_not_called_sound() -> None:
+    held = {"drawbar_pull_zero": Note(LackCode.NOT_AT_STANDSTILL)}
+    [pull] = [t for t in transducer_words(replace(diagnosis(), not_identifiable=held)) if t.startswith("Drawbar pull")]
+    assert pull == "Drawbar pull: no error is found; these runs do not show drawbar pull zero."
+    sizes = {"drawbar_pull_gain": Detectable("relative", 0.014, "1")}
+    [pull] = [
+        t for t in transducer_words(replace(diagnosis(), minimum_detectable=sizes)) if t.startswith("Drawbar pull")
+    ]
+    assert "drawbar pull gain from 1.4 % on would show" in pull
+
+
+def test_no_channel_is_trusted_where_nothing_explains_the_runs() -> None:
+    unknown = diagnosis("unexplained")
+    off = replace(unknown, grounds=Grounds(lack_of_fit=LackOfFit(worst=unknown.what_is_wrong[1:])))
+    said = {text.partition(":")[0]: text for text in transducer_words(off)}
+    assert "do not use it" in said["Driving torque"]
+    assert "not judged" in said["Drawbar pull"] and "not judged" in said["Vertical load"]
+
+
+def test_a_run_that_lies_apart_stands_in_its_channel() -> None:
+    values = {"run": "run-2", "channel": "dp", "size": 292.0, "sigma": 40.0, "chance": 1e-9}
+    apart = replace(
+        diagnosis("nothing_detectable"), grounds=Grounds(cautions=(Note(DiagnosisCode.RUN_APART, values=values),))
+    )
+    assert "Drawbar pull: in run-2 it is 292 N off" in " ".join(transducer_words(apart))

@@ -1,0 +1,159 @@
+"""What a test engineer asks of runs, with an answer each: a digest of the page, and what no other section says."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+
+from daq import OUTPUTS
+from model.diagnosis import Diagnosis
+from model.wheel_soil import Reading, Soil, Wheel
+from wheelsoil.report.content import Contents, Links, section
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.sections.glance import (
+    confidence_tile,
+    data_tile,
+    ends_of_slip,
+    only_driving,
+    runs_again,
+    steps_of_report,
+)
+from wheelsoil.report.words import number, signed
+from wheelsoil.wording.cost_text import cost_meaning, cost_sentence
+from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text
+from wheelsoil.wording.names import listed, page_unit, plain_name, upper
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.transducer_text import transducer_words
+from wheelsoil.wording.verdict import doubt_of_the_peak, headline_of, several_terrains, size_text
+from wheelsoil.workflows.cause_cost import cost_of_verdict, costs_of, pull_beyond, usual_driving
+from wheelsoil.workflows.fit import wheel_of
+from wheelsoil.workflows.grading import Grade
+
+_MOST_CAUSES = 3
+
+
+@section("answers", "In short")
+def answers(inputs: ReportInputs) -> Contents:
+    """Build the section: question, answer, and the section that shows it; what has changed is added by the page."""
+    found = inputs.diagnosis
+    grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
+    again = runs_again(inputs, grades)
+    lines = [
+        ("What is wrong?", headline_of(found), "#causes"),
+        ("How sure is that?", _sure(found), "#causes"),
+        ("How big is it?", _size(inputs), "#causes"),
+        ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else "#causes"),
+        ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
+        ("Which runs are bad?", upper(again) or "Rows that are off stand under Fit.", "#runs" if again else "#fit"),
+        ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
+        ("Can the transducer be trusted?", " ".join(transducer_words(found)), "#causes"),
+        ("How good is the model elsewhere?", _elsewhere(inputs), "#fit"),
+    ]
+    return [Links("What a test engineer asks", lines)], {question: answer for question, answer, _ in lines}
+
+
+def _sure(found: Diagnosis) -> str:
+    tile, doubt = confidence_tile(found), doubt_of_the_peak(found) if several_terrains(found) is None else None
+    stated = f"{tile.value} {tile.unit} {tile.note}." if tile.unit else f"{upper(tile.note)}."
+    return " ".join([stated, *([f"{upper(note_text(doubt))}."] if doubt else [])])
+
+
+def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
+    usable = sum(grade.level != "poor" for grade in grades.values())
+    counted = f"{usable} of {len(grades) + len(inputs.set_aside)} runs can be used; " if grades else ""
+    tile = data_tile(inputs, grades)
+    return f"{upper(counted)}{tile.value} {tile.unit}; {tile.note}."
+
+
+def _rests_on_nothing(inputs: ReportInputs) -> bool:
+    """Return whether no model of these runs or rows may be relied on."""
+    found = inputs.diagnosis
+    known = found.verdict in ("named", "one_of", "nothing_detectable") and found.grounds.undecided is None
+    return not known or inputs.several_terrains is not None
+
+
+def _size(inputs: ReportInputs) -> str:
+    found, note = inputs.diagnosis, inputs.several_terrains
+    if note is not None:
+        return f"{upper(note_text(note))}."
+    if found.verdict == "unexplained":
+        worst = findings_text(found.grounds.lack_of_fit.worst or found.what_is_wrong[:1])
+        return f"Residual: {worst or 'not known'}."
+    if found.causes:
+        sizes = [f"{plain_name(cause.name)}, {size_text(cause)}" for cause in found.causes[:_MOST_CAUSES]]
+        return f"{upper('; '.join(sizes))}."
+    sizes_seen = detectable_by_family(found)
+    return f"No size is found; {detectable_words(sizes_seen)}." if sizes_seen else "Not known."
+
+
+class _Ground(NamedTuple):
+    """Wheel and laboratory's soil, how the paper is read, and the usual driving; the speed of a table is not known."""
+
+    wheel: Wheel
+    soil: Soil
+    reading: Reading
+    load_n: float
+    speed_mps: float
+
+
+def _ground(inputs: ReportInputs) -> _Ground:
+    if inputs.tables:
+        table, load_n = inputs.tables[0], float(np.median(inputs.recommendation.vertical_load_n))
+        return _Ground(table.wheel, table.soil, "balanced", load_n, nan)
+    fit = inputs.fit
+    wheel = wheel_of(inputs.vehicle, "vehicle.toml")
+    return _Ground(wheel, fit.soil, fit.options.reading, *usual_driving(inputs.fitted))
+
+
+def _cost(inputs: ReportInputs) -> str:
+    found = inputs.diagnosis
+    if _rests_on_nothing(inputs):
+        return "Not known: no cause is named."
+    if not found.causes:
+        return "Nothing that these data show: no cause is detected."
+    wheel, soil, reading, load_n, speed_mps = _ground(inputs)
+    if found.verdict == "named" and inputs.runs:
+        whole = cost_of_verdict(found, inputs.fitted, wheel, soil, reading)
+        ends = dict.fromkeys((whole.costs[0].slip, max(cost.slip for cost in whole.costs)))
+        texts = [text for slip in ends if (text := cost_sentence(whole.costs, slip))]
+        error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
+        return f"{upper('; '.join(texts))}.{error}" if texts else cost_meaning(whole)
+    texts = []
+    for cause in found.causes[:_MOST_CAUSES]:
+        costs, _ = costs_of([cause], wheel, soil, found.soils[0], load_n=load_n, speed_mps=speed_mps, reading=reading)
+        reads = " (an error of the reading)" if cause.kind == "measurement" else ""
+        texts.append(f"{plain_name(cause.name)}{reads}: {cost_sentence(costs) or 'nothing in steady driving'}")
+    doubt = "" if found.verdict == "named" else "No cause is named. If it acts alone, "
+    return f"{doubt or 'At the median load, '}{'; '.join(texts)}."
+
+
+def _elsewhere(inputs: ReportInputs) -> str:
+    found, recommendation = inputs.diagnosis, inputs.recommendation
+    if _rests_on_nothing(inputs):
+        return "Rely on no model of these data."
+    loads = [float(np.median(recommendation.vertical_load_n[recommendation.run == i])) for i in set(recommendation.run)]
+    if inputs.tables:
+        loads = [float(x) for x in recommendation.vertical_load_n]
+    kilo = 1e3 if max(loads) >= 1e3 else 1.0
+    unit = "kN" if kilo > 1 else "N"
+    low, high = (f"{end / kilo:.{1 if kilo > 1 else 0}f}" for end in (min(loads), max(loads)))
+    slips = [signed(end, ".2f") for end in ends_of_slip(inputs)]
+    tested = f"Tested at {low} to {high} {unit}, slip {' to '.join(slips)}"
+    if found.gain is not None:
+        scores = found.gain.extended if found.verdict == "named" else found.gain.base
+        errors = [
+            f"{OUTPUTS[channel].name} {number(factor * score.R0)} {text}"
+            for channel, score in scores.items()
+            for factor, text in [page_unit(channel)]
+        ]
+        tested += f": error on held-out data {listed(errors)}"
+    wheel, soil, reading, _, speed_mps = _ground(inputs)
+    load_n, pull = pull_beyond(found, max(loads), wheel, soil, reading, speed_mps)
+    model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")
+    without = f", without the cause {number(pull.without)} N" if pull.difference else ""
+    at = f"at {load_n / kilo:.3g} {unit} and slip {pull.slip:g}"
+    says = f"the {model} says {number(pull.with_causes)} N of pull{without}"
+    beyond = f"Not tested beyond, nor on another soil: {at} {says}."
+    return " ".join([f"{tested}.", *only_driving(inputs), beyond])

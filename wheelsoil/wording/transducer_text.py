@@ -1,0 +1,61 @@
+"""Whether the transducer can be trusted: a sentence for each of its channels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from daq import OUTPUTS, ROLES, TRANSDUCER_ROLES, Use, number
+from model.diagnosis import Detectable, Diagnosis
+from model.effects import EFFECTS, parted
+from wheelsoil.wording.grounds_text import OPEN_AT, chances_of, detectable_by_family
+from wheelsoil.wording.mending import doubted_channel
+from wheelsoil.wording.names import listed, page_unit, plain_name, upper, with_chance
+from wheelsoil.wording.verdict import runs_apart, several_terrains, size_text
+
+
+def transducer_words(found: Diagnosis) -> list[str]:
+    """Return for each channel of the transducer whether the runs show an error of it, and what they cannot show."""
+    if several_terrains(found) is not None or found.grounds.undecided is not None:
+        return ["The transducer is not judged: nothing else is decided of these runs."]
+    used = {OUTPUTS[channel].role for data in found.plot_data for channel in data.base}
+    roles = [role for role in TRANSDUCER_ROLES if ROLES[role].use is Use.INPUT or role in used]
+    return [f"{upper(ROLES[role].name)}: {'; '.join(_of_channel(found, role))}." for role in roles]
+
+
+def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:
+    """Yield what a diagnosis finds of a channel, and then what it cannot see."""
+    own = {effect.name for effect in EFFECTS.values() if effect.kind == "measurement" and effect.shows == (role,)}
+    chances = {name: p for name, p in chances_of(found).items() if parted(name)[0] in own}
+    stated = {cause.name: cause for cause in found.causes if cause.name in chances}
+    if found.verdict == "unexplained":
+        off = doubted_channel(found) == role
+        yield "do not use it: nothing known explains what it reads" if off else "not judged: the runs are not explained"
+        return
+    for run, note in runs_apart(found).items():
+        if OUTPUTS[note.values["channel"]].role == role:
+            yield f"in {run} it is {number(note.values['size'], 3)} {page_unit(note.values['channel'])[1]} off"
+    if stated and found.verdict == "named":
+        sizes = [f"{plain_name(name)}, {size_text(cause)}" for name, cause in stated.items()]
+        yield f"not as it is read: {listed(sizes)}"
+    elif stated:
+        likely = listed([with_chance(name, cause.probability) for name, cause in stated.items()], "or")
+        yield f"not known: {likely} may act"
+    else:
+        yield "no error is found"
+    hidden = [name for name in found.not_identifiable if parted(name)[0] in own]
+    seen = [
+        f"{plain_name(name)} from {_size(d)} on"
+        for name, d in detectable_by_family(found).items()
+        if parted(name)[0] in own and name not in hidden and name not in stated
+    ]
+    if seen:
+        yield f"{listed(seen)} would show"
+    if hidden:
+        yield f"these runs do not show {listed([plain_name(name) for name in hidden])}"
+    if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*stated, *hidden)]:
+        yield f"not excluded: {listed(open_ones)}"
+
+
+def _size(least: Detectable) -> str:
+    share = least.unit == "1"
+    return f"{number(abs(least.value) * (100 if share else 1), 2)} {'%' if share else least.unit}"
