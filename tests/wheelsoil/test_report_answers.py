@@ -15,6 +15,7 @@ from model.notes import DiagnosisCode, LackCode
 from wheelsoil.report.build import build_report
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.transducer_text import transducer_words
+from wheelsoil.wording.verdict import headline_of
 
 ZERO = Cause(
     "torque_zero",
@@ -96,3 +97,4 @@ def test_a_run_that_lies_apart_stands_in_its_channel() -> None:
         diagnosis("nothing_detectable"), grounds=Grounds(cautions=(Note(DiagnosisCode.RUN_APART, values=values),))
     )
     assert "Drawbar pull: in run-2 it is 292 N off" in " ".join(transducer_words(apart))
+    assert headline_of(apart) == "No cause is detected, but run-2 lies apart from the other runs."

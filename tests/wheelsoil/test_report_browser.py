@@ -269,7 +269,10 @@ def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> Non
     with opened(browser, target) as page:
         page.evaluate(DRAW, "#plot-shares, #time .plot")
         assert page.evaluate("window.struck") is None
-        assert page.locator("section a:not([href^='#']), main img, svg a, svg script, .plot b, h1 b, header b b").count() == 0
+        assert (
+            page.locator("section a:not([href^='#']), main img, svg a, svg script, .plot b, h1 b, header b b").count()
+            == 0
+        )
         assert EVIL.capitalize()[1:] in page.locator("header b").inner_text().capitalize()
         ticks = page.locator("#plot-shares .ytick text").all_text_contents()
         assert [tick for tick in ticks if EVIL in tick], "letter for letter in a figure, too"

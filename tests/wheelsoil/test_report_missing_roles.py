@@ -23,7 +23,17 @@ from wheelsoil.workflows.runs import process_runs
 OTHER_ROLES = [pytest.param(role, marks=pytest.mark.slow) for role in ("vertical_load", "drawbar_pull")]
 SHOWN = ("wheel_speed", "ground_speed", "vertical_load", "drawbar_pull", "driving_torque")
 OF_THE_FIT = {"fit", "verdict", "coefficients", "slip", "torque", "criteria", "sinkage", "load"}
-OF_THE_DIAGNOSIS = {"answers", "causes", "misfit", "candidates", "evidence", "gain", "detectable", "next_run", "workings"}
+OF_THE_DIAGNOSIS = {
+    "answers",
+    "causes",
+    "misfit",
+    "candidates",
+    "evidence",
+    "gain",
+    "detectable",
+    "next_run",
+    "workings",
+}
 FIGURES = {
     "wheel_speed": {"shares", "time-dp", "time-t", "drive-speed", "drive-load", "track-use"},
     "ground_speed": {"shares", "time-dp", "time-t", "drive-speed", "drive-load", "track-use"},

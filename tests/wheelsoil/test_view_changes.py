@@ -59,7 +59,9 @@ def test_what_changed_since_the_last_report_is_said_as_in_the_report(tmp_path: P
     last = {"schema": "wheelsoil/report/2", "made_at": "2026-05-04T10:00:00", "sections": sections}
     (tmp_path / "report.json").write_text(json.dumps(last))
     told = changes_since_last(str(tmp_path), on_page(diagnosis()), [], traction_of(()))
-    assert told["says"].startswith("Slip sinkage, H is 0.0510 m and was not among the causes last time and tan φ of the soil went")
+    assert told["says"].startswith(
+        "Slip sinkage, H is 0.0510 m and was not among the causes last time and tan φ of the soil went"
+    )
     assert told["says"].endswith("Last time: report.json, made 2026-05-04.")
     assert [row[0] for row in told["rows"][:2]] == ["slip sinkage, H", "tan φ of the soil"]
     assert told["rows"][1][1:] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.090", "yes", ""]

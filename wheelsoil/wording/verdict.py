@@ -108,6 +108,10 @@ def headline_of(found: Diagnosis) -> str:
             ask = f"{groups.first} ask{'s' if groups.single else ''}"
             return f"No known cause explains these data: {ask} for another soil than {groups.second}."
         return "No known cause explains these data: do not rely on the model."
+    elif apart := list(runs_apart(found)):
+        lie = "lies" if len(apart) == 1 else "lie"
+        whole = f"No cause is detected, but {listed(apart)} {lie} apart from the other runs."
+        return in_few_words(whole, f"No cause is detected, but {len(apart)} runs lie apart from the others.")
     else:
         return "No cause is detected: soil and noise explain these data."
     fall = _fall_of(found)
