@@ -71,7 +71,8 @@ def test_a_campaign_of_another_form_is_told() -> None:
 def test_the_run_whose_zero_no_other_run_has_is_told_with_its_size() -> None:
     runs = {"first": 8, "second": 8}
     for seed in range(20):
-        rng, key, channel = np.random.default_rng(seed), *(("drawbar_pull_zero", "dp"), ("torque_zero", "t"))[seed % 2]
+        rng = np.random.default_rng(seed)
+        key, channel = (("drawbar_pull_zero", "dp"), ("torque_zero@RL", "t"))[seed % 2]
         columns = (column(key, scale=50.0), column("slope"), column("a"))
         grams = world(seed, columns, runs=16, strength=(30, 40)).grams(np.array([0.4, 0.0, 1.0]), rng)
         assert not list(runs_apart(grams, best_set(grams, frozenset(), 3), runs))
@@ -82,7 +83,7 @@ def test_the_run_whose_zero_no_other_run_has_is_told_with_its_size() -> None:
         matrices[11] = turn.T @ matrices[11] @ turn
         off = replace(grams, matrices=matrices)
         [note] = runs_apart(off, best_set(off, frozenset(), 3), runs)
-        assert (note.values["run"], note.values["channel"]) == ("run 11", channel)
+        assert (note.values["run"], note.values["family"], note.values["channel"]) == ("run 11", key, channel)
         assert note.values["size"] == pytest.approx(500.0, rel=0.15)
         few = off.chosen(np.arange(16) >= 12)
         assert not list(runs_apart(few, best_set(few, frozenset(), 3), {"few": 4}))

@@ -286,7 +286,7 @@ SENTENCES: dict[str, Sentence] = {
         "the positions do not change: where on the line a run lies is taken from its distance"
     ),
     DiagnosisCode.RUN_APART: lambda v: (
-        f"{v['run']} lies apart: its {OUTPUTS[v['channel']].name} is {v['size']:+.3g} {page_unit(v['channel'])[1]} off "
+        f"{v['run']} lies apart: its {plain_name(v['family'])} is {v['size']:+.3g} {page_unit(v['channel'])[1]} off "
         f"what the other runs agree on, {abs(v['size'] / v['sigma']):.0f} times their scatter"
     ),
     DiagnosisCode.LESS_BESIDE_USUAL: lambda v: f"{plain_name(v['family'])}: {chance(v['probability'])} {_PEAK_AHEAD}",

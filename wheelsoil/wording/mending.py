@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 
-from daq import OUTPUTS, Note, VehicleConfig, number, zero_file_name
+from daq import Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import EFFECTS, parted
@@ -94,8 +94,8 @@ def parting_step(found: Diagnosis) -> Step:
 
 
 def _apart_step(note: Note) -> Step:
-    run, channel = note.values["run"], OUTPUTS[note.values["channel"]].name
-    what = f"Check the zero of the {channel} in {run}; if it is off, switch the run off and diagnose again."
+    run, zero = note.values["run"], plain_name(note.values["family"])
+    what = f"Check the {zero} in {run}; if it is off, switch the run off and diagnose again."
     off = f'schema = "wheelsoil/choice/1"\n[[run]]\nid = "{run}"\nuse = false  # diagnose FOLDER --choice choice.toml'
     return Step(what, f"{upper(note_text(note))}.", off)
 

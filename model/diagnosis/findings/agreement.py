@@ -50,7 +50,7 @@ from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import rest_variance
 from model.diagnosis.time_series.standstills import AT_REST
-from model.effects.catalogue import EFFECTS
+from model.effects.catalogue import EFFECTS, parted
 from model.notes import DiagnosisCode
 
 AT = 0.01
@@ -280,7 +280,7 @@ def runs_apart(grams: Grams, best: SetEstimate, runs: Mapping[str, int]) -> Iter
     best : SetEstimate
         Of the most probable set.
     """
-    causes = [i for i, c in enumerate(grams.causes) if c.key in _ZEROS]
+    causes = [i for i, c in enumerate(grams.causes) if parted(c.key)[0] in _ZEROS]
     for begin, end in pairwise(np.cumsum([0, *runs.values()])):
         found = [each for cause in causes if (each := _apart(grams, best, cause, range(begin, end)))]
         found.sort(key=lambda each: each["chance"])
@@ -310,8 +310,8 @@ def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str
     i = int(np.argmax(np.abs(apart) / sigma))
     apart, sigma = off(estimate(grams.without(there[i]), best.keys))[:, i]  # soil and causes without it
     chance = 2 * len(there) * stdtr(others - 1, -abs(apart) / sigma)
-    values = {"run": grams.run_names[there[i]], "channel": _ZEROS[key], "size": float(apart)}
-    return {**values, "sigma": float(sigma), "chance": float(chance)}
+    values = {"run": grams.run_names[there[i]], "family": key, "channel": _ZEROS[parted(key)[0]]}
+    return {**values, "size": float(apart), "sigma": float(sigma), "chance": float(chance)}
 
 
 def _of_runs(grams: Grams, best: tuple[str, ...], shown: Mapping[tuple[str, str], float]) -> tuple[float, float]:
