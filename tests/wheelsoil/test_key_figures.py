@@ -78,11 +78,11 @@ def required(verdict: str) -> set[str]:
     return errors | (set() if verdict == "unexplained" else {"candidate.slip_sinkage", "candidate.bulldozing"})
 
 
-@pytest.mark.parametrize(("verdict", "said"), [("one_of", "torque gain or drawbar pull zero"), ("named", "")])
+@pytest.mark.parametrize(("verdict", "said"), [("one_of", "torque gain, crosstalk or speed bias"), ("named", "")])
 def test_a_measured_efficiency_says_which_errors_are_in_it(material: ReportInputs, verdict: Verdict, said: str) -> None:
     """That of the recommended model has none of them."""
     found = diagnosis(verdict)
-    names = ("torque_gain", "slope", "drawbar_pull_zero")
+    names = ("torque_gain", "load_gain", "crosstalk", "speed_bias")
     errors = [replace(found.causes[0], name=n, key=n, form="", kind="measurement", parameters=()) for n in names]
     notes = {
         tile.title: tile.note

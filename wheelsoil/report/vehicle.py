@@ -11,6 +11,7 @@ import numpy as np
 
 from daq import DataError, Fault, FloatArray, VehicleConfig
 from model.diagnosis import Diagnosis
+from processing import SLIP_ROLES
 from wheelsoil.report.build import Head, Report
 from wheelsoil.report.cause_figure import driven_slips
 from wheelsoil.report.content import MOST_STEPS, Block, Drawing, Links, Pair, Section, Steps, Table, Text, Tile, Tiles
@@ -46,10 +47,11 @@ _COLUMNS = {
     "tractive_efficiency": "efficiency",
 }
 _MADE_OF = {
-    "pull": ("drawbar_pull",),
-    "drawbar_coefficient": ("drawbar_pull", "load"),
-    "tractive_efficiency": ("drawbar_pull", "torque"),
+    "pull": ("drawbar_pull", *SLIP_ROLES),
+    "drawbar_coefficient": ("drawbar_pull", "vertical_load", *SLIP_ROLES),
+    "tractive_efficiency": ("drawbar_pull", "driving_torque", *SLIP_ROLES),
 }
+"""What each is measured by, at a slip."""
 _LOOKS = ("model", "base", "alt", "second")
 _PAIRED, _HERO, _ALONE = (560, 320, 100), (720, 440, 40), (1060, 320, 40)
 _BINS, _LEAST, _MIDDLE, _LEAST_SCALE = 16, 3, (0.5, 99.5), np.array([-0.02, 0.02])

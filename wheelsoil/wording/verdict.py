@@ -164,10 +164,11 @@ def _finding_or_size(cause: Cause, channel: str) -> str:
     return f"{text[0].lower()}{text[1:]}"
 
 
-def not_corrected(found: Diagnosis | None, *channels: str) -> str:
-    """Return which errors under a verdict are in a measured figure of some channels ("torque", ...); "" for none."""
+def not_corrected(found: Diagnosis | None, *roles: str) -> str:
+    """Return which errors under a verdict are in a figure of some measured roles; "" for none."""
     causes = found.causes if found is not None and found.verdict in ("named", "one_of") else ()
-    names = [plain_name(each.name) for each in causes if each.kind == "measurement" and each.name.startswith(channels)]
+    errors = [each for each in causes if each.kind == "measurement"]
+    names = [plain_name(each.name) for each in errors if not set(EFFECTS[each.key].shows).isdisjoint(roles)]
     joined = listed(names, "or" if found is not None and found.verdict == "one_of" else "and")
     return joined and f"not corrected for {joined}"
 

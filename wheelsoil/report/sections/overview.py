@@ -314,7 +314,7 @@ def _traction_tiles(traction: Traction, found: Diagnosis | None) -> list[Tile]:
         note = f"at slip {traction.at_slip:.2f}"
         tiles.append(_tile(f"Highest {measured}Dp/W", figures["drawbar_coefficient"], note))
     if isfinite(traction.efficiency):
-        errors = not_corrected(found, "torque", "drawbar_pull") if measured else ""
+        errors = not_corrected(found, "driving_torque", "drawbar_pull", "ground_speed") if measured else ""
         note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω){errors and f'; {errors}'}"
         tiles.append(_tile(f"Highest {measured}tractive efficiency", figures["tractive_efficiency"], note))
     return tiles
