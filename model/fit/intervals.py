@@ -239,24 +239,24 @@ def blocks_of(
     """
     if independent:
         return Blocks(np.arange(len(residual)), len(residual), float("nan"), float("nan"))
-    tau = correlation_time(residual, time_s, run)
+    tau, step = correlation_time(residual, time_s, run), _spacing(time_s, run)
     drive = run if drive is None else drive
-    of_each = len(np.unique(run)) / max(len(np.unique(drive)), 1)
-    span = len(residual) * _spacing(time_s, run) / of_each
+    at = _driven_steps(time_s, run, drive)
+    span = len(np.unique([drive, at], axis=1).T) * step
     longest = max(span / MIN_BLOCKS, _SHORTEST_S) if np.isfinite(span) else _SHORTEST_S
     length = float(np.clip(_CORRELATION_TIMES * tau, _SHORTEST_S, min(longest, _LONGEST_S)))
-    key = np.stack([drive, np.floor(_driven_time(time_s, run) / length).astype(np.intp)], axis=1)
+    key = np.stack([drive, np.floor(at * step / length).astype(np.intp)], axis=1)
     label = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
     return Blocks(label, int(label.max()) + 1 if len(label) else 0, length, tau)
 
 
-def _driven_time(time_s: FloatArray, run: IndexArray) -> FloatArray:
-    """Return time counted over the samples that are there, so that blocks hold about equally many."""
-    step = _spacing(time_s, run)
-    counted = np.zeros(len(time_s))
-    for r in np.unique(run):
-        rows = run == r
-        counted[rows] = np.arange(int(rows.sum())) * step
+def _driven_steps(time_s: FloatArray, run: IndexArray, drive: IndexArray) -> IndexArray:
+    """Return how many samples of its drive's longest run are before each, so that blocks hold about equally many."""
+    counted = np.zeros(len(time_s), np.intp)
+    for d in np.unique(drive):
+        rows = drive == d
+        longest = run == np.bincount(run[rows]).argmax()
+        counted[rows] = np.searchsorted(time_s[longest], time_s[rows])
     return counted
 
 

@@ -120,6 +120,17 @@ def test_wheels_of_one_drive_do_not_count_as_independent() -> None:
     assert wrong.sigma < 0.8 * alone.sigma
 
 
+def test_a_wheel_that_lost_samples_shares_the_blocks_of_the_others_all_the_same() -> None:
+    """What wheels measure at one time is in one block, though one of them has fewer samples before."""
+    time_s = np.arange(1000) * 0.04
+    late = time_s[(time_s < 2) | (time_s > 5)]
+    times, run = np.concatenate([time_s, late]), np.repeat([0, 1], [len(time_s), len(late)])
+    noise = np.random.default_rng(0).standard_normal(1000)
+    error = np.concatenate([noise, noise[np.isin(time_s, late)]])
+    label = blocks_of(error, times, run, independent=False, drive=np.zeros(len(run), int)).label
+    np.testing.assert_array_equal(label[run == 1], label[:1000][np.isin(time_s, late)])
+
+
 def test_every_slip_sinkage_law_beats_wong_where_there_is_slip_sinkage() -> None:
     campaign = fit_observations(measured(1, "lyasko"), WHEEL, SOILS["clay"])
     r0 = {m.name: m.criteria["dp"].R0_N for m in campaign.models}

@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -21,6 +22,7 @@ from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.runs import open_runs
 from model.diagnosis import Campaign, Diagnosis
+from model.fit.observations import observations_of
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
@@ -92,6 +94,13 @@ def test_info_lists_the_wheels(two: Path) -> None:
     [facts] = ok("info", two, "--json").json
     assert facts["wheels"] == list(IDS)
     assert invoke("info", two, "--wheel", "RR").code == 2
+
+
+def test_a_fit_of_all_wheels_has_their_times_on_one_clock(runs: dict[str, ProcessedRun]) -> None:
+    front, rear = (runs[wheel] for wheel in IDS)
+    later = replace(rear, start_ns=rear.start_ns + 2_000_000_000)
+    plain, moved = (observations_of((front, other), drives=(3, 3)).time_s for other in (rear, later))
+    assert set(np.round(moved - plain, 6)) == {0.0, 2.0}
 
 
 def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:
