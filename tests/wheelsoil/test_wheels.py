@@ -20,13 +20,17 @@ from shared_results import made_once
 
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
+from daq.notes import Note
 from daq.runs import open_runs
 from model.diagnosis import Campaign, Diagnosis
 from model.fit.observations import observations_of
+from model.notes import DiagnosisCode
 from processing import ProcessedRun, ProcessOptions
+from wheelsoil.cache import nothing_kept
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
+from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options, vehicles_of
 from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
 
 IDS = ("FL", "RL")
@@ -164,6 +168,20 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
     assert re.search("set aside +run-2: vertical_load is missing", text.out)
     assert silent.code == 1 and "holds no sample of vertical_load" in silent.err
     assert [entry["wheel"] for entry in silent.json] == ["FL"]
+
+
+def test_what_one_sensor_shows_stands_at_its_wheel_alone(two: Path) -> None:
+    """Whichever command asks."""
+    of_wheels = {wheel: open_and_process([two], ProcessOptions(), Files(wheel=wheel)) for wheel in IDS}
+    values = {"channel": "dp", "size": 20.0}
+    notes = (Note(DiagnosisCode.WHEEL_ORDER, values=values), Note(DiagnosisCode.TWO_RUNS))
+    found = replace(diagnosis("nothing_detectable"), notes=notes)
+    with nothing_kept(), patch("model.diagnosis.diagnose", return_value=found):
+        alone, together = (
+            {note.code for note in diagnose_campaigns(given, diagnosis_options("balanced")).notes}
+            for given in (campaigns_of([two], of_wheels["FL"]), vehicles_of([two], of_wheels))
+        )
+    assert alone - together == {DiagnosisCode.WHEEL_ORDER} and DiagnosisCode.TWO_RUNS in together
 
 
 def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:

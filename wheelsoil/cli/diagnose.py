@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ALL_WHEELS, ConfigError, VehicleConfig
+from daq import ConfigError, VehicleConfig
 from wheelsoil.cli import options
 from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.console import check_output, computing, print_json, say, terminal_width
@@ -258,17 +258,12 @@ def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: 
     """
 
     def show(diagnosis: Diagnosis) -> None:
-        from model import DiagnosisCode
         from model.effects import parted
         from wheelsoil.wording.diagnosis_json import diagnosis_json
         from wheelsoil.wording.diagnosis_text import diagnosis_lines
         from wheelsoil.wording.verdict import headline_of
 
         width = terminal_width()
-        if wheels.wheel == ALL_WHEELS:  # what a sensor shows stands at its wheel
-            of_sensors = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)
-            notes = tuple(note for note in diagnosis.notes if note.code not in of_sensors)
-            diagnosis = replace(diagnosis, notes=notes)
         places = [parted(cause.name)[1] for cause in diagnosis.causes]
         vehicle = vehicles.get(next(filter(None, places), wheels.wheel))
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from daq import ALL_WHEELS, ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun
-from model import DiagnosisCode, one_thread, processes
+from model import one_thread, processes
 from model.diagnosis import DiagnosisOptions
 from processing import LOOK
 from wheelsoil import __version__
@@ -213,10 +213,7 @@ def _tried(source: Source, wheel: str, work: Callable[..., Found], *given: objec
 
 def _together(source: Source, wheels: Sequence[Found], opened: _Opened, options: FleetOptions) -> Found:
     vehicles = vehicles_of([Path(source.path)], {each.wheel: each.processed for each in wheels})
-    diagnosis = diagnose_campaigns(vehicles, _settings(opened, options))
-    of_sensors = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)  # they stand at their wheel
-    notes = tuple(note for note in diagnosis.notes if note.code not in of_sensors)
-    return Found(source, diagnosis=replace(diagnosis, notes=notes))
+    return Found(source, diagnosis=diagnose_campaigns(vehicles, _settings(opened, options)))
 
 
 def _settings(opened: _Opened, options: FleetOptions) -> DiagnosisOptions:

@@ -50,6 +50,7 @@ _SURPRISING = 2.0
 _APART = 2.0
 """Gap between two groups of runs in Dp/W at slip 0.2, over the wider of them, from which on they are stated."""
 _KINDS = ("physical", "measurement")
+_OF_SENSORS = (DiagnosisCode.WHEEL_ORDER, DiagnosisCode.ZEROS_DIFFER)
 _UNNAMED = "runs"
 """Name of a campaign without a folder, on a soil without a name."""
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
@@ -361,12 +362,17 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
-    """Add a note on an assumed uncertainty of the soil, and a caution where runs are hardly of one terrain."""
+    """Add a note on an assumed uncertainty of the soil, and a caution where runs are hardly of one terrain.
+
+    Of wheels together there is no note on one sensor: it stands at its wheel.
+    """
+    together = any(isinstance(campaign, Campaign) and campaign.of_vehicle for campaign in given)
+    notes = [note for note in diagnosis.notes if not (together and note.code in _OF_SENSORS)]
     guessed = [campaign.name for campaign in given if campaign.soil_prior.assumed]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
     grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))
-    return replace(diagnosis, grounds=grounds, notes=(*diagnosis.notes, *([assumed] if guessed else [])))
+    return replace(diagnosis, grounds=grounds, notes=(*notes, *([assumed] if guessed else [])))
 
 
 def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:
