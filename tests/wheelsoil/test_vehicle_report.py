@@ -276,6 +276,16 @@ def test_the_json_of_the_command_lists_the_wheels(four: Path, tmp_path: Path) ->
     assert again.code == 2 and "r-FL.html" in again.err, "no report is replaced unasked"
 
 
+def test_a_wheel_that_is_not_diagnosed_is_not_diagnosed_with_the_others(four: Path) -> None:
+    nothing = diagnosis("nothing_detectable")
+    answers = [nothing, DataError.of("nothing to go by"), nothing, nothing, diagnosis("named")]
+    with patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", side_effect=answers) as asked:
+        result = invoke("diagnose", four, "--json")
+    assert "a wheel without a result is not among all wheels together" in result.err and result.code == 1
+    campaigns, _ = asked.call_args.args
+    assert [campaign.name for campaign in campaigns] == ["wheel FL", "wheel RL", "wheel RR"]
+
+
 def test_a_joint_diagnosis_takes_the_headline() -> None:
     joint = diagnosis("named")
     alone = [WheelReport("FL", diagnosed=Diagnosed(diagnosis("nothing_detectable"))), WheelReport("FR")]

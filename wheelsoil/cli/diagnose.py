@@ -157,8 +157,8 @@ def diagnose_command(
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        of_wheels[per_wheel.wheel] = processed
         _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
+        of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
         per_wheel.doubts = doubts_of_wheels(of_wheels)
