@@ -94,9 +94,9 @@ def observations_of(
         See `Observations`; their times are of one clock.
     """
     chosen = [np.flatnonzero(run.used & _thinned(run)) for run in runs]
+    place = np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen])
     own = drives or range(len(runs))
-    begin = {drive: min(run.start_ns for run, of in zip(runs, own, strict=True) if of == drive) for drive in own}
-    late = [1e-9 * (run.start_ns - begin[drive]) for run, drive in zip(runs, own, strict=True)]
+    begin_ns = [min(run.start_ns for run, of in zip(runs, own, strict=True) if of == drive) for drive in own]
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
@@ -114,8 +114,8 @@ def observations_of(
         sinkage_m=joined("sinkage_m"),
         slip_sigma=np.nan_to_num(joined("slip_sigma")),
         vertical_load_sigma_n=np.nan_to_num(joined("vertical_load_sigma_n")),
-        time_s=joined("time_s") + np.repeat(late, [len(rows) for rows in chosen]),
-        run=np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen]),
+        time_s=joined("time_s") + 1e-9 * (np.array([run.start_ns for run in runs]) - begin_ns)[place],
+        run=place,
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
         readings=any(run.run.rut for run in runs),
         more=more,

@@ -12,7 +12,9 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, processed_of
 
+from daq.notes import Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate, Verdict
+from model.notes import DiagnosisCode
 from wheelsoil.fleet.roots import Source
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.notebook import diagnosis_html
@@ -194,6 +196,18 @@ def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInput
     [row_of_fleet] = tables_of([found], "")["campaigns"].to_pylist()
     assert row_of_fleet["pull_at_slip_0_2_n"] == pull.pull_n
     assert row_of_fleet["pull_at_slip_0_2_lower95_n"] == pull.interval95[0]
+
+
+def test_a_run_that_lies_apart_is_fair_in_the_report_and_in_the_fleet(material: ReportInputs, campaign: Path) -> None:
+    values = {"run": material.runs[1].run.id, "family": "torque_zero", "channel": "t", "size": 90.0, "sigma": 10.0}
+    note, found = Note(DiagnosisCode.RUN_APART, Severity.FAULT, values), diagnosis("nothing_detectable")
+    found = replace(found, grounds=replace(found.grounds, cautions=(note,)))
+    grades = replace(material, diagnosed=found).grades
+    rows = tables_of([Found(Source("a", "a"), processed_of(campaign), diagnosis=found)], "")["runs"].to_pylist()
+    assert [(row["grade"], row["grade_reasons"] or "") for row in rows] == [
+        (grade.level, "; ".join(grade.reasons)) for grade in grades
+    ]
+    assert ["torque zero is +90 N m off" in "".join(grade.reasons) for grade in grades] == [False, True]
 
 
 def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) -> None:

@@ -21,7 +21,7 @@ from wheelsoil.fleet.roots import Source
 from wheelsoil.fleet.tables import SAMPLES_HZ, schema_of
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import runs_apart, sentence_of
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import grade_of, short_runs
@@ -93,7 +93,7 @@ def _once(rows: Iterable[dict[str, Any]], key_of: Callable[[dict[str, Any]], Any
 
 def _rows_of(found: Found) -> dict[str, Iterable[dict[str, Any]]]:
     diagnosis, together = found.diagnosis, found.wheel == ALL_WHEELS
-    short = short_runs([done for _, done in found.processed])
+    short = short_runs([done for _, done in found.processed], runs_apart(diagnosis))
     return {
         "campaigns": [] if together and not found.fault else [_campaign(found)],
         "runs": [_run(run, done, lost) for (run, done), lost in zip(found.processed, short, strict=True)],

@@ -265,16 +265,15 @@ class ReportInputs:
     def grades(self) -> tuple[Grade, ...]:
         """What each run is worth, losses of its recording counted in."""
         sources = [self.source_of(run) for run in self.runs]
-        apart = {run: [note_text(note)] for run, note in self.apart.items()}
         return tuple(
-            grade_of(run, [*short, *(source.lost if source else []), *apart.get(run.run.id, [])])
-            for run, short, source in zip(self.runs, short_runs(self.runs), sources, strict=True)
+            grade_of(run, [*short, *(source.lost if source else [])])
+            for run, short, source in zip(self.runs, short_runs(self.runs, self.apart), sources, strict=True)
         )
 
     @property
     def apart(self) -> dict[str, Note]:
         """Runs that the diagnosis finds apart from the others, with its note."""
-        return runs_apart(self.diagnosed) if self.diagnosed else {}
+        return runs_apart(self.diagnosed)
 
     @property
     def to_check(self) -> dict[str, str]:

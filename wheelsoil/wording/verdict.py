@@ -167,8 +167,11 @@ def _finding_or_size(cause: Cause, channel: str) -> str:
 def not_corrected(found: Diagnosis | None, *roles: str) -> str:
     """Return which errors under a verdict are in a figure of some measured roles; "" for none."""
     causes = found.causes if found is not None and found.verdict in ("named", "one_of") else ()
-    errors = [each for each in causes if each.kind == "measurement"]
-    names = [plain_name(each.name) for each in errors if not set(EFFECTS[each.key].shows).isdisjoint(roles)]
+    names = [
+        plain_name(each.name)
+        for each in causes
+        if each.kind == "measurement" and not set(EFFECTS[each.key].shows).isdisjoint(roles)
+    ]
     joined = listed(names, "or" if found is not None and found.verdict == "one_of" else "and")
     return joined and f"not corrected for {joined}"
 
@@ -205,9 +208,10 @@ def several_terrains(found: Diagnosis) -> Note | None:
     return next((note for note in cautions if note.code == DiagnosisCode.SEVERAL_TERRAINS), None)
 
 
-def runs_apart(found: Diagnosis) -> dict[str, Note]:
-    """Return the runs whose pull or torque is off by a constant that no other run has."""
-    return {note.values["run"]: note for note in found.grounds.cautions if note.code == DiagnosisCode.RUN_APART}
+def runs_apart(found: Diagnosis | None) -> dict[str, Note]:
+    """Return the runs whose pull or torque is off by a constant that no other run has, with the note on each."""
+    cautions = found.grounds.cautions if found else ()
+    return {note.values["run"]: note for note in cautions if note.code == DiagnosisCode.RUN_APART}
 
 
 def doubt_of_the_peak(found: Diagnosis) -> Note | None:

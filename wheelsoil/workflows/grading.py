@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -73,12 +73,16 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     return Grade(level, (*poor, *fair), share, highest)
 
 
-def short_runs(runs: Sequence[ProcessedRun]) -> list[list[str]]:
-    """Return for each run why it is suspiciously short beside the others: nothing, or one text."""
+def short_runs(runs: Sequence[ProcessedRun], apart: Mapping[str, Note] | None = None) -> list[list[str]]:
+    """Return for each run whether it is suspiciously short beside the others, or `apart` from them, and why."""
     lengths_s = [len(run) / run.rate_hz for run in runs]
     usual_s = float(np.median(lengths_s)) if len(runs) >= _FEWEST else 0.0
     text = f"{{:.0f}} s long, most runs {usual_s:.0f} s: check whether it was cut off"
-    return [[text.format(length_s)] if length_s < _SHORT * usual_s else [] for length_s in lengths_s]
+    short = [[text.format(length_s)] if length_s < _SHORT * usual_s else [] for length_s in lengths_s]
+    return [
+        [*own, *texts_of(note for name, note in (apart or {}).items() if name == run.run.id)]
+        for run, own in zip(runs, short, strict=True)
+    ]
 
 
 def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict[str, str]:
