@@ -24,13 +24,14 @@ from daq.notes import Note
 from daq.runs import open_runs
 from model.diagnosis import Campaign, Diagnosis
 from model.fit.observations import observations_of
-from model.notes import DiagnosisCode
+from model.notes import DiagnosisCode, FitCode
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.cache import nothing_kept
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
 from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options, vehicles_of
+from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
 
 IDS = ("FL", "RL")
@@ -105,6 +106,15 @@ def test_a_fit_of_all_wheels_has_their_times_on_one_clock(runs: dict[str, Proces
     later = replace(rear, start_ns=rear.start_ns + 2_000_000_000)
     plain, moved = (observations_of((front, other), drives=(3, 3)).time_s for other in (rear, later))
     assert set(np.round(moved - plain, 6)) == {0.0, 2.0}
+
+
+def test_wheels_of_one_axle_are_at_one_passage_whichever_pass_it_is(two: Path) -> None:
+    [(run, done)] = open_and_process([two], ProcessOptions(), Files(wheel="FL"))
+    later = replace(done, run=done.run.model_copy(update={"pass_number": 5}))
+    of_drives = [*[(run, done)] * 2, *[(replace(run, path=two / "later.mcap"), later)] * 2]
+    with nothing_kept():
+        fit = fit_runs(of_drives, FitChoices(), None)
+    assert FitCode.SEVERAL_PASSAGES not in [note.code for note in fit.notes]
 
 
 def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:

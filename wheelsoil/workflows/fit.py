@@ -167,7 +167,7 @@ def fit_runs(
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    whole = [(run.path, done) for run, done in processed if not done.quality.missing]
+    whole = [(run.path, done) for run, done in processed if whole_runs([done])]
     paths = [path for path, _ in whole]
     drives = tuple(map(paths.index, paths))
     given = (tuple(done for _, done in whole), wheel_of(first.vehicle, first.vehicle_source), soil, options)
@@ -179,9 +179,10 @@ def fit_runs(
 
     keep = keep_predictions or sum(map(len, runs)) <= _FEW_SAMPLES
     fit = kept("fit", (*given, keep, drives), compute)
-    passages = sorted({done.passage for _, done in whole})
-    if len(set(drives)) < len(drives) and len(passages) > 1:
-        fit = replace(fit, notes=(*fit.notes, Note(FitCode.SEVERAL_PASSAGES, values={"passages": passages})))
+    passages = {(drive, done.passage) for drive, (_, done) in zip(drives, whole, strict=True)}
+    if len(passages) > len(set(drives)):
+        values = {"passages": sorted({passage for _, passage in passages})}
+        fit = replace(fit, notes=(*fit.notes, Note(FitCode.SEVERAL_PASSAGES, values=values)))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
