@@ -266,19 +266,16 @@ class ReportInputs:
         """What each run is worth, losses of its recording counted in."""
         sources = [self.source_of(run) for run in self.runs]
         return tuple(
-            grade_of(run, [*short, *(source.lost if source else [])])
-            for run, short, source in zip(self.runs, short_runs(self.runs, self.apart), sources, strict=True)
+            grade_of(run, [*told, *(source.lost if source else [])])
+            for run, told, source in zip(
+                self.runs, short_runs(self.runs, runs_apart(self.diagnosed)), sources, strict=True
+            )
         )
-
-    @property
-    def apart(self) -> dict[str, Note]:
-        """Runs that the diagnosis finds apart from the others, with its note."""
-        return runs_apart(self.diagnosed)
 
     @property
     def to_check(self) -> dict[str, str]:
         """Runs that can be used but lie apart, are short, or of which much is excluded, and why."""
-        return runs_to_check(self.runs, self.grades) | dict.fromkeys(self.apart, "lies apart")
+        return runs_to_check(self.runs, self.grades) | dict.fromkeys(runs_apart(self.diagnosed), "lies apart")
 
     @property
     def facts(self) -> list[list[str]]:

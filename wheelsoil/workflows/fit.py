@@ -181,8 +181,8 @@ def fit_runs(
     fit = kept("fit", (*given, keep, drives), compute)
     passages = {(drive, done.passage) for drive, (_, done) in zip(drives, whole, strict=True)}
     if len(passages) > len(set(drives)):
-        values = {"passages": sorted({passage for _, passage in passages})}
-        fit = replace(fit, notes=(*fit.notes, Note(FitCode.SEVERAL_PASSAGES, values=values)))
+        differ = Note(FitCode.SEVERAL_PASSAGES, values={"passages": sorted({passage for _, passage in passages})})
+        fit = replace(fit, notes=(*fit.notes, differ))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
