@@ -337,6 +337,7 @@ def test_rut_readings_are_of_the_wheel_that_they_name(two: Path, tmp_path: Path)
         ({"faulty_wheel": "RL"}, "no wheel is called 'RL'(.|\n)*there is one wheel"),
         ({"wheels": 4, "rut": 3, "lifted": True}, "--rut and --lifted: simulated of one wheel only"),
         ({"wheels": 2, "faulty_wheel": "RL", "effects": {"lyasko": {}}}, "no error of measurement(.|\n)*torque_gain"),
+        ({"wheels": 2, "faulty_wheel": "RL", "effects": {"body_pitch": {}}}, "body_pitch of one wheel.*and one body"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(given: dict[str, Any], said: str) -> None:

@@ -139,8 +139,8 @@ class SimulationOptions:
             faults.append(Fault(f"no wheel is called {self.faulty_wheel!r}", expected=expected))
         measured = [EFFECTS[n] for n in self.effects if n in EFFECTS and EFFECTS[n].kind == "measurement"]
         if self.faulty_wheel and (shared := [effect.key() for effect in measured if not effect.goes_with_a_wheel()]):
-            step = "omit --faulty-wheel: it is an error at all of them"
-            faults.append(Fault(f"{' and '.join(shared)} of one wheel only: all have one receiver", next_step=step))
+            what = f"{' and '.join(shared)} of one wheel only: all have one receiver and one body"
+            faults.append(Fault(what, next_step="omit --faulty-wheel: it is an error at all of them"))
         if self.faulty_wheel and not measured:
             step = "add one, for instance --effect torque_gain:relative=0.1"
             faults.append(Fault(f"no error of measurement is given for wheel {self.faulty_wheel}", next_step=step))
