@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -29,12 +30,13 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.effects import EFFECTS
-from model.notes import LackCode, StepCode
+from model.notes import DiagnosisCode, LackCode, StepCode
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
 from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
+from wheelsoil.workflows.choice import parse_choice
 
 VERDICTS = tuple(SENTENCES)
 
@@ -121,6 +123,16 @@ def test_a_lifted_zero_is_a_command_to_paste() -> None:
     found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
     step = next_steps(found, VehicleConfig())[0]
     assert "`" not in f"{step.what}{step.why}{text_of(found)}" and step.paste.startswith("wheelsoil zero")
+
+
+@pytest.mark.parametrize("run", ["run-3", "clay: run-3"])
+def test_a_run_that_lies_apart_is_switched_off_by_its_own_id(run: str) -> None:
+    values = {"run": run, "family": "torque_zero@FR", "channel": "t", "size": 90.0, "sigma": 10.0}
+    apart = Grounds(cautions=(Note(DiagnosisCode.RUN_APART, values=values),))
+    step = next_steps(replace(diagnosis("nothing_detectable"), grounds=apart), VehicleConfig())[0]
+    assert step.what.startswith(f"Check the torque zero of wheel FR in {run}; ")
+    [chosen] = parse_choice(tomllib.loads(step.paste)).runs
+    assert (chosen.id, chosen.use) == ("run-3", False)
 
 
 def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
