@@ -25,6 +25,7 @@ from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, _unbroken, build_report
 from wheelsoil.report.content import Bars, Drawing, Figure, Pair, Panels, Section, Table, Text
 from wheelsoil.report.drawing import Plane, beyond
+from wheelsoil.report.figures import by_load
 from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
 from wheelsoil.report.sections.glance import glance
@@ -296,9 +297,9 @@ def test_a_median_that_lacks_in_one_bin_takes_no_figure_of_the_largest_residual(
     assert drawing.title.startswith("Drawbar pull: median residual −")
 
 
-def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(plain_material):
-    found, slip = diagnosis("named"), np.array([0.0, 0.003, 0.23, 0.232, 0.5, 0.9])
-    nothing = np.full(6, np.nan)
+def of_a_table(plain_material, slip: np.ndarray, load_n: np.ndarray) -> tuple[PlotData, Diagnosis, ReportInputs]:
+    """Return six rows whose pull goes with the load, the diagnosis of them, and what a report is made of."""
+    found, nothing, share = diagnosis("named"), np.full(6, np.nan), load_n / 25.0
     rows = PlotData(
         campaign="rig",
         runs=("3", "5"),
@@ -306,11 +307,11 @@ def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(pl
         time_s=np.arange(6.0),
         slip=slip,
         ground_speed_mps=nothing,
-        vertical_load_n=np.full(6, 25.0),
+        vertical_load_n=load_n,
         line_position=nothing,
-        measured={"dp": 4 * slip - 1.0, "z": 0.016 + 0.028 * slip},
-        base={"dp": 5 * slip - 1.5, "z": np.full(6, 0.018)},
-        extended={"dp": 4.1 * slip - 1.0, "z": 0.015 + 0.027 * slip},
+        measured={"dp": share * (4 * slip - 1.0), "z": share * (0.016 + 0.028 * slip)},
+        base={"dp": share * (5 * slip - 1.5), "z": np.full(6, 0.018)},
+        extended={"dp": share * (4.1 * slip - 1.0), "z": 0.015 + 0.027 * slip},
         base_sigma={"dp": np.full(6, 1.0), "z": np.full(6, 0.003)},
         signatures={"vasilev": {"dp": -slip, "z": 0.026 * slip}},
     )
@@ -318,7 +319,26 @@ def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(pl
     grounds = replace(found.grounds, table_channels=("dp", "z"))
     found = replace(found, plot_data=(rows,), notes=(left,), grounds=grounds)
     rig = cast(BenchFiles, SimpleNamespace(rows=range(18)))
-    inputs = ReportInputs((), None, "", plain_material.vehicle, "sand", diagnosed=found, tables=(rig,))
+    return rows, found, ReportInputs((), None, "", plain_material.vehicle, "sand", diagnosed=found, tables=(rig,))
+
+
+def test_a_table_of_two_loads_has_a_line_and_a_size_of_each(plain_material):
+    slip = np.array([0.2, 0.5, 0.9, 0.2, 0.5, 0.9])
+    _, _, inputs = of_a_table(plain_material, slip, np.array([25.0, 25.5, 24.8, 50.0, 51.0, 49.5]))
+    (hero,) = [block for block in glance.build(inputs).blocks if isinstance(block, Drawing)]
+    below, above = curves(hero, "model")
+    assert [below["name"], above["name"]] == ["Recommended, 25 N", "Recommended, 50 N"]
+    for line, points in zip((below, above), curves(hero, "measured"), strict=True):
+        assert list(line["x"]) == list(points["x"]) == [0.2, 0.5, 0.9]
+    assert hero.title == "Wong, calibrated soil, predicts 64 mm too little sinkage at slip 0.90 and 50 N"
+    assert ">50 N</text>" in hero.narrow and ">50 N</text>" not in hero.wide
+    for load_n in (np.array([9.0, 9.2]), np.arange(1.0, 9.0)):  # one load, and more than there is room for
+        assert [(name, rows.all()) for name, rows in by_load(load_n)] == [("", True)]
+
+
+def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(plain_material):
+    slip = np.array([0.0, 0.003, 0.23, 0.232, 0.5, 0.9])
+    rows, found, inputs = of_a_table(plain_material, slip, np.full(6, 25.0))
     summary, shown = glance.build(inputs), overview.fit.build(inputs)
     tile = summary.numbers["tiles"]["Usable data"]
     assert (tile["value"], tile["unit"]) == ("6", "of 18 rows")

@@ -33,6 +33,8 @@ class Curve:
     upper: FloatArray | None = None
     note: str = ""
     points: bool = False
+    mark: str = ""
+    """Written at the line's end where there is no room for names."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ def _svg(
         _line(canvas, curve)  # a broken line over a solid one that it lies on: both are seen
     if size[2] > _LABEL_GAP:
         _labels(canvas, curves)
+    else:
+        _marks(canvas, curves)
     body = "".join(canvas.parts)
     box = f'viewBox="0 0 {size[0]} {size[1]}" preserveAspectRatio="xMidYMin"'
     head = f'<svg {box} role="img" aria-label="{escape(title)}">'
@@ -264,6 +268,14 @@ def _labels(canvas: _Canvas, curves: Sequence[Curve]) -> None:
         for i, part in enumerate(curve.note.split("\n") if curve.note else (), 1):
             canvas.text("note", x, y + 4 + 15 * i, part)
         below = y + _LABEL_GAP + (15 if "\n" in curve.note else 0)
+
+
+def _marks(canvas: _Canvas, curves: Sequence[Curve]) -> None:
+    """Write the mark of each line that has one inside the figure, above its right end."""
+    for curve in curves:
+        if curve.mark and (pieces := _inside(canvas, curve.x, curve.y)):
+            x, y = pieces[-1][-1]
+            canvas.text(f"label {curve.look}", x - 8, y - 9, curve.mark, "end")
 
 
 def ticks(low: float, high: float, most: int = 7) -> list[float]:

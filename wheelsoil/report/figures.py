@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from daq import FloatArray, IntArray
+from daq import BoolArray, FloatArray, IntArray
+from wheelsoil.wording.numbers import number
 
 EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
 """Bins of slip."""
@@ -31,6 +32,8 @@ _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
 """Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
 _REPEAT = 0.02
 """Range of slip within which rows of a table repeat one condition."""
+_SAME_LOAD, _MOST_LOADS = 0.1, 4
+"""Share of a load within which the next larger one is the same; loads of a table that are drawn apart."""
 _BULK = (0.5, 99.5)
 """Percentiles that limit the initial range of an axis."""
 
@@ -179,6 +182,21 @@ def repeated(x: FloatArray, y: FloatArray) -> Bins:
     at = [(float(np.mean(x[part])), *np.percentile(y[part], [50, 25, 75]).tolist()) for part in parts]
     centre, median, lower, upper = np.array(at, np.float64).reshape(-1, 4).T
     return Bins(centre, median, lower, upper, np.array([len(part) for part in parts], np.int64))
+
+
+def by_load(load_n: FloatArray) -> list[tuple[str, BoolArray]]:
+    """Return the rows of a table at each of its loads, with that load in words.
+
+    Neighbours in the order of loads belong together up to a tenth. All rows are one group without a name where there is
+    one load, or more than a figure has room for.
+    """
+    order = np.argsort(load_n)
+    group = np.empty(len(load_n), np.int64)
+    group[order] = np.cumsum(np.diff(load_n[order], prepend=load_n[order[:1]]) > _SAME_LOAD * load_n[order])
+    loads = [group == i for i in range(int(group.max(initial=0)) + 1)]
+    if not 1 < len(loads) <= _MOST_LOADS:
+        return [("", np.ones(len(load_n), np.bool_))]
+    return [(f"{number(float(np.median(load_n[rows])), 2)} N", rows) for rows in loads]
 
 
 def matched(at: FloatArray, known: Bins) -> FloatArray:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 
 import numpy as np
 
-from daq import OUTPUTS, DataError, FloatArray, Note
+from daq import OUTPUTS, BoolArray, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
 from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, repeated
+from wheelsoil.report.figures import EDGES, Bins, binned, by_load, by_slip, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -343,23 +343,26 @@ def _hero_of_rows(found: Diagnosis, recommendation: Recommendation) -> Drawing:
         if channel not in seen.base:
             continue
         of_wheel = f"{seen.campaign}: " if several else ""
-        if not recommendation.is_base:
-            below = repeated(seen.slip, factor * seen.base[channel])
-            curves.append(Curve(f"{of_wheel}{recommendation.base_name}", below.centre, below.median, "base"))
-        model = seen.base if recommendation.is_base else seen.extended
-        above = repeated(seen.slip, factor * model[channel])
-        half = Z95 * matched(above.centre, repeated(seen.slip, factor * seen.base_sigma[channel]))
-        edges = (above.median - half, above.median + half)
-        curves += [
-            Curve(f"{of_wheel}{recommendation.title}", above.centre, above.median, "model", *edges),
-            Curve("", seen.slip, factor * seen.measured[channel], "measured", points=True),
-        ]
+        for load, rows in by_load(seen.vertical_load_n):
+            slip, at = seen.slip[rows], f", {load}" if load else ""
+            if not recommendation.is_base:
+                below = repeated(slip, factor * seen.base[channel][rows])
+                curves.append(Curve(f"{of_wheel}{recommendation.base_name}{at}", below.centre, below.median, "base"))
+            model = seen.base if recommendation.is_base else seen.extended
+            above = repeated(slip, factor * model[channel][rows])
+            half = Z95 * matched(above.centre, repeated(slip, factor * seen.base_sigma[channel][rows]))
+            edges = (above.median - half, above.median + half)
+            curves += [
+                Curve(f"{of_wheel}{recommendation.title}{at}", above.centre, above.median, "model", *edges, mark=load),
+                Curve("", slip, factor * seen.measured[channel][rows], "measured", points=True),
+            ]
     ends = [end for curve in curves for end in (curve.y, curve.lower, curve.upper) if end is not None]
     plane = Plane(slips_of_rows(recommendation), reach(*ends), "Slip ratio, driving", _axis(channel))
     unused = f"; {words}" if (words := rows_not_used(found)) else ""
-    lines = "Lines: the models at these slips and loads. Band: 95 % of scatter and error of form."
+    lines = "Lines: the models at each load. Band: 95 % of scatter and error of form."
     caption = f"Points: rows{unused}. {lines}"
-    return drawn("hero", _finding(recommendation, channel, repeated), caption, plane, curves)
+    title = _finding(recommendation, channel, repeated, by_load(recommendation.vertical_load_n))
+    return drawn("hero", title, caption, plane, curves)
 
 
 def _axis(channel: str) -> str:
@@ -409,16 +412,27 @@ def _lifted(left: Bins, line: FloatArray) -> Bins:
     return Bins(left.centre, line + left.median, line + left.lower, line + left.upper, left.count)
 
 
-def _finding(recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]) -> str:
-    """Return what the figure shows: where the model without the cause is off most."""
+def _finding(
+    recommendation: Recommendation,
+    channel: str,
+    summary: Callable[[FloatArray, FloatArray], Bins],
+    loads: Sequence[tuple[str, BoolArray]] = (),
+) -> str:
+    """Return what the figure shows: where the model without the cause is off most, of the lines at its loads."""
     name, (factor, unit) = OUTPUTS[channel].name, page_unit(channel)
-    driven = recommendation.slip > 0
-    off = summary(recommendation.slip[driven], factor * recommendation.residual(channel, base=True)[driven])
-    if recommendation.is_base or not len(off.median):
+    slip, left = recommendation.slip, factor * recommendation.residual(channel, base=True)
+    found = []
+    for load, rows in loads or [("", np.ones(len(slip), np.bool_))]:
+        off = summary(slip[(slip > 0) & rows], left[(slip > 0) & rows])
+        if len(off.median) and not recommendation.is_base:
+            worst = int(np.argmax(certain := np.abs(off.median) * np.sqrt(off.count)))
+            at = f"at slip {off.centre[worst]:.2f}{load and f' and {load}'}"
+            found.append((certain[worst], float(off.median[worst]), at))
+    if not found:
         return f"{name.capitalize()} against slip: measured and {recommendation.base_name}"
-    worst = int(np.argmax(np.abs(off.median) * np.sqrt(off.count)))
-    size, how = number(abs(float(off.median[worst])), 2), "too much" if off.median[worst] < 0 else "too little"
-    return f"{recommendation.base_name}, predicts {size} {unit} {how} {name} at slip {off.centre[worst]:.2f}"
+    _, size, at = max(found)
+    how = "too much" if size < 0 else "too little"
+    return f"{recommendation.base_name}, predicts {number(abs(size), 2)} {unit} {how} {name} {at}"
 
 
 def _cautions(inputs: ReportInputs) -> list[Bias]:

@@ -125,7 +125,7 @@ def fit(inputs: ReportInputs) -> Contents:
         else:
             checks += _other_checks(recommendation, c, [b for b in found if b.channel == c])
     checks += _adequacy(inputs.diagnosed)
-    blocks: list[Block] = [Pair(figures[:2]), *figures[2:]]
+    blocks: list[Block] = [Pair(figures)]
     beside: list[Block] = [table] if (table := _parameters(inputs)) is not None else []
     if checks:
         model = recommendation.title if recommendation.is_base else recommendation.title.lower()

@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray, number
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import MEASURED, Trace, axes, dots, marked_line, set_axis_range, style
+from wheelsoil.report.figures import MEASURED, Trace, axes, by_load, dots, marked_line, set_axis_range, style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.grounds_text import adequacy_words, form_error_words
 from wheelsoil.wording.notes import note_text
@@ -23,7 +23,7 @@ from wheelsoil.workflows.sinkage import (
 from wheelsoil.workflows.tables import BenchFiles
 
 _READING = (
-    "dots are the rows of the table. A model's line joins what it says of these rows, at their loads; only driven rows "
+    "dots are the rows of the table. A model's line joins what it says of these rows at one load; only driven rows "
     "(slip > 0) were fitted."
 )
 
@@ -84,9 +84,12 @@ def _predicted(inputs: ReportInputs) -> dict[str, dict[str, FloatArray]]:
 
 def _figure(wheel_test: BenchFiles, channel: str, predictions: dict[str, dict[str, FloatArray]], key: str) -> Figure:
     factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
-    measured, order = factor * getattr(wheel_test.rows, OUTPUTS[channel].field), np.argsort(wheel_test.rows.slip)
+    measured, slip = factor * getattr(wheel_test.rows, OUTPUTS[channel].field), np.append(wheel_test.rows.slip, np.nan)
+    loads = [np.flatnonzero(rows) for _, rows in by_load(wheel_test.rows.vertical_load_n)]
+    # of each load after the other, with a gap between them
+    order = np.concatenate([np.append(rows[np.argsort(slip[rows])], -1) for rows in loads])[:-1]
     data: list[Trace] = [
-        marked_line(wheel_test.rows.slip[order], factor * values[channel][order], style(name).label, style(name))
+        marked_line(slip[order], factor * np.append(values[channel], np.nan)[order], style(name).label, style(name))
         for name, values in predictions.items()
     ]
     data.append({**dots(wheel_test.rows.slip, measured, "measured"), "marker": {"color": MEASURED, "size": 7}})
