@@ -128,6 +128,10 @@ def test_the_first_screen_holds_the_figure_and_one_place_is_marked(browser: Brow
         for seen in ("#drawing-hero .wide-svg text.title >> nth=1", ".again", ".badge"):
             box = page.locator(seen).bounding_box()
             assert box["y"] + box["height"] <= LAPTOP["height"], f"{seen} is on the first screen"
+        figure, next_steps = page.locator("#drawing-hero").bounding_box(), page.locator(".next").bounding_box()
+        axis = page.locator("#drawing-hero .wide-svg text.title >> nth=1").bounding_box()
+        assert figure["y"] + figure["height"] - axis["y"] - axis["height"] < 40, "no empty card under the figure"
+        assert next_steps["y"] + next_steps["height"] <= LAPTOP["height"], "what to do is on the first screen"
         header = page.locator("header").bounding_box()
         assert header["height"] < 45, "one line"
         page.evaluate("document.documentElement.style.scrollBehavior = 'auto'")
