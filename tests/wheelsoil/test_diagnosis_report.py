@@ -364,19 +364,25 @@ def test_the_rows_of_a_table_are_drawn_themselves_and_those_not_used_are_said(pl
     assert "all rows are of one wheel" in step_of(refused).what
 
 
-def test_a_positive_parameter_of_the_soil_has_a_positive_interval(plain_material):
+def test_a_soil_has_positive_intervals_one_unit_and_a_name_for_people(plain_material):
     values, sigmas = (
         {"shear_modulus_m": 0.00106, "cohesion_pa": 50.0},
         {"shear_modulus_m": 0.00098, "cohesion_pa": 100.0},
     )
     found = replace(diagnosis("unexplained"), soils=(SoilEstimate("clay", values, sigmas),))
-    (table,) = [
-        part
-        for block in section(built(plain_material, found), "fit").blocks
-        if isinstance(block, Pair)
-        for part in block.blocks
-        if isinstance(part, Table)
-    ]
+    report = built(replace(plain_material, terrain="sandy_loam"), found)
+    (table,), (*_, of_workings, _) = (
+        [
+            part
+            for block in section(report, key).blocks
+            if isinstance(block, Pair)
+            for part in block.blocks
+            if isinstance(part, Table)
+        ]
+        for key in ("fit", "workings")
+    )
+    assert [row[1:4] for row in of_workings.rows] == [["0.001060", "0.00098", "m"], ["0.05000", "0.10", "kPa"]]
+    assert "<title>Sandy loam</title>" in report.html("report.json") and report.head.title == "Sandy_loam"
     assert [row[2] for row in table.rows] == ["0.000227 … 0.00495", "−0.146 … 0.246"]
     assert [row[0] for row in table.rows] == ["K (m)", "c (kPa)"]
 

@@ -54,6 +54,7 @@ from wheelsoil.report.words import (
     measured,
     number,
     signed,
+    soil_unit,
     unit,
     with_names,
 )
@@ -63,7 +64,6 @@ from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, ch
 from wheelsoil.wording.names import (
     CALIBRATED,
     LABORATORY,
-    SOIL_UNITS,
     family_of,
     page_unit,
     parameter_name,
@@ -257,8 +257,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     several = len(found.soils) > 1
     for soil in found.soils:
         for name, value in soil.values.items():
-            sigma, text = soil.sigmas.get(name, float("nan")), SOIL_UNITS.get(name, "")
-            scale, text = (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)  # as in terrain.toml
+            sigma, (scale, text) = soil.sigmas.get(name, float("nan")), soil_unit(name)
             # The 95 % interval of a soil's parameter; log-normal for one that is above 0 in every soil.
             if name in _SIGNED or not (value > 0 and sigma > 0):
                 ends = (value - Z95 * sigma, value + Z95 * sigma)

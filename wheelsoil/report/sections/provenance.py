@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count, letter, named_with_unit, number, signed
-from wheelsoil.wording.names import SOIL_UNITS, plain_name
+from wheelsoil.report.words import count, letter, named_with_unit, number, signed, soil_unit, unit
+from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import texts_of
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
@@ -78,12 +78,13 @@ def workings(inputs: ReportInputs) -> Contents:
         rows = [
             [
                 letter(name),
-                number(value, 4),
-                number(soil.sigmas.get(name, float("nan")), 2),
-                SOIL_UNITS[name],
+                number(scale * value, 4),
+                number(scale * soil.sigmas.get(name, float("nan")), 2),
+                unit(text),
                 signed(soil.off_laboratory[name], "+.1f") if name in soil.off_laboratory else "–",
             ]
             for name, value in soil.values.items()
+            for scale, text in [soil_unit(name)]
         ]
         note = "With the named cause in the model, or none where none is named."
         tables.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note, words=("unit",)))
