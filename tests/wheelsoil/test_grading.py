@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_samples import cause, diagnosis
 from implausible import implausible
 
-from daq.config import SoilSection, TerrainConfig, UncertaintySection
+from daq.config import SoilSection, TerrainConfig, UncertaintySection, VehicleConfig
 from daq.notes import Note, Severity
 from daq.runs.open import open_runs
 from processing.notes import RunCode
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.workflows.grading import doubted_soils, grade_of, short_runs
 from wheelsoil.workflows.runs import process_runs
 
@@ -88,6 +90,20 @@ def test_a_zero_tells_where_it_is_large_and_stays(run, levels, level):
     assert grade.level == level
     [said, *_] = grade.reasons or [""]
     assert level == "good" or said.startswith("drawbar pull reads 395 N at standstill, more than 2 % of load (")
+
+
+def test_a_zero_that_is_named_for_all_runs_is_not_judged_by_one(run):
+    """The limit goes with the load, so that one zero spoiled some runs and not others."""
+    stands = (Standstill(0.0, 2.0, {"driving_torque": 90.0}, {"driving_torque": 3.0}, "released"),)
+    light = replace(run, quality=replace(run.quality, standstills=stands))
+    heavy = replace(light, vertical_load_n=2.0 * light.vertical_load_n)
+    assert [grade_of(one).level for one in (light, heavy)] == ["fair", "good"]
+    named = replace(diagnosis(), causes=(cause("torque_zero", "torque_zero", "", 0.99),))
+    vehicle = VehicleConfig.model_validate({"wheel": {"radius_m": 0.5, "width_m": 0.3}})
+    inputs = ReportInputs((light, heavy), None, "", vehicle, "clay", diagnosed=named)
+    assert {grade.reasons for grade in inputs.grades} == {("torque zero, the named cause: see Do next",)}
+    unsure = replace(inputs, diagnosed=replace(named, verdict="one_of"))
+    assert [grade.level for grade in unsure.grades] == ["fair", "good"]
 
 
 def test_a_run_far_shorter_than_the_others_is_noted(run):

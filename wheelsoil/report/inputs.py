@@ -18,6 +18,7 @@ from daq.recording import Event
 from daq.runs import Run, SetAsideRun
 from model import AveragedModel
 from model.diagnosis import Diagnosis
+from model.effects import EFFECTS
 from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of
 from processing import ProcessedRun
@@ -26,6 +27,7 @@ from wheelsoil.report.figures import EDGES
 from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
+from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
@@ -263,10 +265,13 @@ class ReportInputs:
 
     @cached_property
     def grades(self) -> tuple[Grade, ...]:
-        """What each run is worth, losses of its recording counted in."""
+        """What each run is worth, losses of its recording counted in; a zero that is a named cause is in all runs."""
         sources = [self.source_of(run) for run in self.runs]
+        named = self.diagnosed.causes if self.diagnosed is not None and self.diagnosed.verdict == "named" else ()
+        of_role = {EFFECTS[cause.key].needs.zero_of: cause for cause in named if cause.key in EFFECTS}
+        zeros = {role: f"{plain_name(c.name)}, the named cause: see Do next" for role, c in of_role.items() if role}
         return tuple(
-            grade_of(run, [*told, *(source.lost if source else [])])
+            grade_of(run, [*zeros.values(), *told, *(source.lost if source else [])], zeros)
             for run, told, source in zip(
                 self.runs, short_runs(self.runs, runs_apart(self.diagnosed)), sources, strict=True
             )

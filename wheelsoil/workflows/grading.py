@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,13 +51,15 @@ class Grade:
     highest_slip: float
 
 
-def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
+def grade_of(run: ProcessedRun, lost: Sequence[str] = (), named: Collection[str] = ()) -> Grade:
     """Grade a run.
 
     Parameters
     ----------
     lost : sequence of str
         What of its recording was lost, in words; anything makes a good run fair.
+    named : collection of str
+        Channels whose zero is named for all runs, and is not judged by this run.
     """
     moving = ~np.isin(run.reason, _BY_DESIGN)
     share = float(run.used.sum() / moving.sum()) if moving.any() else float("nan")
@@ -68,7 +70,7 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     faults = [note for note in notes if note.severity == Severity.FAULT and note.code != RunCode.ROLE_MISSING]
     doubts = [note for note in notes if note.severity == Severity.DOUBT]
     poor = [*texts_of(missing.values()), *poor, *texts_of(faults)]
-    fair += [*lost, *texts_of(doubts), *_zeros(run)]
+    fair += [*lost, *texts_of(doubts), *_zeros(run, named)]
     level: Level = "poor" if poor else "fair" if fair else "good"
     return Grade(level, (*poor, *fair), share, highest)
 
@@ -158,7 +160,7 @@ def _mostly(run: ProcessedRun) -> str:
     return kinds[int(np.argmax(counts))].name.lower().replace("_", " ")
 
 
-def _zeros(run: ProcessedRun) -> list[str]:
+def _zeros(run: ProcessedRun, named: Collection[str]) -> list[str]:
     """Return what forces read at standstills with released brakes, where that is more than a little."""
     load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
     if not len(load):
@@ -170,7 +172,7 @@ def _zeros(run: ProcessedRun) -> list[str]:
         sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
         one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))
         least = _ZERO_SHARE * abs(np.median(load)) * arm_m
-        if sure and one_sided and abs(np.median(levels)) > least:
+        if role not in named and sure and one_sided and abs(np.median(levels)) > least:
             limit = f"{100 * _ZERO_SHARE:.0f} % of load{' x radius' if arm_m != 1 else ''}"
             reasons.append(
                 f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill, more than {limit} "
