@@ -19,6 +19,7 @@ from daq.notes import Note
 from daq.runs.open import open_runs
 from model.diagnosis.core.plot_data import PlotData, WheelOrders
 from model.diagnosis.core.result import BarredCause, Candidate, Diagnosis, SoilEstimate
+from model.diagnosis.core.shapes import Kind, Shape
 from model.notes import DiagnosisCode, LackCode
 from processing.notes import RunCode
 from processing.options import ProcessOptions
@@ -145,6 +146,28 @@ def test_a_refused_set_is_not_drawn_as_the_explanation(plain_material):
         assert blocks[0].text.startswith("Best of the library, refused: slip sinkage. Reason: an unknown cause acts")
     [drawing] = [one for one in section(built(plain_material, found), "causes").blocks if isinstance(one, Drawing)]
     assert drawing.title.startswith("Drawbar pull: median residual −"), drawing.title
+
+
+def test_what_no_cause_explains_is_shown_in_the_channel_that_is_off_most_against_what_it_hangs_on(plain_material):
+    found = diagnosis("unexplained")
+    (pull, torque), data = found.what_is_wrong, found.plot_data[0]
+    compressed = data.measured | {"t": data.base["t"] - 0.4 * np.maximum(data.base["t"] - 3000.0, 0.0)}
+    place = Shape(Kind.TORQUE, "t", (-2.0, -0.3), "kN m")
+    wrong = (replace(torque, place=place, size=-178.0, statistic=-14.7), pull)
+    report = built(plain_material, replace(found, what_is_wrong=wrong, plot_data=(replace(data, measured=compressed),)))
+    of_summary, of_causes = (
+        next(block for block in section(report, key).blocks if isinstance(block, Drawing))
+        for key in ("glance", "causes")
+    )
+    assert of_summary.title == of_causes.title and "−178 N m" in of_summary.caption
+    (points,) = curves(of_summary, "measured")
+    assert "Predicted driving torque (N m)" in of_summary.wide and points["x"].min() > 0
+    np.testing.assert_allclose(points["y"], -0.4 * np.maximum(points["x"] - 3000.0, 0.0), atol=60.0)
+    size = f"{points['y'].min():,.0f}".replace("-", "−").replace(",", "\u202f")
+    assert of_summary.title.startswith(f"Driving torque: median residual {size} N m at a predicted 4\u202f")
+    assert [caution.partition(":")[0] for caution in section(report, "glance").numbers["cautions"]][:1] == [
+        "Driving, driving torque"
+    ]
 
 
 def test_a_cause_that_a_rule_bars_is_marked_in_the_json(plain_material):

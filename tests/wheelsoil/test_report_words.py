@@ -18,10 +18,11 @@ from processing.notes import RunCode
 from processing.processed_run import Reason
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Steps, Table, Text, Tiles, blocks_of
+from wheelsoil.report.content import Checks, Steps, Table, Text, Tiles, blocks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.coefficients import coefficients, criteria
 from wheelsoil.report.sections.glance import glance
+from wheelsoil.report.sections.overview import causes
 from wheelsoil.report.sections.planning import detectable, next_run
 from wheelsoil.report.sections.provenance import provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
@@ -128,7 +129,22 @@ def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
     checks = report.numbers()["sections"]["fit"]["checks"]
     assert any("differs by 22 % between runs of clay:" in check for check in checks)
     assert not any("no more than noise is left" in check for check in checks)
-    assert "differ" in report.numbers()["drawings"]["hero"]["title"]
+    judged = [block for block in blocks_of(section_of(report, "fit")) if isinstance(block, Checks)]
+    assert judged and not any(check.good for block in judged for check in block.checks)
+    hero = report.numbers()["drawings"]["hero"]
+    assert hero["title"] == f"Drawbar pull over load: {names[0]} and {names[1]} differ"
+    for curve, run in zip(hero["curves"], material.runs, strict=True):
+        rows = run.used & (run.slip > 0.2) & (run.slip <= 0.25)
+        at = [y for x, y in zip(curve["x"], curve["y"], strict=True) if abs(x - 0.225) < 1e-9]
+        assert at == pytest.approx([np.median(run.drawbar_pull_n[rows] / run.vertical_load_n[rows])])
+    table = section_of(report, "runs").blocks[0]
+    assert isinstance(table, Table) and [row[1] for row in table.rows][1] == "▲ other soil" != table.rows[0][1]
+    assert not any("Dp/W" in cell for cell in table.head), (
+        "the highest of a run is mostly noise; Fit has that of all runs"
+    )
+    assert table.rows[1][-1].startswith("not of the soil of the first runs: see Do next")
+    refused = causes.build(replace(material, diagnosed=replace(by_hand, verdict="unexplained", causes=())))
+    assert refused.blocks == [Text("No cause is judged: these runs are probably not of one soil.", "warning")]
     assert text_of(report, "glance").count("bulldozing") == 0
     assert "part them first" in text_of(report, "next_run")
     assert "no more than noise" not in text_of(report, "candidates")

@@ -1,4 +1,7 @@
-"""The figure in which a person sees a cause: the residual against what the cause acts through, with its correction."""
+"""The figure in which a person sees a cause: the residual against what the cause acts through, with its correction.
+
+And that of data which no cause explains: the residual that is largest, against what it hangs on.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq import OUTPUTS, FloatArray
-from model.diagnosis import Cause, Diagnosis
+from daq import OUTPUTS, ROLES, DataError, FloatArray
+from model.diagnosis import Cause, Diagnosis, Kind
 from model.effects import EFFECTS
 from model.wheel_soil import speed_ratio
 from wheelsoil.report.content import Drawing
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
-from wheelsoil.report.figures import EDGES, Bins, binned
+from wheelsoil.report.figures import EDGES, Bins, binned, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import Recommendation, recommended_causes
+from wheelsoil.report.recommendation import Recommendation, recommended_causes, slips_of_rows
+from wheelsoil.report.words import number, signed
 from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
 from wheelsoil.wording.verdict import several_terrains
+from wheelsoil.workflows.key_figures import Z95
 
 _BINS = 16
 _LONGEST_STEP_S = 0.5
@@ -85,6 +90,11 @@ _VIEWS: Mapping[str, _View] = {
 _GAINS = ("drawbar_pull_gain", "torque_gain")
 _BRAKED = (*_GAINS, "wheel_inertia")
 """Causes that braked samples show, too."""
+_HANGS_ON: Mapping[object, str] = {
+    **dict.fromkeys((Kind.TORQUE, Kind.TORQUE_SQUARED, Kind.TORQUE_DRIFT), "t"),
+    **dict.fromkeys((Kind.DRAWBAR_PULL, Kind.DRAWBAR_PULL_SQUARED, Kind.DRAWBAR_PULL_DRIFT), "dp"),
+}
+"""Channel whose prediction a finding of a kind hangs on; the others are shown against slip."""
 
 
 def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
@@ -142,6 +152,66 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
         "Points: median and middle half. Line: the correction."
     )
     return drawn("hero", title, caption, plane, curves, samples=cloud)
+
+
+def residual_figure(
+    recommendation: Recommendation, found: Diagnosis, key: str, wide: tuple[int, int, int], *, of_rows: bool = False
+) -> Drawing:
+    """Return the residual of the channel that leads the list of findings, or else is off most.
+
+    It is of the driven samples, or of rows of tables, and against what the first finding of the channel hangs on.
+
+    Raises
+    ------
+    DataError
+        The noise of no channel is known.
+    """
+    first = {ROLES[finding.channel].key: finding for finding in reversed(found.what_is_wrong)}
+    of = {channel: _HANGS_ON.get(getattr(finding.place, "kind", None), "") for channel, finding in first.items()}
+    slip, base = recommendation.slip, recommendation.base
+    side = slip >= 0 if (slip > 0).any() else slip < 0
+
+    def summary(channel: str, values: FloatArray) -> Bins:
+        x, y = base.get(of.get(channel, ""), slip)[side], page_unit(channel)[0] * values[side]
+        edges = np.linspace(*_span(x), _BINS + 1) if of.get(channel) in base else EDGES
+        return repeated(x, y) if of_rows else binned(x, y, edges)
+
+    known = {}
+    for channel in recommendation.measured:
+        left, noise = (summary(channel, x) for x in (recommendation.residual(channel), recommendation.noise[channel]))
+        sigmas = np.abs(left.median) / matched(left.centre, noise)
+        if np.isfinite(sigmas).any():
+            known[channel] = (float(np.nanmax(sigmas)), int(np.nanargmax(sigmas)), left, noise)
+    if not known:
+        raise DataError("the noise of the samples is not known")
+    leading = [ROLES[finding.channel].key for finding in found.what_is_wrong]
+    channel = next((c for c in leading if c in known), max(known, key=lambda c: known[c][0]))
+    _, worst, left, noise = known[channel]
+    (factor, unit), where, half = page_unit(channel), float(left.centre[worst]), Z95 * noise.median
+    axis, at, x = "Slip ratio", f"slip {signed(where, '.2f')}", slip[side]
+    if (predicted := of.get(channel, "")) in base:
+        axis = f"Predicted {OUTPUTS[predicted].name} ({page_unit(predicted)[1]})"
+        at, x = f"a predicted {number(where)} {page_unit(predicted)[1]}", base[predicted][side]
+    cloud = _known(x, factor * recommendation.residual(channel)[side])
+    medians = Curve("", left.centre, left.median, "measured", left.lower, left.upper, points=True)
+    curves = [
+        Curve("", noise.centre, 0 * half, "noise", -half, half),
+        Curve("", *cloud, "measured", points=True) if of_rows else medians,
+    ]
+    plane = Plane(
+        slips_of_rows(recommendation) if of_rows else _span(x),
+        _height(left, also=np.concatenate([half, -half, cloud[1] if of_rows else half])),
+        axis,
+        f"Measured − predicted ({unit})",
+    )
+    title = f"{OUTPUTS[channel].name.capitalize()}: median residual {number(float(left.median[worst]))} {unit} at {at}"
+    grey = "scatter and error of form" if of_rows else f"the noise, samples{beyond(cloud, plane)}"
+    points = "rows" if of_rows else "median and middle half"
+    caption = f"{'Driving' if (slip > 0).any() else 'Braking'}, {CALIBRATED}. Grey: 95 % of {grey}. Points: {points}."
+    if channel in first and not of_rows:
+        size = f"{number(first[channel].size)} {ROLES[first[channel].channel].unit_text}"
+        caption += f" The text's {size}: that shape alone, with the soil fitted anew."
+    return drawn(key, title, caption, plane, curves, samples=None if of_rows else cloud, wide=wide)
 
 
 def shares_of(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[str, float]:

@@ -23,7 +23,10 @@ _NARROW = (420, 330, 14)
 
 @dataclass(frozen=True)
 class Curve:
-    """A line of a figure; the class is that of the style sheet: "base", "model", "alt", "second", "measured"."""
+    """A line of a figure; the class is that of the style sheet: "base", "model", "alt", "second", "measured".
+
+    The mark is written at the line's end where there is no room for names.
+    """
 
     name: str
     x: FloatArray
@@ -34,7 +37,6 @@ class Curve:
     note: str = ""
     points: bool = False
     mark: str = ""
-    """Written at the line's end where there is no room for names."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,6 @@ def _svg(
         _line(canvas, curve)  # a broken line over a solid one that it lies on: both are seen
     if size[2] > _LABEL_GAP:
         _labels(canvas, curves)
-    else:
-        _marks(canvas, curves)
     body = "".join(canvas.parts)
     box = f'viewBox="0 0 {size[0]} {size[1]}" preserveAspectRatio="xMidYMin"'
     head = f'<svg {box} role="img" aria-label="{escape(title)}">'
@@ -239,8 +239,10 @@ def _band(canvas: _Canvas, curve: Curve) -> None:
 
 def _line(canvas: _Canvas, curve: Curve) -> None:
     if not curve.points:
-        for piece in _inside(canvas, curve.x, curve.y):
-            canvas.add(f'<path class="line {curve.look}" d="{_path(piece)}"/>')
+        pieces = _inside(canvas, curve.x, curve.y)
+        canvas.parts += [f'<path class="line {curve.look}" d="{_path(piece)}"/>' for piece in pieces]
+        if curve.mark and pieces and canvas.right <= _LABEL_GAP:
+            canvas.text(f"label {curve.look}", pieces[-1][-1][0] - 8, pieces[-1][-1][1] - 9, curve.mark, "end")
         return
     low, high = canvas.plane.y
     edges = (curve.y, curve.y) if curve.lower is None or curve.upper is None else (curve.lower, curve.upper)
@@ -268,14 +270,6 @@ def _labels(canvas: _Canvas, curves: Sequence[Curve]) -> None:
         for i, part in enumerate(curve.note.split("\n") if curve.note else (), 1):
             canvas.text("note", x, y + 4 + 15 * i, part)
         below = y + _LABEL_GAP + (15 if "\n" in curve.note else 0)
-
-
-def _marks(canvas: _Canvas, curves: Sequence[Curve]) -> None:
-    """Write the mark of each line that has one inside the figure, above its right end."""
-    for curve in curves:
-        if curve.mark and (pieces := _inside(canvas, curve.x, curve.y)):
-            x, y = pieces[-1][-1]
-            canvas.text(f"label {curve.look}", x - 8, y - 9, curve.mark, "end")
 
 
 def ticks(low: float, high: float, most: int = 7) -> list[float]:

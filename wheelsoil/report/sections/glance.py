@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, BoolArray, DataError, FloatArray, Note
 from model.diagnosis import Diagnosis, Gain
-from wheelsoil.report.cause_figure import cause_figure, driven_slips, shares_of
+from wheelsoil.report.cause_figure import cause_figure, driven_slips, residual_figure, shares_of
 from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, by_load, by_slip, matched, repeated
@@ -273,13 +273,15 @@ def hero(inputs: ReportInputs) -> Drawing:
         return _hero_of_rows(inputs.diagnosed, recommendation)
     channel = recommendation.main_channel
     driven = recommendation.slip > 0
+    found, note = inputs.diagnosed, inputs.several_terrains
+    if found is not None and found.verdict == "unexplained" and found.what_is_wrong and note is None:
+        return residual_figure(recommendation, found, "hero", (720, 340, 14))
     if channel not in recommendation.measured or not np.isfinite(recommendation.measured[channel][driven]).any():
         raise DataError("no driven sample has a measured drawbar pull or torque")
     if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
-    note = inputs.several_terrains
     if note is not None and "groups" in note.values:
-        return _of_two_terrains(recommendation, note, channel)
+        return _of_two_terrains(inputs, note)
     return _against_slip(inputs, recommendation, channel)
 
 
@@ -299,11 +301,13 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
         )
     )
     above = binned(slip, factor * (recommendation.recommended[channel] + added)[rows], EDGES)
-    points, noise = _lifted(binned(slip, factor * left[rows], EDGES), above.median), binned(slip, noise_at, EDGES)
+    off_by, noise = binned(slip, factor * left[rows], EDGES), binned(slip, noise_at, EDGES)
+    # the line and the residual, so that figures of both agree
+    middle, lower, upper = (above.median + part for part in (off_by.median, off_by.lower, off_by.upper))
     half = Z95 * matched(above.centre, noise)
     curves = []
     if not recommendation.is_base:
-        below = points.median - binned(slip, factor * off[rows], EDGES).median
+        below = middle - binned(slip, factor * off[rows], EDGES).median
         curves.append(Curve(recommendation.base_name, above.centre, below, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
     curves += [
@@ -315,13 +319,13 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
             *edges,
             note="" if recommendation.is_base else _lines(recommendation.name),
         ),
-        Curve("", points.centre, points.median, "measured", points.lower, points.upper, points=True),
+        Curve("", above.centre, middle, "measured", lower, upper, points=True),
     ]
     samples = _samples(inputs, channel, shift) or (slip, measured)
     inner = np.percentile(samples[1], [0.5, 99.5])
     plane = Plane(
         driven_slips(slip),
-        reach(inner, *edges, points.lower, points.upper, *(curve.y for curve in curves)),
+        reach(inner, *edges, lower, upper, *(curve.y for curve in curves)),
         "Slip ratio, driving",
         _axis(channel),
     )
@@ -369,24 +373,26 @@ def _axis(channel: str) -> str:
     return f"{OUTPUTS[channel].name.capitalize()} ({page_unit(channel)[1]})"
 
 
-def _of_two_terrains(recommendation: Recommendation, note: Note, channel: str) -> Drawing:
-    """Return a channel against slip of two groups of runs that are probably not of one soil."""
-    factor = page_unit(channel)[0]
-    names = np.array([name.rsplit(": ", 1)[-1] for name in recommendation.runs])[recommendation.run]
-    driven, curves, titles = recommendation.slip > 0, [], []
-    for group, look in zip(note.values["groups"], ("base", "model"), strict=True):
-        rows = driven & np.isin(names, group)
-        found = binned(recommendation.slip[rows], factor * recommendation.measured[channel][rows], EDGES)
-        titles.append(stretches(group, note.values["runs"]))
-        curves.append(Curve(titles[-1], found.centre, found.median, look))
+def _of_two_terrains(inputs: ReportInputs, note: Note) -> Drawing:
+    """Return pull over load against slip of two groups of runs that are probably not of one soil, as the text does."""
+    curves, titles = [], [stretches(group, note.values["runs"]) for group in note.values["groups"]]
+    for title, group, look in zip(titles, note.values["groups"], ("base", "model"), strict=True):
+        used = [(run, run.used & (run.slip > 0)) for run in inputs.runs if run.run.id in group]
+        slip, pull, load = (
+            np.concatenate([getattr(run, name)[rows] for run, rows in used])
+            for name in ("slip", "drawbar_pull_n", "vertical_load_n")
+        )
+        found = by_slip(slip, pull / load)
+        curves.append(Curve(title, found.centre, found.median, look))
     plane = Plane(
-        driven_slips(recommendation.slip),
+        driven_slips(np.concatenate([curve.x for curve in curves])),
         reach(*(curve.y for curve in curves)),
-        "Slip ratio",
-        _axis(channel),
+        "Slip ratio, driving",
+        "Drawbar pull / load",
     )
-    title = f"{OUTPUTS[channel].name.capitalize()} against slip: {' and '.join(titles)} differ"
-    return drawn("hero", title, "Driving, as measured, at the load of each run. Lines: median.", plane, curves)
+    caption = "As measured. Lines: median of the samples. Shaded: where the text compares them, about slip 0.2."
+    title = f"Drawbar pull over load: {' and '.join(titles)} differ"
+    return drawn("hero", title, caption, plane, curves, shades=[(0.1, 0.3)])
 
 
 def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:
@@ -405,11 +411,6 @@ def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[Floa
 
 def _lines(text: str) -> str:
     return text if len(text) <= 22 else "\n".join(text.rsplit(" ", 1)) if len(text) < 40 else text[:38] + "…"
-
-
-def _lifted(left: Bins, line: FloatArray) -> Bins:
-    """Return what was measured in bins: the line and the residual there, so that figures of both agree."""
-    return Bins(left.centre, line + left.median, line + left.lower, line + left.upper, left.count)
 
 
 def _finding(
@@ -436,8 +437,9 @@ def _finding(
 
 
 def _cautions(inputs: ReportInputs) -> list[Bias]:
+    first = [finding.channel for finding in inputs.diagnosed.what_is_wrong[:1]] if inputs.diagnosed else []
     try:
-        return biases(inputs.recommendation)
+        return sorted(biases(inputs.recommendation), key=lambda bias: OUTPUTS[bias.channel].role not in first)
     except DataError:
         return []
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError, FloatArray
+from daq import OUTPUTS, ROLES, DataError
 from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from model.effects import EFFECTS
 from processing import RunCode
+from wheelsoil.report.cause_figure import residual_figure
 from wheelsoil.report.content import (
     Bar,
     Bars,
@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, matched, parted_at_zero, repeated
+from wheelsoil.report.figures import EDGES, binned, by_slip, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -84,6 +84,7 @@ from wheelsoil.workflows.key_figures import (
 from wheelsoil.workflows.traction import PullAtSlip, Traction, traction_of
 
 _MOST_CAUSES, _MOST_RUNS = 6, 40
+_OTHER_SOIL, _ITS_SOIL = "▲ other soil", "not of the soil of the first runs: see Do next"
 _DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
 _SIGNED = ("cohesion_pa", "cohesive_modulus")
 """Parameters of a soil that may be 0 or less; see `model.bevameter.joint.POSITIVE`."""
@@ -96,6 +97,7 @@ _SENSORS_NOTE = (
     "Complete: no gap too long to be bridged. Delay: as declared. Sigma: before the means over 0.2 s "
     "to which the errors on this page refer."
 )
+_NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
 _NAMED_RUNS = 5
 _WIDE = (560, 340, 124)
 """Size of a residual's figure on a wide screen."""
@@ -124,7 +126,8 @@ def fit(inputs: ReportInputs) -> Contents:
             checks.append(Check(*rows_check(recommendation, c)))
         else:
             checks += _other_checks(recommendation, c, [b for b in found if b.channel == c])
-    checks += _adequacy(inputs.diagnosed)
+    one_soil = inputs.several_terrains is None
+    checks = [check for check in (*checks, *_adequacy(inputs.diagnosed)) if one_soil or not check.good]
     blocks: list[Block] = [Pair(figures)]
     beside: list[Block] = [table] if (table := _parameters(inputs)) is not None else []
     if checks:
@@ -139,12 +142,17 @@ def fit(inputs: ReportInputs) -> Contents:
         "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
         "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
         "residual": {
-            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip)
+            c: {
+                name: (repeated if inputs.tables else by_slip)(
+                    recommendation.slip, recommendation.residual(c, base=name == "baseline")
+                )
+                for name in ("baseline", "recommended")
+            }
             for c in recommendation.measured
         },
     }
     if inputs.fitted:
-        if inputs.several_terrains is not None:
+        if not one_soil:
             blocks.append(Text("Over all runs, which are probably not of one soil; each run is under Runs.", "warning"))
         blocks.append(Tiles(_traction_tiles(inputs.traction, inputs.diagnosed), small=True))
         numbers["traction"] = inputs.traction
@@ -178,16 +186,7 @@ def _noise(recommendation: Recommendation, channel: str, *, driving_only: bool) 
     )
 
 
-def _residual_numbers(
-    recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]
-) -> dict[str, Bins]:
-    names = {"baseline": True, "recommended": False}
-    return {
-        name: summary(recommendation.slip, recommendation.residual(channel, base=base)) for name, base in names.items()
-    }
-
-
-def _residuals_of_rows(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = _WIDE) -> Drawing:
+def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     """Return the residual of every row of tables; a line joins the medians of repeats."""
     factor, text = page_unit(channel)
     slip = recommendation.slip
@@ -197,7 +196,10 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str, wide: tuple
     for base, name, look in [*looks, (False, recommendation.title, "model")]:
         left = factor * recommendation.residual(channel, base=base)
         line = repeated(slip, left)
-        curves += [Curve(_short(name), line.centre, line.median, look), Curve("", slip, left, look, points=True)]
+        curves += [
+            Curve(_SHORT.get(name, name), line.centre, line.median, look),
+            Curve("", slip, left, look, points=True),
+        ]
     edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     plane = Plane(
         slips_of_rows(recommendation),
@@ -207,18 +209,20 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str, wide: tuple
     )
     caption = "Points: rows. Grey: 95 % of scatter and error of form."
     title = f"{OUTPUTS[channel].name.capitalize()}: residual"
-    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=wide)
+    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=_WIDE)
 
 
-def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, int, int] = _WIDE) -> Drawing:
+def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     factor, text = page_unit(channel)
     noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
     if not recommendation.is_base:
         below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
-        curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
+        curves.append(
+            Curve(_SHORT.get(recommendation.base_name, recommendation.base_name), below.centre, below.median, "base")
+        )
     above = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel), EDGES))
-    curves.append(Curve(_short(recommendation.title), above.centre, above.median, "model"))
+    curves.append(Curve(_SHORT.get(recommendation.title, recommendation.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = (1.3 * end for end in reach(*driving, *edges))
@@ -231,11 +235,7 @@ def _residuals(recommendation: Recommendation, channel: str, wide: tuple[int, in
     title = f"{OUTPUTS[channel].name.capitalize()}: residual"
     caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
-    return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=wide)
-
-
-def _short(name: str) -> str:
-    return _SHORT.get(name, name)
+    return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=_WIDE)
 
 
 def _adequacy(found: Diagnosis | None) -> list[Check]:
@@ -347,7 +347,7 @@ def causes(inputs: ReportInputs) -> Contents:
         Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
     ]
     if bars:
-        as_if = "As if of one soil. " if several_terrains(found) is not None else ""
+        as_if = f"{_NOT_JUDGED} As if of one soil: " if several_terrains(found) is not None else ""
         caption = f"{as_if}Sets exclude each other; with the rest they add up to 100 %."
         blocks.append(Bars("Which set of causes acts", caption, bars))
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
@@ -387,38 +387,21 @@ def _alone(name: str) -> str:
 
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     """Return the residual where it is largest, and the best set of the library with why it is refused."""
-    refusal = refusal_words(found) or "Nothing can be decided from these data."
-    figure = figure_or_reason(lambda: _largest_residual(inputs.recommendation, found, of_rows=bool(inputs.tables)))
-    return [Text(refusal, "warning"), figure], {
+    refusal, of_rows = refusal_words(found) or "Nothing can be decided from these data.", bool(inputs.tables)
+    figures: list[Block] = [
+        figure_or_reason(
+            lambda: residual_figure(inputs.recommendation, found, "largest-residual", (1000, 340, 14), of_rows=of_rows)
+        )
+    ]
+    if several_terrains(found) is not None:
+        refusal, figures = _NOT_JUDGED, []
+    return [Text(refusal, "warning"), *figures], {
         "sets": [],
         "refused": refusal,
         "candidates": found.candidates,
         "causes": found.causes,
         "minimum_detectable": found.minimum_detectable,
     }
-
-
-def _largest_residual(recommendation: Recommendation, found: Diagnosis, *, of_rows: bool) -> Drawing:
-    """Return the residual of the channel that leads the list of them, else of that of the largest median."""
-    sizes, summary = {}, repeated if of_rows else by_slip
-    for channel in recommendation.measured:
-        left, noise = (
-            summary(recommendation.slip, x) for x in (recommendation.residual(channel), recommendation.noise[channel])
-        )
-        sigmas = np.abs(left.median) / matched(left.centre, noise)
-        if np.isfinite(sigmas).any():
-            sizes[channel] = (float(np.nanmax(sigmas)), left, int(np.nanargmax(sigmas)))
-    if not sizes:
-        raise DataError("the noise of the samples is not known")
-    listed_first = [ROLES[finding.channel].key for finding in found.what_is_wrong]
-    channel = next((c for c in listed_first if c in sizes), max(sizes, key=lambda c: sizes[c][0]))
-    _, left, worst = sizes[channel]
-    factor, text = page_unit(channel)
-    size = f"{number(factor * float(left.median[worst]))} {text}"
-    slip = signed(float(left.centre[worst]), ".2f")
-    title = f"{OUTPUTS[channel].name.capitalize()}: median residual {size} at slip {slip}, calibrated soil"
-    draw = _residuals_of_rows if of_rows else _residuals
-    return replace(draw(recommendation, channel, wide=(1000, 340, 150)), key="largest-residual", title=title)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
@@ -450,22 +433,24 @@ def runs(inputs: ReportInputs) -> Contents:
     """Build the section: go or drive again, per run, with the reason and the traction."""
     if not inputs.runs:
         raise DataError("there are no runs")
-    rows, numbers = [], {}
+    note, rows, numbers = inputs.several_terrains, [], {}
+    others = note.values.get("groups", ((), ()))[1] if note is not None else ()
     for run, grade in zip(inputs.runs, inputs.grades, strict=True):
+        decision = _OTHER_SOIL if run.run.id in others else _DECISIONS[grade.level]
         traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
         dated = run.start_ns > 631_152_000 * 10**9
         rows.append(
             [
                 run.run.id,
-                _DECISIONS[grade.level],
+                decision,
                 f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else "–",
                 f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
                 number(traction.pull.pull_n) if traction.pull else "–",
-                signed(traction.drawbar_coefficient, ".3f") if isfinite(traction.drawbar_coefficient) else "–",
-                "; ".join(map(with_names, grade.reasons[:2])) or "complete, slip covered",
+                "; ".join([_ITS_SOIL] * (run.run.id in others) + [*map(with_names, grade.reasons[:2])])
+                or "complete, slip covered",
             ]
         )
         numbers[run.run.id] = {
@@ -473,7 +458,7 @@ def runs(inputs: ReportInputs) -> Contents:
             "load_n": float(np.median(load)) if len(load) else None,
             "highest_slip": grade.highest_slip,
             "usable_share": grade.usable_share,
-            "decision": _DECISIONS[grade.level][2:],
+            "decision": decision[2:],
             "reasons": grade.reasons,
             "traction": traction,
         }
@@ -485,14 +470,13 @@ def runs(inputs: ReportInputs) -> Contents:
         "slip up to",
         "usable (%)",
         "measured pull near slip 0.2 (N)",
-        "highest measured Dp/W",
         "reason",
     ]
     shown = _shown_runs([grade.level for grade in inputs.grades])
     more = f"{len(shown)} of {len(rows)}, the worst; the others are in the appendix. " if len(shown) < len(rows) else ""
-    note = f"{more}Usable: share of the samples in motion. Measured pull: of a straight line through slip 0.1 to 0.3."
+    below = f"{more}Usable: share of the samples in motion. Measured pull: of a straight line through slip 0.1 to 0.3."
     listed_rows = [*(_set_aside_row(run, len(head)) for run in inputs.set_aside), *(rows[i] for i in shown)]
-    return [Table("Go or drive again", head, listed_rows, note, left=2, words=("reason",))], numbers
+    return [Table("Go or drive again", head, listed_rows, below, left=2, words=("reason",))], numbers
 
 
 def _shown_runs(levels: Sequence[str]) -> list[int]:
