@@ -25,7 +25,7 @@ from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes
 from wheelsoil.report.sections.planning import detectable, next_run
 from wheelsoil.report.sections.provenance import provenance
-from wheelsoil.report.words import form_name, letter, measured, unit
+from wheelsoil.report.words import NOT_JUDGED, form_name, letter, measured, unit
 from wheelsoil.wording.numbers import typeset, unbroken
 from wheelsoil.wording.verdict import headline_of, sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
@@ -144,10 +144,10 @@ def test_a_page_of_two_terrains_is_not_green_and_shows_both(material):
     )
     assert table.rows[1][-1].startswith("not of the soil of the first runs: see Do next")
     refused = causes.build(replace(material, diagnosed=replace(by_hand, verdict="unexplained", causes=())))
-    assert refused.blocks == [Text("No cause is judged: these runs are probably not of one soil.", "warning")]
+    assert refused.blocks == [Text(NOT_JUDGED, "warning")]
     assert text_of(report, "glance").count("bulldozing") == 0
     assert "part them first" in text_of(report, "next_run")
-    assert "no more than noise" not in text_of(report, "candidates")
+    assert "no more than noise" not in text_of(report, "candidates") and NOT_JUDGED in text_of(report, "candidates")
     assert report.numbers()["sections"]["glance"]["tiles"]["Confidence"]["value"] == "–"
 
 

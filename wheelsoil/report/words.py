@@ -16,6 +16,8 @@ from wheelsoil.wording.numbers import number as number
 from wheelsoil.wording.numbers import signed as signed
 from wheelsoil.wording.numbers import unit as unit
 
+NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
+
 _FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
 
 

@@ -9,7 +9,7 @@ from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, interval, letter, number, unit
+from wheelsoil.report.words import NOT_JUDGED, form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
 from wheelsoil.wording.grounds_text import adequacy_words
 from wheelsoil.wording.names import chance, parameter_name, plain_name
@@ -28,7 +28,7 @@ def candidates(inputs: ReportInputs) -> Contents:
     """Build the section."""
     found = inputs.diagnosis
     blocks: list[Block] = []
-    if refused := refusal_words(found):
+    if refused := NOT_JUDGED if several_terrains(found) is not None else refusal_words(found):
         blocks.append(Text(refused, "warning"))
     elif found.candidates:
         blocks.append(Panels([_figure(found)], _READING))

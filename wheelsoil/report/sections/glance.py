@@ -384,15 +384,15 @@ def _of_two_terrains(inputs: ReportInputs, note: Note) -> Drawing:
         )
         found = by_slip(slip, pull / load)
         curves.append(Curve(title, found.centre, found.median, look))
-    plane = Plane(
-        driven_slips(np.concatenate([curve.x for curve in curves])),
-        reach(*(curve.y for curve in curves)),
-        "Slip ratio, driving",
-        "Drawbar pull / load",
+    slips, ratios = driven_slips(np.concatenate([curve.x for curve in curves])), reach(*(curve.y for curve in curves))
+    return drawn(
+        "hero",
+        f"Drawbar pull over load: {' and '.join(titles)} differ",
+        "As measured. Lines: median of the samples. Shaded: where the text compares them, about slip 0.2.",
+        Plane(slips, ratios, "Slip ratio, driving", "Drawbar pull / load"),
+        curves,
+        shades=[(0.1, 0.3)],
     )
-    caption = "As measured. Lines: median of the samples. Shaded: where the text compares them, about slip 0.2."
-    title = f"Drawbar pull over load: {' and '.join(titles)} differ"
-    return drawn("hero", title, caption, plane, curves, shades=[(0.1, 0.3)])
 
 
 def _samples(inputs: ReportInputs, channel: str, shift: LoadShift) -> tuple[FloatArray, FloatArray] | None:

@@ -46,6 +46,7 @@ from wheelsoil.report.recommendation import (
     unconfirmed,
 )
 from wheelsoil.report.words import (
+    NOT_JUDGED,
     count,
     form_name,
     interval,
@@ -97,7 +98,6 @@ _SENSORS_NOTE = (
     "Complete: no gap too long to be bridged. Delay: as declared. Sigma: before the means over 0.2 s "
     "to which the errors on this page refer."
 )
-_NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
 _NAMED_RUNS = 5
 _WIDE = (560, 340, 124)
 """Size of a residual's figure on a wide screen."""
@@ -347,7 +347,7 @@ def causes(inputs: ReportInputs) -> Contents:
         Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
     ]
     if bars:
-        as_if = f"{_NOT_JUDGED} As if of one soil: " if several_terrains(found) is not None else ""
+        as_if = f"{NOT_JUDGED} As if of one soil: " if several_terrains(found) is not None else ""
         caption = f"{as_if}Sets exclude each other; with the rest they add up to 100 %."
         blocks.append(Bars("Which set of causes acts", caption, bars))
     rivals, figures = found.grounds.confounded, figures_of_diagnosis(found)
@@ -394,7 +394,7 @@ def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
         )
     ]
     if several_terrains(found) is not None:
-        refusal, figures = _NOT_JUDGED, []
+        refusal, figures = NOT_JUDGED, []
     return [Text(refusal, "warning"), *figures], {
         "sets": [],
         "refused": refusal,
