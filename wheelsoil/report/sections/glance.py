@@ -366,7 +366,7 @@ def _hero_of_rows(found: Diagnosis, recommendation: Recommendation) -> Drawing:
     lines = "Lines: the models at each load. Band: 95 % of scatter and error of form."
     caption = f"Points: rows{unused}. {lines}"
     title = _finding(recommendation, channel, repeated, by_load(recommendation.vertical_load_n))
-    return drawn("hero", title, caption, plane, curves)
+    return drawn("hero", title, caption, plane, curves, wide=(740, 340, 235))
 
 
 def _axis(channel: str) -> str:
