@@ -114,7 +114,7 @@ def test_it_opens_silent_and_complete(browser: Browser, each: Written) -> None:
         assert page.locator("#drawing-hero .wide-svg .line.base").count() == 1
         assert page.locator("details.part[open]").count() == 0, "the appendix is closed"
         words = len(re.findall(r"[^\W\d_]{2,}", page.locator("main").inner_text()))
-        assert words < 1050, "what is open is read in some minutes"
+        assert words < 1200, "what is open is read in some minutes"
         assert page.locator(".drawing").count() <= 8
         page.evaluate(DRAW, ".plot")
         assert page.evaluate(EMPTY) == []

@@ -33,7 +33,7 @@ def test_soils_and_causes_are_compared_with_their_intervals() -> None:
     none = replace(diagnosis("nothing_detectable"), soils=(soil,))
     rows = {row[0]: row[1:] for row in rows_of_difference(on_page(named), on_page(none))}
     assert rows["tan φ of the soil"] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.090", "yes", ""]
-    assert rows["c of the soil"][2:] == ["−100", "no", "Pa"]
+    assert rows["c of the soil"][2:] == ["−0.10", "no", "kPa"]
     assert rows["slip sinkage, H"][0] == "–" and rows["slip sinkage, H"][3:] == ["yes", "m"]
     assert rows["error of drawbar pull on held-out runs, calibrated soil"][2:] == ["0", "no interval", "N"]
     assert list(rows)[:2] == ["slip sinkage, H", "tan φ of the soil"]  # beyond their intervals first

@@ -7,7 +7,6 @@ import re
 
 from daq import ROLES
 from wheelsoil.report.figures import STYLES
-from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.wording.names import letter as letter
 from wheelsoil.wording.names import listed as listed
 from wheelsoil.wording.names import named_with_unit as named_with_unit
@@ -30,12 +29,6 @@ def with_names(text: str) -> str:
     """Return a note with the channel at its beginning as people call it."""
     first, _, rest = text.partition(" ")
     return f"{ROLES[first].name} {rest}" if first in ROLES else text
-
-
-def soil_unit(name: str) -> tuple[float, str]:
-    """Return the factor to the unit of a soil's parameter that pages write, as terrain.toml does, and that unit."""
-    text = SOIL_UNITS.get(name, "")
-    return (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)
 
 
 def count(value: int) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import isfinite, nan
 
-from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, upper
+from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, soil_unit, upper
 from wheelsoil.wording.numbers import measured, number, signed
 from wheelsoil.wording.numbers import unit as unit_text
 from wheelsoil.workflows.key_figures import Z95
@@ -44,7 +45,7 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
 
 def differing(changes: Sequence[Change]) -> str:
     """Return what differs beyond the intervals, as it reads within a sentence; empty where nothing does."""
-    said = list(_sentences([change for change in changes if change.beyond]))
+    said = list(_sentences([_as_pages_write(change) for change in changes if change.beyond]))
     more = [f"{len(said) - _MOST_SAID} more (see the table)"] if len(said) > _MOST_SAID else []
     return listed(said[:_MOST_SAID] + more)
 
@@ -93,6 +94,7 @@ def size_sentence(change: Change) -> str:
 
 def change_row(change: Change) -> list[str]:
     """Return a quantity with the columns of `CHANGE_HEAD`; shares are in percent."""
+    change = _as_pages_write(change)
     halves = [f" ± {number(half, 2)}" if isfinite(half) else "" for half in (change.last_half95, change.now_half95)]
     difference = "–"
     if isfinite(change.difference):
@@ -104,6 +106,15 @@ def change_row(change: Change) -> list[str]:
     verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
     values = [_number(change, change.last) + halves[0], _number(change, change.now) + halves[1]]
     return [_name(change), *values, difference, verdict, _unit(change)]
+
+
+def _as_pages_write(change: Change) -> Change:
+    """Return a change in the unit that pages write for it: of the soil's parameters as terrain.toml does."""
+    if change.kind != "soil":
+        return change
+    factor, text = soil_unit(change.name.rpartition(".")[2])
+    numbers = {name: factor * getattr(change, name) for name in ("last", "last_half95", "now", "now_half95")}
+    return replace(change, unit=text, **numbers)
 
 
 def _number(change: Change, value: float) -> str:

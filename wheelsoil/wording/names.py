@@ -26,10 +26,10 @@ _TEXTS = {
     Kind.ACCELERATION_BRAKING: "speeding up (slowing down: the other sign), braking",
     Kind.SLIP_RATE_DRIVING: "rising slip (falling: the other sign), driving",
     Kind.SLIP_RATE_BRAKING: "rising slip (falling: the other sign), braking",
-    Kind.DRAWBAR_PULL: "simulated drawbar pull {} to {} kN",
+    Kind.DRAWBAR_PULL: "at simulated drawbar pulls of {} to {} kN",
     Kind.DRAWBAR_PULL_SQUARED: "growing with the square of the simulated drawbar pull",
     Kind.DRAWBAR_PULL_DRIFT: "as a share of drawbar pull that grows over the campaign",
-    Kind.TORQUE: "simulated torque {} to {} kN m",
+    Kind.TORQUE: "at simulated torques of {} to {} kN m",
     Kind.TORQUE_SQUARED: "growing with the square of the simulated torque",
     Kind.TORQUE_DRIFT: "as a share of torque that grows over the campaign",
     Kind.ZERO_WITH_LOAD: "as a zero that grows with the load, at standstill too",
@@ -100,6 +100,12 @@ def named_with_unit(name: str) -> tuple[str, str]:
     plain, _, last = name.rpartition("_")
     known = plain and last in _UNITS
     return (plain if known else name).replace("_", " "), _UNITS[last] if known else ""
+
+
+def soil_unit(name: str) -> tuple[float, str]:
+    """Return the factor to the unit of a soil's parameter that pages write, as terrain.toml does, and that unit."""
+    text = SOIL_UNITS.get(name, "")
+    return (1e-3, f"k{text}") if text.startswith(("Pa", "N/")) else (1.0, text)
 
 
 def page_unit(channel: str) -> tuple[float, str]:

@@ -55,7 +55,6 @@ from wheelsoil.report.words import (
     measured,
     number,
     signed,
-    soil_unit,
     unit,
     with_names,
 )
@@ -69,6 +68,7 @@ from wheelsoil.wording.names import (
     page_unit,
     parameter_name,
     plain_name,
+    soil_unit,
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text

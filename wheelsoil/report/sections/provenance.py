@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count, letter, named_with_unit, number, signed, soil_unit, unit
-from wheelsoil.wording.names import plain_name
+from wheelsoil.report.words import count, letter, named_with_unit, number, signed, unit
+from wheelsoil.wording.names import plain_name, soil_unit
 from wheelsoil.wording.notes import texts_of
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
