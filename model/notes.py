@@ -71,7 +71,7 @@ class DiagnosisCode(StrEnum):
     NO_POSITIONS = "no_positions"
     POSITIONS_STILL = "positions_still"
     RUN_APART = "run_apart"
-    """run, family of the zero, its channel, size, sigma by the scatter of the others, chance"""
+    """campaign of several, run, family of the zero, its channel, size, sigma by the scatter of the others, chance"""
     LESS_BESIDE_USUAL = "less_beside_usual"
     """family, probability"""
     OUTLIERS = "outliers"

@@ -84,6 +84,6 @@ def test_the_run_whose_zero_no_other_run_has_is_told_with_its_size() -> None:
         off = replace(grams, matrices=matrices)
         [note] = runs_apart(off, best_set(off, frozenset(), 3), runs)
         assert (note.values["run"], note.values["family"], note.values["channel"]) == ("run 11", key, channel)
-        assert note.values["size"] == pytest.approx(500.0, rel=0.15)
+        assert note.values["size"] == pytest.approx(500.0, rel=0.15) and note.values["campaign"] == "second"
         few = off.chosen(np.arange(16) >= 12)
         assert not list(runs_apart(few, best_set(few, frozenset(), 3), {"few": 4}))

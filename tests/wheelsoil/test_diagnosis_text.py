@@ -125,14 +125,14 @@ def test_a_lifted_zero_is_a_command_to_paste() -> None:
     assert "`" not in f"{step.what}{step.why}{text_of(found)}" and step.paste.startswith("wheelsoil zero")
 
 
-@pytest.mark.parametrize("run", ["run-3", "clay: run-3"])
-def test_a_run_that_lies_apart_is_switched_off_by_its_own_id(run: str) -> None:
-    values = {"run": run, "family": "torque_zero@FR", "channel": "t", "size": 90.0, "sigma": 10.0}
+@pytest.mark.parametrize(("campaign", "run"), [("", "Lauf 3: Ton"), ("clay", "clay: Lauf 3: Ton")])
+def test_a_run_that_lies_apart_is_switched_off_by_its_own_id(campaign: str, run: str) -> None:
+    values = {"campaign": campaign, "run": run, "family": "torque_zero@FR", "channel": "t", "size": 90.0, "sigma": 10.0}
     apart = Grounds(cautions=(Note(DiagnosisCode.RUN_APART, values=values),))
     step = next_steps(replace(diagnosis("nothing_detectable"), grounds=apart), VehicleConfig())[0]
     assert step.what.startswith(f"Check the torque zero of wheel FR in {run}; ")
     [chosen] = parse_choice(tomllib.loads(step.paste)).runs
-    assert (chosen.id, chosen.use) == ("run-3", False)
+    assert (chosen.id, chosen.use) == ("Lauf 3: Ton", False)
 
 
 def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:

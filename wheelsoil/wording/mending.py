@@ -96,7 +96,7 @@ def parting_step(found: Diagnosis) -> Step:
 def _apart_step(note: Note) -> Step:
     run, zero = note.values["run"], plain_name(note.values["family"])
     what = f"Check the {zero} in {run}; if it is off, switch the run off and diagnose again."
-    own = run.rpartition(": ")[2]  # of several campaigns one stands before it
+    own = run.removeprefix(f"{note.values['campaign']}: ")
     off = f'schema = "wheelsoil/choice/1"\n[[run]]\nid = "{own}"\nuse = false  # diagnose FOLDER --choice choice.toml'
     return Step(what, f"{upper(note_text(note))}.", off)
 

@@ -281,11 +281,13 @@ def runs_apart(grams: Grams, best: SetEstimate, runs: Mapping[str, int]) -> Iter
         Of the most probable set.
     """
     causes = [i for i, c in enumerate(grams.causes) if parted(c.key)[0] in _ZEROS]
-    for begin, end in pairwise(np.cumsum([0, *runs.values()])):
+    for campaign, (begin, end) in zip(runs, pairwise(np.cumsum([0, *runs.values()])), strict=True):
         found = [each for cause in causes if (each := _apart(grams, best, cause, range(begin, end)))]
         found.sort(key=lambda each: each["chance"])
         if found and found[0]["chance"] < _APART:
-            yield Note(DiagnosisCode.RUN_APART, Severity.FAULT, found[0])
+            yield Note(
+                DiagnosisCode.RUN_APART, Severity.FAULT, {"campaign": campaign if len(runs) > 1 else "", **found[0]}
+            )
 
 
 def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str, Any] | None:
