@@ -159,8 +159,8 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
         return diagnosis("nothing_detectable")
 
     with (
+        patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),  # first: its import takes the right one
         patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", by_hand),
-        patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),
     ):
         both = ok("diagnose", folder, "--json", "--next-run")
         reported = ok("report", folder, "-o", tmp_path / "r.html")
