@@ -187,7 +187,7 @@ def test_the_pull_at_slip_0_2_is_that_of_the_table_of_cost(material: ReportInput
     inputs = replace(material, diagnosed=diagnosis())
     pull, [row, *_] = inputs.traction.pull, cost_rows(cost(material))
     assert pull is not None and figure_value(figures_of_traction(inputs.traction)["pull_at_slip_0.2"]) == row[3]
-    assert pull.pull_n == cost(material).costs[0].with_causes and pull.load_n == cost(material).load_n
+    assert pull.pull_n == cost(material).costs[0].with_causes and pull.load_n == cost(material).driving.load_n
     assert pull.interval95[0] < pull.pull_n < pull.interval95[1]
     written = build_report(inputs).numbers()["sections"]
     assert written["fit"]["traction"]["pull"]["pull_n"] == written["cost"]["costs"][0]["with_causes"]

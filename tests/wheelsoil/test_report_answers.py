@@ -57,7 +57,7 @@ def test_what_a_named_cause_costs_is_said_at_the_usual_and_the_highest_slip(mate
     text = answers(replace(material, diagnosed=diagnosis()))["What does it cost?"]
     report = build_report(replace(material, diagnosed=diagnosis())).numbers()["sections"]["cost"]["costs"]
     highest = max(one["slip"] for one in report)
-    assert highest > 0.5 and f"at slip {highest:g}" in text and text.startswith("At slip 0.2 drawbar pull −")
+    assert highest > 0.5 and f"; at slip {highest:g} drawbar pull" in text and ", at slip 0.2 drawbar pull −" in text
     [deeper] = [one["difference"] for one in report if one["quantity"] == "sinkage" and one["slip"] == highest]
     assert deeper == pytest.approx(0.051 * highest, rel=0.05)
 
@@ -98,3 +98,29 @@ def test_a_run_that_lies_apart_stands_in_its_channel() -> None:
     )
     assert "Drawbar pull: in run-2 it is 292 N off" in " ".join(transducer_words(apart))
     assert headline_of(apart) == "No cause is detected, but run-2 lies apart from the other runs."
+
+
+def test_no_channel_is_blamed_where_the_runs_ask_for_two_soils() -> None:
+    unknown = diagnosis("unexplained")
+    grounds = Grounds(lack_of_fit=LackOfFit(worst=unknown.what_is_wrong[1:]), terrains=(("run-1",), ("run-2",)))
+    [text] = transducer_words(replace(unknown, grounds=grounds))
+    assert "not judged" in text
+
+
+def test_a_fault_of_a_sensor_stands_in_its_channel() -> None:
+    told = transducer_words(diagnosis("nothing_detectable"), {"driving_torque": ["6.0 s frozen in run-14"]})
+    [torque] = [text for text in told if text.startswith("Driving torque")]
+    assert torque.endswith("6.0 s frozen in run-14.") and sum("frozen" in text for text in told) == 1
+
+
+def test_what_several_passes_change_is_said_of_the_middle_passage(material: ReportInputs) -> None:
+    size = ParameterEstimate("per_pass", "1", 0.22, (0.17, 0.27), 0.025)
+    rut = Cause("multi_pass", "", "physical", "multi_pass", 0.99, 1.0, (size,))
+    found = replace(diagnosis(), causes=(rut,))
+    first = answers(replace(material, diagnosed=found))["What does it cost?"]
+    assert first == "Costs nothing in steady driving."
+    runs = tuple(
+        replace(run, run=run.run.model_copy(update={"pass_number": 2 * i + 1})) for i, run in enumerate(material.runs)
+    )
+    later = answers(replace(material, runs=runs, diagnosed=found))["What does it cost?"]
+    assert "passage 2 over the soil, at slip 0.2 drawbar pull +" in later

@@ -15,7 +15,7 @@ from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
 from wheelsoil.wording.change_text import change_row, change_summary
-from wheelsoil.workflows.cause_cost import costs_of
+from wheelsoil.workflows.cause_cost import Driving, costs_of
 from wheelsoil.workflows.last_report import changes_since, load_last
 
 CLAY = SOILS["clay"]
@@ -30,7 +30,7 @@ def cause(key: str, value: float, interval: tuple[float, float]) -> Cause:
 
 def test_a_torque_zero_costs_no_pull_and_shows_its_size_in_the_torque() -> None:
     found, best_slip = costs_of(
-        [cause("torque_zero", 80.0, (70.0, 90.0))], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2
+        [cause("torque_zero", 80.0, (70.0, 90.0))], Wheel(0.47, 0.318), CLAY, NO_SOIL, Driving(9e3, 2)
     )
     by = {(one.quantity, one.slip): one for one in found}
     assert by["drawbar_pull", 0.2].difference == 0.0
@@ -42,7 +42,7 @@ def test_a_torque_zero_costs_no_pull_and_shows_its_size_in_the_torque() -> None:
 def test_slip_sinkage_costs_pull_and_efficiency() -> None:
     size = ParameterEstimate("H_m", "m", 0.05, (0.04, 0.06), 5e-3)
     sinkage = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.99, 1.0, (size,))
-    found, _ = costs_of([sinkage], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2, highest_slip=0.807)
+    found, _ = costs_of([sinkage], Wheel(0.47, 0.318), CLAY, NO_SOIL, Driving(9e3, 2), highest_slip=0.807)
     pulls = [one for one in found if one.quantity == "drawbar_pull"]
     deeper = {one.slip: one.difference for one in found if one.quantity == "sinkage"}
     assert all(one.difference < 0 for one in found if one.quantity in ("drawbar_pull", "tractive_efficiency"))
@@ -56,7 +56,7 @@ def test_opposite_causes_do_not_cancel_each_others_uncertainty() -> None:
     zero = cause("drawbar_pull_zero", 80.0, (70.0, 90.0))
 
     def sides(*causes: Cause) -> tuple[float, float]:
-        found, _ = costs_of(causes, Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2)
+        found, _ = costs_of(causes, Wheel(0.47, 0.318), CLAY, NO_SOIL, Driving(9e3, 2))
         pull = next(one for one in found if one.quantity == "drawbar_pull")
         return pull.difference - pull.difference95[0], pull.difference95[1] - pull.difference
 
@@ -69,7 +69,7 @@ def test_of_terms_that_are_known_together_the_cost_has_an_interval() -> None:
     size = ParameterEstimate("p", "1", 0.6, (0.5, 0.7), 0.05)
     terms = [ParameterEstimate(name, "1", value, (nan, nan), nan) for name, value in (("m1", 0.5), ("m2", 0.1))]
     lyasko = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 1.0, (size, *terms))
-    found, _ = costs_of([lyasko], Wheel(0.47, 0.318), CLAY, NO_SOIL, load_n=9e3, speed_mps=2)
+    found, _ = costs_of([lyasko], Wheel(0.47, 0.318), CLAY, NO_SOIL, Driving(9e3, 2))
     assert all(one.difference95[0] < one.difference < one.difference95[1] for one in found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from wheelsoil.wording.figures import figure_interval, figure_value
@@ -13,8 +14,9 @@ from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wheelsoil.workflows.cause_cost import CausesCost, Cost
+    from wheelsoil.workflows.cause_cost import CausesCost, Cost, Driving
 
+KILO = 1e3
 COST_HEAD = ("quantity", "slip", "without", "with", "difference", "95 % interval", "unit")
 _QUANTITIES = {
     "drawbar_pull": ("drawbar pull", 1.0),
@@ -50,11 +52,19 @@ def cost_meaning(found: CausesCost) -> str:
     return _MEASURED if {cause.kind for cause in found.causes} == {"measurement"} else _PHYSICAL
 
 
+def driving_text(driving: Driving) -> str:
+    """Return for which driving a cost holds."""
+    load = f"{driving.load_n / 1e3:.1f} kN" if driving.load_n >= KILO else f"{driving.load_n:.0f} N"
+    speed = f" and {driving.speed_mps:.1f} m/s" if isfinite(driving.speed_mps) else ""
+    passage = f", passage {driving.passage:.0f} over the soil" if driving.passage > 1 else ""
+    return f"Steady driving at {load}{speed}{passage}"
+
+
 def cost_note(found: CausesCost) -> str:
     """Return for which driving it holds, and what the interval is of."""
     cause = "the cause" if len(found.causes) == 1 else "the causes"
     return (
-        f"Steady driving at {found.load_n / 1e3:.1f} kN and {found.ground_speed_mps:.1f} m/s, "
+        f"{driving_text(found.driving)}, "
         f"by the recommended model. Without {cause}, efficiency is highest at slip {found.best_slip:.2f}. "
         "Interval: of the causes' sizes, soil held."
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from daq import OUTPUTS, ROLES, TRANSDUCER_ROLES, Use, number
 from model.diagnosis import Detectable, Diagnosis
@@ -10,16 +10,20 @@ from model.effects import EFFECTS, parted
 from wheelsoil.wording.grounds_text import OPEN_AT, chances_of, detectable_by_family
 from wheelsoil.wording.mending import doubted_channel
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper, with_chance
-from wheelsoil.wording.verdict import runs_apart, several_terrains, size_text
+from wheelsoil.wording.verdict import groups_of_runs, runs_apart, several_terrains, size_text
 
 
-def transducer_words(found: Diagnosis) -> list[str]:
-    """Return for each channel of the transducer whether the runs show an error of it, and what they cannot show."""
-    if several_terrains(found) is not None or found.grounds.undecided is not None:
+def transducer_words(found: Diagnosis, faults: Mapping[str, Sequence[str]] | None = None) -> list[str]:
+    """Return for each channel of the transducer whether the runs show an error of it, and what they cannot show.
+
+    `faults` are those of the sensor by role, in words: samples that are not used.
+    """
+    if groups_of_runs(found) or several_terrains(found) is not None or found.grounds.undecided is not None:
         return ["The transducer is not judged: nothing else is decided of these runs."]
     used = {OUTPUTS[channel].role for data in found.plot_data for channel in data.base}
     roles = [role for role in TRANSDUCER_ROLES if ROLES[role].use is Use.INPUT or role in used]
-    return [f"{upper(ROLES[role].name)}: {'; '.join(_of_channel(found, role))}." for role in roles]
+    said = {role: [*_of_channel(found, role), *(faults or {}).get(role, ())] for role in roles}
+    return [f"{upper(ROLES[role].name)}: {'; '.join(texts)}." for role, texts in said.items()]
 
 
 def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from math import hypot, isfinite, nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,24 +48,28 @@ class Cost:
         return self.with_causes - self.without
 
 
+class Driving(NamedTuple):
+    """How a wheel is driven steadily: its load (N), ground speed (m/s), and which passage over the soil it is."""
+
+    load_n: float
+    speed_mps: float
+    passage: float = 1.0
+
+
 @dataclass(frozen=True)
 class CausesCost:
-    """What the causes of a `named` verdict cost at one load (N) and ground speed (m/s).
-
-    `best_slip` is that of the highest tractive efficiency without them.
-    """
+    """What the causes of a `named` verdict cost; `best_slip` is that of the highest efficiency without them."""
 
     causes: tuple[Cause, ...]
     costs: tuple[Cost, ...]
-    load_n: float
-    ground_speed_mps: float
+    driving: Driving
     best_slip: float
 
 
 def cost_of_verdict(
     found: Diagnosis, runs: Sequence[ProcessedRun], wheel: Wheel, laboratory: Soil, reading: Reading
 ) -> CausesCost:
-    """Return what the named causes cost at the median load and ground speed of the runs' used samples.
+    """Return what the named causes cost in the usual driving of the runs.
 
     Raises
     ------
@@ -73,32 +78,32 @@ def cost_of_verdict(
     """
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
-    load_n, speed_mps = usual_driving(runs)
+    driving = usual_driving(runs)
     highest = max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs)
     costs, best_slip = costs_of(
         found.causes,
         wheel,
         laboratory,
         found.soils[0],
-        load_n=load_n,
-        speed_mps=speed_mps,
-        reading=reading,
+        driving,
+        reading,
         highest_slip=highest,
     )
-    return CausesCost(found.causes, tuple(costs), load_n, speed_mps, best_slip)
+    return CausesCost(found.causes, tuple(costs), driving, best_slip)
 
 
 def pull_beyond(
-    found: Diagnosis, highest_load_n: float, wheel: Wheel, laboratory: Soil, reading: Reading, speed_mps: float
+    found: Diagnosis, highest_load_n: float, wheel: Wheel, laboratory: Soil, reading: Reading, driving: Driving
 ) -> tuple[float, Cost]:
     """Return a load (N) above the highest that was driven, and the pull at slip 0.2 there with and without the causes.
 
-    Of a verdict without a name both are the calibrated soil's. `DataError` where the model has no answer.
+    All else is as in the usual `driving`. Of a verdict without a name both are the calibrated soil's. `DataError`
+    where the model has no answer.
     """
     load_n = float(f"{_BEYOND * highest_load_n:.2g}")
     causes = found.causes if found.verdict == "named" else ()
     soil = found.soils[0] if found.soils else SoilEstimate("", {}, {})
-    costs, _ = costs_of(causes, wheel, laboratory, soil, load_n=load_n, speed_mps=speed_mps, reading=reading)
+    costs, _ = costs_of(causes, wheel, laboratory, soil, driving._replace(load_n=load_n), reading)
     return load_n, costs[0]
 
 
@@ -107,10 +112,9 @@ def costs_of(
     wheel: Wheel,
     laboratory: Soil,
     soil: SoilEstimate,
-    *,
-    load_n: float,
-    speed_mps: float,
+    driving: Driving,
     reading: Reading = "balanced",
+    *,
     highest_slip: float = nan,
 ) -> tuple[list[Cost], float]:
     """Return what causes change at slip 0.2, at that of the highest tractive efficiency without them, and at the end.
@@ -121,8 +125,6 @@ def costs_of(
     ----------
     soil : SoilEstimate
         As calibrated with the causes; it is the same with and without them.
-    load_n, speed_mps : float
-        The wheel is driven steadily.
 
     Raises
     ------
@@ -131,7 +133,7 @@ def costs_of(
     """
 
     def curves(chosen: Sequence[Cause]) -> dict[str, FloatArray]:
-        return _curves(extended_model(wheel, laboratory, soil, tuple(chosen), reading), load_n, speed_mps)
+        return _curves(extended_model(wheel, laboratory, soil, tuple(chosen), reading), driving)
 
     without, complete = curves(()), curves(causes)
     known = _known(causes)
@@ -154,7 +156,7 @@ def costs_of(
 def steady_traction(
     found: Diagnosis | None, runs: Sequence[ProcessedRun], wheel: Wheel, laboratory: Soil, reading: Reading
 ) -> Traction:
-    """Return the traction of steady driving at the runs' median load and ground speed.
+    """Return the traction of steady driving in the usual driving of the runs.
 
     Under a `named` verdict all is the recommended model's, without the errors of the measurement that it names. The
     interval of the pull at slip 0.2 is as wide as the median residual there with its interval may be to either side,
@@ -167,15 +169,16 @@ def steady_traction(
         return measured
     soil = found.soils[0] if found is not None and found.soils else SoilEstimate("", {}, {})
     causes = found.causes if found is not None and found.verdict == "named" and found.soils else ()
-    load_n, speed_mps = usual_driving(runs)
+    driving = usual_driving(runs)
+    load_n, speed_mps, _ = driving
 
     def model_of(chosen: Sequence[Cause]) -> ExtendedModel:
         return extended_model(wheel, laboratory, soil, tuple(chosen), reading)
 
     def pull_of(chosen: Sequence[Cause]) -> float:
-        return float(_curves(model_of(chosen), load_n, speed_mps)["drawbar_pull"][_USUAL])
+        return float(_curves(model_of(chosen), driving)["drawbar_pull"][_USUAL])
 
-    curves = _curves(model_of([cause for cause in causes if cause.kind == "physical"]), load_n, speed_mps)
+    curves = _curves(model_of([cause for cause in causes if cause.kind == "physical"]), driving)
     pull_n, left = float(curves["drawbar_pull"][_USUAL]), _residual(model_of(causes), runs)
     if not isfinite(pull_n) or left is None:
         return measured
@@ -226,18 +229,18 @@ def _at_end(cause: Cause, end: int) -> Cause:
     return replace(cause, parameters=tuple(moved))
 
 
-def usual_driving(runs: Sequence[ProcessedRun]) -> tuple[float, float]:
-    """Return the median load (N) and ground speed (m/s) of the used samples."""
+def usual_driving(runs: Sequence[ProcessedRun]) -> Driving:
+    """Return the median load and ground speed of the used samples, and the middle passage of the runs."""
     load_n, speed_mps = (
         float(np.nanmedian(np.concatenate([getattr(run, name)[run.used] for run in runs])))
         for name in ("vertical_load_n", "ground_speed_mps")
     )
-    return load_n, speed_mps
+    return Driving(load_n, speed_mps, float(np.ceil(np.median([run.passage for run in runs]))))
 
 
-def _curves(model: ExtendedModel, load_n: float, speed_mps: float) -> dict[str, FloatArray]:
+def _curves(model: ExtendedModel, driving: Driving) -> dict[str, FloatArray]:
     """Return pull (N), torque (N m), sinkage (m) and tractive efficiency over `_SLIPS`."""
-    found = model.predict(_steady(model.wheel, model.soil, load_n, speed_mps))
+    found = model.predict(_steady(model.wheel, model.soil, driving))
     pull, torque, sinkage = (
         np.asarray(x, np.float64) for x in (found.drawbar_pull_n, found.driving_torque_nm, found.sinkage_m)
     )
@@ -267,22 +270,22 @@ def _residual(model: ExtendedModel, runs: Sequence[ProcessedRun]) -> PullAtSlip 
     return median_of_passes(runs, residuals)
 
 
-def _steady(wheel: Wheel, soil: Soil, load_n: float, speed_mps: float) -> Conditions:
+def _steady(wheel: Wheel, soil: Soil, driving: Driving) -> Conditions:
     def held(value: float) -> FloatArray:
         return np.full(len(_SLIPS), value)
 
     return Conditions(
         slip=_SLIPS,
-        vertical_load_n=held(load_n),
-        ground_speed_mps=held(speed_mps),
-        wheel_speed_radps=speed_mps / (1 - _SLIPS) / wheel.radius_m,
+        vertical_load_n=held(driving.load_n),
+        ground_speed_mps=held(driving.speed_mps),
+        wheel_speed_radps=driving.speed_mps / (1 - _SLIPS) / wheel.radius_m,
         ground_acceleration_mps2=held(0.0),
         ground_jerk_mps3=held(0.0),
         wheel_acceleration_radps2=held(0.0),
         line_position=held(0.0),
         campaign_time=held(0.5),
         direction=held(1.0),
-        pass_number=held(1.0),
+        pass_number=held(driving.passage),
         inflation_kpa=held(nan),
         unit_weight_n_m3=held(soil.unit_weight_n_m3),
         body_pitch_rad=held(0.0),

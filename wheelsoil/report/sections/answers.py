@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import nan
 from typing import NamedTuple
 
 import numpy as np
 
-from daq import OUTPUTS
+from daq import OUTPUTS, TRANSDUCER_ROLES
 from model.diagnosis import Diagnosis
 from model.wheel_soil import Reading, Soil, Wheel
 from wheelsoil.report.content import Contents, Links, section
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import rows_check
 from wheelsoil.report.sections.glance import (
     confidence_tile,
     data_tile,
@@ -20,14 +22,15 @@ from wheelsoil.report.sections.glance import (
     runs_again,
     steps_of_report,
 )
+from wheelsoil.report.sections.overview import faults_of
 from wheelsoil.report.words import number, signed
-from wheelsoil.wording.cost_text import cost_meaning, cost_sentence
+from wheelsoil.wording.cost_text import cost_meaning, cost_sentence, driving_text
 from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import doubt_of_the_peak, headline_of, several_terrains, size_text
-from wheelsoil.workflows.cause_cost import cost_of_verdict, costs_of, pull_beyond, usual_driving
+from wheelsoil.workflows.cause_cost import Cost, Driving, cost_of_verdict, costs_of, pull_beyond, usual_driving
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.grading import Grade
 
@@ -46,9 +49,9 @@ def answers(inputs: ReportInputs) -> Contents:
         ("How big is it?", _size(inputs), "#causes"),
         ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else "#causes"),
         ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
-        ("Which runs are bad?", upper(again) or "Rows that are off stand under Fit.", "#runs" if again else "#fit"),
+        ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
         ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
-        ("Can the transducer be trusted?", " ".join(transducer_words(found)), "#causes"),
+        ("Can the transducer be trusted?", _transducer(inputs), "#causes"),
         ("How good is the model elsewhere?", _elsewhere(inputs), "#fit"),
     ]
     return [Links("What a test engineer asks", lines)], {question: answer for question, answer, _ in lines}
@@ -65,6 +68,16 @@ def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     counted = f"{usable} of {len(grades) + len(inputs.set_aside)} runs can be used; " if grades else ""
     tile = data_tile(inputs, grades)
     return f"{upper(counted)}{tile.value} {tile.unit}; {tile.note}."
+
+
+def _rows(inputs: ReportInputs) -> str:
+    recommendation = inputs.recommendation
+    return " ".join(rows_check(recommendation, channel)[1] for channel in recommendation.measured)
+
+
+def _transducer(inputs: ReportInputs) -> str:
+    faults = {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
+    return " ".join(transducer_words(inputs.diagnosis, faults))
 
 
 def _rests_on_nothing(inputs: ReportInputs) -> bool:
@@ -94,17 +107,16 @@ class _Ground(NamedTuple):
     wheel: Wheel
     soil: Soil
     reading: Reading
-    load_n: float
-    speed_mps: float
+    driving: Driving
 
 
 def _ground(inputs: ReportInputs) -> _Ground:
     if inputs.tables:
         table, load_n = inputs.tables[0], float(np.median(inputs.recommendation.vertical_load_n))
-        return _Ground(table.wheel, table.soil, "balanced", load_n, nan)
+        return _Ground(table.wheel, table.soil, "balanced", Driving(load_n, nan))
     fit = inputs.fit
     wheel = wheel_of(inputs.vehicle, "vehicle.toml")
-    return _Ground(wheel, fit.soil, fit.options.reading, *usual_driving(inputs.fitted))
+    return _Ground(wheel, fit.soil, fit.options.reading, usual_driving(inputs.fitted))
 
 
 def _cost(inputs: ReportInputs) -> str:
@@ -113,20 +125,27 @@ def _cost(inputs: ReportInputs) -> str:
         return "Not known: no cause is named."
     if not found.causes:
         return "Nothing that these data show: no cause is detected."
-    wheel, soil, reading, load_n, speed_mps = _ground(inputs)
+    wheel, soil, reading, driving = _ground(inputs)
     if found.verdict == "named" and inputs.runs:
         whole = cost_of_verdict(found, inputs.fitted, wheel, soil, reading)
-        ends = dict.fromkeys((whole.costs[0].slip, max(cost.slip for cost in whole.costs)))
-        texts = [text for slip in ends if (text := cost_sentence(whole.costs, slip))]
+        said = _at_the_ends(whole.costs)
         error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
-        return f"{upper('; '.join(texts))}.{error}" if texts else cost_meaning(whole)
+        return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)
     texts = []
     for cause in found.causes[:_MOST_CAUSES]:
-        costs, _ = costs_of([cause], wheel, soil, found.soils[0], load_n=load_n, speed_mps=speed_mps, reading=reading)
+        costs, _ = costs_of(
+            [cause], wheel, soil, found.soils[0], driving, reading, highest_slip=ends_of_slip(inputs)[1]
+        )
         reads = " (an error of the reading)" if cause.kind == "measurement" else ""
-        texts.append(f"{plain_name(cause.name)}{reads}: {cost_sentence(costs) or 'nothing in steady driving'}")
-    doubt = "" if found.verdict == "named" else "No cause is named. If it acts alone, "
-    return f"{doubt or 'At the median load, '}{'; '.join(texts)}."
+        texts.append(f"{plain_name(cause.name)}{reads}: {_at_the_ends(costs) or 'nothing in steady driving'}")
+    doubt = "" if found.verdict == "named" else "No cause is named. If one acts alone: "
+    return f"{doubt}{driving_text(driving)}, {'; '.join(texts)}."
+
+
+def _at_the_ends(costs: Sequence[Cost]) -> str:
+    """Return what causes change at the usual slip and at the highest one."""
+    ends = dict.fromkeys((costs[0].slip, max(cost.slip for cost in costs)))
+    return "; ".join(text for slip in ends if (text := cost_sentence(costs, slip)))
 
 
 def _elsewhere(inputs: ReportInputs) -> str:
@@ -149,8 +168,8 @@ def _elsewhere(inputs: ReportInputs) -> str:
             for factor, text in [page_unit(channel)]
         ]
         tested += f": error on held-out data {listed(errors)}"
-    wheel, soil, reading, _, speed_mps = _ground(inputs)
-    load_n, pull = pull_beyond(found, max(loads), wheel, soil, reading, speed_mps)
+    wheel, soil, reading, driving = _ground(inputs)
+    load_n, pull = pull_beyond(found, max(loads), wheel, soil, reading, driving)
     model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")
     without = f", without the cause {number(pull.without)} N" if pull.difference else ""
     at = f"at {load_n / kilo:.3g} {unit} and slip {pull.slip:g}"

@@ -34,8 +34,9 @@ def cost(inputs: ReportInputs) -> Contents:
     table = [Table(cost_title(found), COST_HEAD, rows, cost_note(found), words=("unit",))] if rows else []
     return [Text(cost_meaning(found)), *table], {
         "costs": [vars(entry) | {"difference": entry.difference} for entry in found.costs],
-        "load_n": found.load_n,
-        "ground_speed_mps": found.ground_speed_mps,
+        "load_n": found.driving.load_n,
+        "ground_speed_mps": found.driving.speed_mps,
+        "passage": found.driving.passage,
     }
 
 

@@ -462,6 +462,8 @@ def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
         runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
         return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
+    if not poor and inputs.diagnosed is not None and (groups := groups_of_runs(inputs.diagnosed)):
+        return f"none is broken, but {groups.first} seem to be of another soil than {groups.second}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     return f"{_few(poor, f'{len(poor)} of {len(grades) + len(set_aside)} runs')}; the reasons stand under Runs."

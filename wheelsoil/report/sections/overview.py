@@ -506,7 +506,7 @@ def signals(inputs: ReportInputs) -> Contents:
         facts = [run.quality.sensors[role] for run in inputs.runs if role in run.quality.sensors]
         gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
         missing = len(inputs.runs) - len(facts)
-        faults = _faults_of(role, inputs)
+        faults = faults_of(role, inputs)
         well = not gaps and not late and not missing and not faults
         losses = [_counted(gaps, "gap")] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
         losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing) + faults
@@ -546,7 +546,7 @@ def signals(inputs: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-def _faults_of(role: str, inputs: ReportInputs) -> list[str]:
+def faults_of(role: str, inputs: ReportInputs) -> list[str]:
     """Return what a channel lost to faults of its sensor, by their kind, and the delay that is the named cause."""
     seen: dict[str, dict[str, float]] = {}
     for run in inputs.runs:
