@@ -413,8 +413,10 @@ def _called(sign: str) -> str:
 
 def _lines_in(piece: _Bytes) -> int:
     """Return the number of lines, whatever ends each; the last one may end with the file."""
-    parts = (np.frombuffer(piece, np.uint8)[at : at + _PART] for at in range(0, len(piece), _PART))
-    ends = sum(int(np.count_nonzero(part == _LINE_FEED)) for part in parts)  # five times as fast as to count
+    ends = sum(  # in parts, whose comparison stays in the cache: five times as fast as to count
+        int(np.count_nonzero(np.frombuffer(piece, np.uint8, min(_PART, len(piece) - at), at) == _LINE_FEED))
+        for at in range(0, len(piece), _PART)
+    )
     if b"\r" in piece:
         ends += piece.count(b"\r") - piece.count(b"\r\n")
     return ends + (not piece.endswith((b"\n", b"\r")))
@@ -439,8 +441,5 @@ def _as_utf8(piece: _Bytes) -> _Bytes:
 
 
 def _as_numpy(column: Any) -> NDArray[Any]:
-    import pyarrow as pa
-
-    if pa.types.is_boolean(column.type):
-        column = column.cast(pa.uint8()).cast(pa.float64())
-    return np.asarray(column.to_numpy())
+    numbers = column.cast("uint8").cast("float64") if column.type == "bool" else column
+    return np.asarray(numbers.to_numpy())

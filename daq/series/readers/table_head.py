@@ -78,8 +78,7 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     """
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise DataError.of("the file is UTF-16 text", source, expected="UTF-8", next_step="save it as UTF-8")
-    whole = head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]
-    raw = whole.split(b"\n")
+    raw = (head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]).split(b"\n")
     delimiter = _delimiter(raw, source)
     widths = _widths(raw, delimiter)
     rows = cache(lambda i: cells_of(_shown(raw[i]), delimiter))  # of most lines only the number of cells counts
@@ -150,8 +149,12 @@ def _delimiter(lines: Sequence[bytes], source: str) -> str:
         usual = max(set(counts), key=counts.count, default=1)
         if usual > 1 and counts.count(usual) >= 0.5 * len(counts):
             return delimiter
-    found = f"begins with {_shown(lines[0], 80)!r}"
-    raise DataError.of("not a table", source, found, "cells separated by comma, semicolon, tab or bar")
+    raise DataError.of(
+        "not a table",
+        source,
+        f"begins with {_shown(lines[0], 80)!r}",
+        "cells separated by comma, semicolon, tab or bar",
+    )
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -164,8 +167,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 def _usual_count(rows: _Rows, widths: Sequence[int], layout: SeriesSection) -> int:
     """Return the number of cells of most rows, or that of the header where many rows have as many."""
-    counts = Counter(widths)
-    del counts[0], counts[1]
+    counts = Counter(width for width in widths if width > 1)
     first = next((i for i, width in enumerate(widths) if width > 1 and _is_data(rows(i))), 0)
     named = [i for i in range(first) if counts[widths[i]] > _USUAL_SHARE * counts.total()]
     return widths[_header_rows(rows, named, layout)[0]] if named else counts.most_common(1)[0][0]
