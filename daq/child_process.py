@@ -7,9 +7,11 @@ thing that the generator function yields.
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import os
 import pickle
+import pkgutil
 import signal
 import subprocess
 import sys
@@ -132,9 +134,8 @@ def _memory_bytes(path: str) -> int:
 
 def _serve(task: str, path: str, arguments: list[str], out: IO[bytes]) -> None:
     say = partial(_send, pipe=out)
-    module, _, function = task.partition(":")
     try:
-        for answer in getattr(importlib.import_module(module), function)(path, *arguments):
+        for answer in pkgutil.resolve_name(task)(path, *arguments):
             say((answer,))
         say(None)
     except WheelsoilError as error:
@@ -150,6 +151,7 @@ def _main() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
     limit_memory(_memory_bytes(path), addresses=True)
+    gc.set_threshold(100_000)  # the libraries' modules hold no cycles to look for
     _serve(task, path, arguments, out)
 
 

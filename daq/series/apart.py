@@ -5,7 +5,7 @@ The process that says what the columns are goes on to the rows: a file is opened
 
 from __future__ import annotations
 
-import importlib
+import pkgutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -49,9 +49,8 @@ def apart(reader: str) -> Any:
 def _read_apart(reader: str, path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     key, opened = _opened(reader, path, layout)
     _follow(report, opened.report)
-    topics = opened.topics
     _WAITING.keep(key, opened)
-    return Series(topics, lambda: _rows(reader, path, layout, report), report)
+    return Series(opened.topics, lambda: _rows(reader, path, layout, report), report)
 
 
 def _rows(reader: str, path: Path, layout: SeriesSection, report: SeriesReport) -> Iterator[Blocks]:
@@ -72,8 +71,14 @@ def _opened(reader: str, path: Path, layout: SeriesSection) -> tuple[object, _Op
     waiting = _WAITING.take(key)
     if waiting is not None:
         return key, waiting
-    fault, step = "the library that reads this file broke down on it", "export it again, in another format"
-    found = answers("daq.series.apart:series_apart", path, reader, text, what=fault, next_step=step)
+    found = answers(
+        "daq.series.apart:series_apart",
+        path,
+        reader,
+        text,
+        what="the library that reads this file broke down on it",
+        next_step="export it again, in another format",
+    )
     topics, report = next(found)
     return key, _Opened(topics, report, found)
 
@@ -85,9 +90,7 @@ def _follow(report: SeriesReport, now: SeriesReport) -> None:
 def series_apart(path: str, reader: str, layout: str) -> Iterator[tuple[Any, SeriesReport]]:
     """Yield the topics of a file, then its blocks, each with the report."""
     report = SeriesReport(path, "")
-    module, _, function = reader.partition(":")
-    read = getattr(importlib.import_module(module), function)
-    series: Series = read(Path(path), SeriesSection.model_validate_json(layout), report)
+    series: Series = pkgutil.resolve_name(reader)(Path(path), SeriesSection.model_validate_json(layout), report)
     yield series.topics, report
     for blocks in series.blocks():
         yield blocks, report

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import errno
+import gc
 import importlib
 import os
 import sys
@@ -162,6 +164,7 @@ def run(args: Sequence[str] | None = None) -> int:
 
 def main() -> None:
     """Run the command line and exit with its exit code; a character that the output cannot show is written out."""
+    atexit.register(gc.freeze)  # what ends with the process need not be searched for cycles
     codecs.register_error("wheelsoil.plain", _in_plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

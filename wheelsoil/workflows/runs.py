@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -38,9 +38,11 @@ from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, 
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.wording.plausibility_text import refusal
-from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
 from wheelsoil.workflows.grading import plausibility_of
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
+
+if TYPE_CHECKING:
+    from wheelsoil.workflows.choice import Choice, RunInUse
 
 _LISTED_BYTES = 64 << 20
 _NOISY = tuple(ROLES[role] for role in ("drawbar_pull", "driving_torque"))
@@ -223,6 +225,7 @@ def process_runs(
     `set_aside` is called with each run that is switched off, repeats another, or is impossible as it is declared; it
     is an error where none is left. `accept_implausible` keeps those that are impossible.
     """
+    from wheelsoil.workflows.choice import Choice, runs_in_use
 
     def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
         try:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from typing import Literal
 
 from daq import ConfigError, DataError, Quantity, SeriesSection, find_unit
@@ -23,7 +24,7 @@ _SAMPLE_ROWS = 200
 _USUAL_SHARE = 0.2
 _DELIMITERS = "\t;|,"
 """The comma last: it may be in the numbers."""
-NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "null", "NULL", "None", "#N/A", "#NV", "--"})
+NULLS = frozenset({*MISSING, *map(str.upper, MISSING), "NaN", "null", "NULL", "None", "#N/A", "#NV", "--"})
 _NUMBER = re.compile(r"[+-]?(\d{1,3}([.,'\u2019 \u00a0\u202f]\d{3})+([.,]\d*)?|\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _BOOLEANS = {"true", "false"}
@@ -77,10 +78,9 @@ def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     """
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise DataError.of("the file is UTF-16 text", source, expected="UTF-8", next_step="save it as UTF-8")
-    whole = head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]
-    raw = whole.split(b"\n")
+    raw = (head if len(head) < HEAD_BYTES else head[: head.rfind(b"\n") + 1]).split(b"\n")
     delimiter = _delimiter(raw, source)
-    widths = [_width(line, delimiter) for line in raw]
+    widths = _widths(raw, delimiter)
     rows = cache(lambda i: cells_of(_shown(raw[i]), delimiter))  # of most lines only the number of cells counts
     count = _usual_count(rows, widths, layout)
     if count > _MOST_COLUMNS:
@@ -132,9 +132,10 @@ def _shown(line: bytes, most: int | None = None) -> str:
     return text_of(line).rstrip("\r")[:most]
 
 
-def _width(line: bytes, delimiter: str) -> int:
-    """Return the number of cells of a line."""
-    return len(cells_of(_shown(line), delimiter)) if b'"' in line else line.count(delimiter.encode()) + 1
+def _widths(lines: Sequence[bytes], delimiter: str) -> list[int]:
+    """Return the number of cells of each line."""
+    sign = delimiter.encode()
+    return [len(cells_of(_shown(line), delimiter)) if b'"' in line else line.count(sign) + 1 for line in lines]
 
 
 def _delimiter(lines: Sequence[bytes], source: str) -> str:
@@ -142,14 +143,18 @@ def _delimiter(lines: Sequence[bytes], source: str) -> str:
     stated = re.match(r"sep=(.)$", text_of(lines[0]).strip())
     if stated:
         return stated[1]
-    full = [line for line in lines if line.strip()][-_SAMPLE_ROWS:]
+    full = [*islice(filter(bytes.strip, reversed(lines)), _SAMPLE_ROWS)][::-1]
     for delimiter in _DELIMITERS:
-        counts = [_width(line, delimiter) for line in full]
+        counts = _widths(full, delimiter)
         usual = max(set(counts), key=counts.count, default=1)
         if usual > 1 and counts.count(usual) >= 0.5 * len(counts):
             return delimiter
-    found = f"begins with {_shown(lines[0], 80)!r}"
-    raise DataError.of("not a table", source, found, "cells separated by comma, semicolon, tab or bar")
+    raise DataError.of(
+        "not a table",
+        source,
+        f"begins with {_shown(lines[0], 80)!r}",
+        "cells separated by comma, semicolon, tab or bar",
+    )
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -235,11 +240,9 @@ def _kind(cells: Sequence[str], decimal: str) -> Kind:
         return "empty"
     if all(cell.lower() in _BOOLEANS for cell in filled):
         return "boolean"
-    if sum(is_time_text(cell) for cell in filled) > 0.5 * len(filled):
-        return "time"
     numbers = [cell.replace(decimal, ".") for cell in filled if _NUMBER.match(cell)]
-    if len(numbers) < 0.5 * len(filled):
-        return "text"
+    if len(numbers) < 0.5 * len(filled):  # a number is no time
+        return "time" if sum(map(is_time_text, filled)) > 0.5 * len(filled) else "text"
     if len(numbers) == len(cells) and all(cell.lstrip("+-").isdigit() and abs(int(cell)) > _EXACT for cell in numbers):
         return "integer"
     return "number"
