@@ -18,20 +18,27 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
+from daq import OUTPUTS
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.notes import Note
 from daq.runs import open_runs
 from model.diagnosis import Campaign, Diagnosis
+from model.diagnosis.findings.set_fit import fit_set
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.fit.observations import observations_of
 from model.notes import DiagnosisCode, FitCode
-from processing import ProcessedRun, ProcessOptions
+from model.simulation import whole
+from processing import LOOK, ProcessedRun, ProcessOptions
 from wheelsoil.cache import nothing_kept
+from wheelsoil.simulation.campaign import simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
-from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options, vehicles_of
+from wheelsoil.workflows import campaigns_of, diagnose_campaigns
+from wheelsoil.workflows.diagnosis import diagnosis_options, vehicles_of
 from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.model_files import load_model
 from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
 
 IDS = ("FL", "RL")
@@ -202,10 +209,71 @@ def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[
     assert rear["causes"][0]["name"] == "torque_zero" and all(cause["wheel"] == "RL" for cause in rear["causes"])
     assert rear["causes"][0]["parameters"][0]["value"] == pytest.approx(ZERO_NM, rel=0.4)
     assert front["verdict"] == "nothing_detectable" and not front["causes"]
-    assert sorted(path.name for path in model.parent.iterdir()) == ["model-FL.toml", "model-RL.toml"]
+    assert [path.name for path in model.parent.iterdir()] == ["model.toml"], "one file of all wheels together"
     best = both["candidates"][0]
     assert (best["wheel"], best["name"]) == ("RL", "torque_zero"), "of all wheels together, at the wheel where it acts"
     assert [cause["wheel"] for cause in both["causes"][:1]] == ["RL"] and len(both["soils"]) == 1
+
+
+def test_the_model_file_of_a_vehicle_predicts_at_each_wheel_what_the_diagnosis_of_all_does(
+    two: Path, diagnosed: tuple[list[dict[str, Any]], Path]
+) -> None:
+    """At the samples of the joint diagnosis, by the model of each wheel in the set that it fitted."""
+    wheels = {wheel: open_and_process([two], ProcessOptions(purpose=LOOK), Files(wheel=wheel)) for wheel in IDS}
+    options = diagnosis_options(effects=["torque_zero"], most_causes=1)
+    linearised = linearise_campaigns(vehicles_of([two], wheels), options)
+    fit = fit_set(linearised, ("torque_zero@RL",))
+    read = load_model(diagnosed[1])
+    assert tuple(read.wheels) == IDS and read.provenance["campaign"] == "two"
+    at = [[effect.key for effect in each.effects] for each in read.sets].index(["torque_zero@RL"])
+    only = replace(read, sets=(replace(read.sets[at], probability=1.0),))
+    points = fit.problem.points(fit.estimate)
+    for wheel, part, point, data in zip(IDS, fit.problem.parts, points, linearised.campaigns, strict=True):
+        values = {**part.simulation.space.values(point.soil), **point.causes}
+        expected = part.simulation.model(point.causes).predict(data.samples.conditions, values)
+        said = only.of_wheel(wheel).predict(data.samples.conditions)
+        for channel in OUTPUTS.values():
+            np.testing.assert_allclose(getattr(said, channel.field), getattr(expected, channel.field), rtol=1e-9)
+        zero = said.driving_torque_nm - only.of_wheel("FL").predict(data.samples.conditions).driving_torque_nm
+        assert (np.abs(zero) > 100).all() == (wheel == "RL")
+
+
+def test_commands_take_the_model_of_a_vehicle_at_each_wheel_or_refuse_it_by_name(
+    two: Path, diagnosed: tuple[list[dict[str, Any]], Path], tmp_path: Path
+) -> None:
+    _, model = diagnosed
+    front, rear, both = ok("fit", two, "--model", model, "--json").json
+    assert [effect["name"] for effect in front["extended"].get("effect", ())] == []
+    assert "torque_zero@RL" in str(rear["models"]["extended"]) and "torque_zero@RL" not in str(front["models"])
+    assert "extended" not in both["models"], "no law of all wheels has a zero of one"
+    assert "acts at one wheel alone" in ok("fit", two, "--model", model).err
+    ok("simulate", "--model", model, "-o", tmp_path / "again", "--runs", 1, "--duration", 15, "--format", "candump")
+    truth = tomllib.loads((tmp_path / "again" / "manifest.toml").read_text(encoding="utf-8"))["truth"]
+    assert truth["wheels"] == list(IDS)
+    refused = (
+        (invoke("simulate", "--model", model, "-o", tmp_path / "four", "--wheels", 4), "FL 0.47 x 0.318 m, RL 0.47"),
+        (invoke("fit", "recordings/clay", "--model", model), "a wheel without an id"),
+        (invoke("diagnose", two, *QUICK, "-o", model), str(model)),
+    )
+    for result, words in refused:
+        assert result.code == 2 and words in result.err and "next: " in result.err
+
+
+def test_an_effect_of_one_wheel_is_simulated_there() -> None:
+    effects = {"torque_zero@RL": {"offset_nm": 300.0}, "drawbar_pull_zero": {"offset_n": 500.0}}
+    options = SimulationOptions(runs=1, duration_s=15.0, wheels=2, effects=effects)
+    at_wheels = [whole(simulated_stretches(options, 0, wheel)) for wheel in IDS]
+    plain = [whole(simulated_stretches(replace(options, effects={}), 0, wheel)) for wheel in IDS]
+    changes = [
+        [
+            float(np.median(run.sensors["transducer"][name].values - without.sensors["transducer"][name].values))
+            for name in ("driving_torque", "drawbar_pull")
+        ]
+        for run, without in zip(at_wheels, plain, strict=True)
+    ]
+    assert changes == [pytest.approx([0.0, 500.0], abs=1.0), pytest.approx([300.0, 500.0], abs=1.0)]
+    with pytest.raises(ConfigError, match="no wheel is called 'FR'"):
+        replace(options, effects={"torque_zero@FR": {"offset_nm": 300.0}})
 
 
 def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:

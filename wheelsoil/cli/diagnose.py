@@ -30,7 +30,7 @@ def diagnose_command(
             "--output",
             "-o",
             metavar="FILE",
-            help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
+            help="Write the extended model (TOML), of several wheels one; with --plan the matrix of |cos| (CSV).",
         ),
     ] = None,
     tables: options.Tables = None,
@@ -145,7 +145,10 @@ def diagnose_command(
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     unreadable: list[SetAsideRun] = []
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
-    settings = replace(settings, average=output is not None)
+    of_all = per_wheel.several and not apart
+    settings = replace(settings, average=output is not None and not of_all)
+    if output and of_all:
+        check_output(output, force=force)
 
     of_wheels: dict[str, Processed] = {}
     configs: dict[str, VehicleConfig] = {}
@@ -156,22 +159,23 @@ def diagnose_command(
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
-        target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
+        own = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
+        _diagnose(campaigns_of(paths, processed, soil), settings, None if of_all else own, show, force=force)
         of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
         per_wheel.doubts = doubts_of_wheels(of_wheels)
         for doubt in per_wheel.doubts:
             say(str(doubt))
-        _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
+        chosen = replace(settings, average=output is not None)
+        _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force)
         if next_run:
             say(
                 f"next runs are ranked for one wheel at a time ({', '.join(of_wheels)}): "
                 f"wheelsoil diagnose FOLDER --wheel {next(iter(of_wheels))} --next-run"
             )
 
-    per_wheel.each(work, None if apart else together)
+    per_wheel.each(work, together if of_all else None)
 
 
 def _processed(wheels: PerWheel, runs: Sequence[Run], files: Files, choice: Choice) -> Processed:
@@ -198,7 +202,7 @@ def _diagnose(
     from wheelsoil.workflows.diagnosis import diagnose_given
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
-    targets = model_targets(output, [campaign.name for campaign in given], force=force) if output else []
+    targets = model_targets(output, list(dict.fromkeys(each.ground for each in given)), force=force) if output else []
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
     written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))

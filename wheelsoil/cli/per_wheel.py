@@ -63,7 +63,9 @@ class PerWheel:
                     say(self._heading)
                 with collected.catch(self._heading if wheel else ""):
                     work(runs)
-            if together and self.several and len(self._opened) - len(collected.errors) > 1:
+            if together and self.several and len(self._opened) - len(collected.errors) < 2:
+                say("fewer than two wheels have a result: nothing is of all wheels together")
+            elif together and self.several:
                 if collected.errors:
                     say("a wheel without a result is not among all wheels together")
                 self.wheel, self.set_aside_runs = ALL_WHEELS, []
