@@ -201,6 +201,29 @@ def test_what_one_sensor_shows_stands_at_its_wheel_alone(two: Path) -> None:
     assert alone - together == {DiagnosisCode.WHEEL_ORDER} and DiagnosisCode.TWO_RUNS in together
 
 
+def test_fit_and_sinkage_go_on_without_the_run_in_which_a_wheel_is_silent(tmp_path: Path) -> None:
+    """A torque that is missing costs those that need it; where a wheel has no whole run, the fault is raised."""
+    folder = tmp_path / "c"
+    ok("simulate", "-o", folder, "--wheels", 2, "--runs", 2, "--duration", 20, "--format", "candump")
+    for lost, needed_by in (
+        (" 101#", (("sinkage",), ("fit", "--channels", "dp,t"))),
+        (" can1 ", (("sinkage",), ("fit",))),
+    ):
+        log = folder / "run-2.log"
+        lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
+        log.write_text("".join(line for line in lines if not (" can1 " in line and lost in line)), encoding="utf-8")
+        for command in needed_by:
+            result = ok(*command, folder, "--json")
+            aside = {entry["wheel"]: entry.get("runs_set_aside", []) for entry in result.json}
+            assert [(run["run"], run["cause"]) for run in aside["RL"]] == [("run-2", "silent")] and not aside["FL"]
+            assert "set aside: run run-2, wheel RL: " in result.err
+        if lost != " can1 ":
+            assert "driving_torque is missing" in result.err and "set aside" not in ok("fit", folder).err
+    silence(folder / "run-1.log", "can1")
+    failed = invoke("fit", folder, "--json")
+    assert failed.code != 0 and "WFT_Forces" in failed.err and [entry["wheel"] for entry in failed.json] == ["FL"]
+
+
 def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:
     found, model = diagnosed
     front, rear, both = found

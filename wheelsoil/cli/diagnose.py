@@ -17,9 +17,7 @@ from wheelsoil.console import check_output, computing, print_json, say, terminal
 if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
     from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
-    from wheelsoil.workflows.choice import Choice
     from wheelsoil.workflows.diagnosis import Given, Processed
-    from wheelsoil.workflows.runs import Files
 
 
 def diagnose_command(
@@ -155,7 +153,7 @@ def diagnose_command(
     show = _shown(per_wheel, configs, verbose=verbose)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = _processed(per_wheel, of_wheel, files, by_hand)
+        processed = per_wheel.processed("diagnose", of_wheel, files, by_hand)
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
@@ -176,22 +174,6 @@ def diagnose_command(
             )
 
     per_wheel.each(work, together if of_all else None)
-
-
-def _processed(wheels: PerWheel, runs: Sequence[Run], files: Files, choice: Choice) -> Processed:
-    """Process the runs of a wheel; where some of one with an id lack a signal, it is diagnosed by the others."""
-    from daq.runs import SetAsideRun
-    from processing import LOOK
-    from wheelsoil.workflows.fit import nothing_whole, whole_runs
-
-    found = options.processed_for(LOOK, runs, files, choice, set_aside=wheels.set_aside) if wheels.wheel else ()
-    if not whole_runs(done for _, done in found):  # then this says what is wrong
-        return options.processed_for("diagnose", runs, files, choice, set_aside=wheels.set_aside)
-    for run, done in found:
-        if why := nothing_whole([done]):
-            message = f"set aside: run {run.id}, wheel {wheels.wheel}: {why}"
-            wheels.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
-    return found
 
 
 def _diagnose(

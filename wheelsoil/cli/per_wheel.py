@@ -6,11 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from daq import ALL_WHEELS
+from wheelsoil.cli.options import processed_for
 from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq import Fault
     from daq.runs import Run, SetAsideRun
+    from processing import ProcessedRun
+    from wheelsoil.workflows.choice import Choice
+    from wheelsoil.workflows.runs import Check, Files
 
 _OF_CAUSES = ("causes", "further_causes")
 
@@ -79,6 +83,32 @@ class PerWheel:
                 print()
                 print_pairs(self._said.items())
         collected.stop_if_any()
+
+    def processed(
+        self, purpose: str, runs: Sequence[Run], files: Files, choice: Choice, check: Check | None = None
+    ) -> list[tuple[Run, ProcessedRun]]:
+        """Process the runs of this wheel; of one with an id those that lack a signal are set aside, where one has all.
+
+        See `wheelsoil.cli.options.processed_for`; a diagnosis is given the whole of them, as a report shows them.
+        """
+        import numpy as np
+
+        from daq.runs import SetAsideRun
+        from processing import LOOK
+        from wheelsoil.workflows.fit import nothing_whole
+
+        found = processed_for(LOOK, runs, files, choice, check, self.set_aside) if self.wheel else []
+        torque = "driving_torque is missing" if purpose in ("fit_torque", "sinkage") else ""
+        lacking = [
+            nothing_whole([done]) or ("" if np.isfinite(done.driving_torque_nm).any() else torque) for _, done in found
+        ]
+        if all(lacking):  # then this says what is wrong
+            return processed_for(purpose, runs, files, choice, check, self.set_aside)
+        for (run, _), why in zip(found, lacking, strict=True):
+            if why:
+                message = f"set aside: run {run.id}, wheel {self.wheel}: {why}"
+                self.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
+        return [each for each, why in zip(found, lacking, strict=True) if purpose == "diagnose" or not why]
 
     def set_aside(self, run: SetAsideRun) -> None:
         """Print why a run of this wheel is not used (stderr), and list it below the result."""

@@ -230,9 +230,7 @@ def fit_command(
     of_all: list[tuple[Run, ProcessedRun]] = []
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for(
-            by_hand.fit_choices().purpose, of_wheel, files, by_hand, one_terrain, wheels.set_aside
-        )
+        processed = wheels.processed(by_hand.fit_choices().purpose, of_wheel, files, by_hand, one_terrain)
         fitted(processed)
         of_all.extend(processed)
 
@@ -355,8 +353,7 @@ def sinkage_command(
     wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for("sinkage", of_wheel, files, by_hand, set_aside=wheels.set_aside)
-        found = sinkage_of_runs(processed)
+        found = sinkage_of_runs(wheels.processed("sinkage", of_wheel, files, by_hand))
         wheels.show(lambda: sinkage_as_json(found), lambda: print_sinkage(found))
 
     wheels.each(work)
