@@ -23,7 +23,7 @@ from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.notes import Note
 from daq.runs import open_runs
-from model.diagnosis import Campaign, Diagnosis
+from model.diagnosis import Campaign, Cause, Diagnosis
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.fit.observations import observations_of
@@ -35,8 +35,9 @@ from wheelsoil.simulation.campaign import simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import campaigns_of, diagnose_campaigns
-from wheelsoil.workflows.diagnosis import diagnosis_options, vehicles_of
+from wheelsoil.workflows.diagnosis import diagnosis_options, vehicles_of, with_advice
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.model_files import load_model
 from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
@@ -165,6 +166,22 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
         given.append(tuple((each.name, tuple(run.run.id for run in each.runs)) for each in campaigns))
         return diagnosis("nothing_detectable")
 
+    def in_doubt(campaigns: Sequence[Campaign], _: object) -> Diagnosis:
+        found, several = diagnosis("one_of"), len(campaigns) > 1
+        return replace(
+            found, causes=tuple(at(cause, f"{cause.name}@RL" * several or cause.name) for cause in found.causes)
+        )
+
+    with (
+        patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", in_doubt),
+        patch("wheelsoil.workflows.report.diagnose_campaigns", in_doubt),
+    ):
+        doubtful = ok("diagnose", folder, "--json")
+        page = ok("report", folder, "-o", tmp_path / "doubt.html", "--json").json
+    assert [step["campaign"] for step in doubtful.json[-1]["next_run"]] == ["wheel RL"]
+    assert "wheelsoil diagnose FOLDER --wheel RL --next-run" in doubtful.err
+    assert "wheel RL: " in (tmp_path / "doubt.html").read_text(encoding="utf-8") and page["wheels"]
+
     with (
         patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),  # first: its import takes the right one
         patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", by_hand),
@@ -199,6 +216,39 @@ def test_what_one_sensor_shows_stands_at_its_wheel_alone(two: Path) -> None:
             for given in (campaigns_of([two], of_wheels["FL"]), vehicles_of([two], of_wheels))
         )
     assert alone - together == {DiagnosisCode.WHEEL_ORDER} and DiagnosisCode.TWO_RUNS in together
+
+
+def at(cause: Cause, name: str) -> Cause:
+    return replace(cause, name=name, key=name)
+
+
+def test_the_next_run_of_all_wheels_is_that_of_the_wheel_that_decides() -> None:
+    """Of the wheel whose steps separate most of what is open of all, not of one whose own odds are larger."""
+    found = diagnosis("one_of")
+    cause, run = found.causes[0], found.next_run[0]
+    joint = replace(found, causes=(at(cause, "torque_gain@FR"), at(cause, "grouser")), next_run=())
+    wheels = {
+        "FL": replace(found, next_run=(replace(run, separates=("torque_gain", "crosstalk")),)),
+        "FR": replace(
+            found,
+            next_run=(
+                replace(run, separates=("grouser", "torque_gain"), expected_log_bayes_factor=3.0, naming_chance=0.4),
+                replace(run, separates=("slope",)),
+            ),
+        ),
+        "RL": replace(found, next_run=(replace(run, separates=("grouser", "slope"), expected_log_bayes_factor=9.0),)),
+        "RR": diagnosis("nothing_detectable"),
+    }
+    [step] = with_advice(joint, wheels).next_run
+    assert (step.campaign, step.separates) == ("wheel FR", ("grouser", "torque_gain"))
+    assert step.naming_chance is None, "what it is worth to the name of all is not known"
+    assert sentence_of(with_advice(joint, wheels)).count("Next: wheel FR: ") == 1
+    [step] = with_advice(joint, {name: wheels[name] for name in ("FL", "RL", "RR")}).next_run
+    assert step.campaign == "wheel RL"
+    assert not with_advice(joint, {name: wheels[name] for name in ("FL", "RR")}).next_run, "FL is not in doubt"
+    for other in (replace(joint, verdict="named"), replace(joint, verdict="nothing_detectable")):
+        assert not with_advice(other, wheels).next_run
+    assert not with_advice(joint, {"RR": wheels["RR"]}).next_run
 
 
 def test_fit_and_sinkage_go_on_without_the_run_in_which_a_wheel_is_silent(tmp_path: Path) -> None:

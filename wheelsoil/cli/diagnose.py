@@ -149,6 +149,7 @@ def diagnose_command(
         check_output(output, force=force)
 
     of_wheels: dict[str, Processed] = {}
+    by_wheel: dict[str, Diagnosis] = {}
     configs: dict[str, VehicleConfig] = {}
     show = _shown(per_wheel, configs, verbose=verbose)
 
@@ -157,8 +158,10 @@ def diagnose_command(
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
-        own = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        _diagnose(campaigns_of(paths, processed, soil), settings, None if of_all else own, show, force=force)
+        target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
+        by_wheel[per_wheel.wheel] = _diagnose(
+            campaigns_of(paths, processed, soil), settings, None if of_all else target, show, force=force
+        )
         of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
@@ -166,27 +169,35 @@ def diagnose_command(
         for doubt in per_wheel.doubts:
             say(str(doubt))
         chosen = replace(settings, average=output is not None)
-        _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force)
-        if next_run:
+        found = _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force, alone=by_wheel)
+        if next_run or found.next_run:
+            best = found.next_run[0].campaign.removeprefix("wheel ") if found.next_run else next(iter(of_wheels))
             say(
                 f"next runs are ranked for one wheel at a time ({', '.join(of_wheels)}): "
-                f"wheelsoil diagnose FOLDER --wheel {next(iter(of_wheels))} --next-run"
+                f"wheelsoil diagnose FOLDER --wheel {best} --next-run"
             )
 
     per_wheel.each(work, together if of_all else None)
 
 
 def _diagnose(
-    given: Given, settings: DiagnosisOptions, output: Path | None, show: Callable[[Diagnosis], None], *, force: bool
-) -> None:
+    given: Given,
+    settings: DiagnosisOptions,
+    output: Path | None,
+    show: Callable[[Diagnosis], None],
+    *,
+    force: bool,
+    alone: Mapping[str, Diagnosis] | None = None,
+) -> Diagnosis:
     from daq.series import write_whole
     from wheelsoil.report.inputs import command_line
-    from wheelsoil.workflows.diagnosis import diagnose_given
+    from wheelsoil.workflows.diagnosis import diagnose_given, with_advice
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
     targets = model_targets(output, list(dict.fromkeys(each.ground for each in given)), force=force) if output else []
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
+        diagnosis = with_advice(diagnosis, alone) if alone else diagnosis
     written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
     try:
         for path, model in written:
@@ -197,6 +208,7 @@ def _diagnose(
         none = "it has no effect, because no cause is named"
         note = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
         say(f"wrote {path}" + (f": {note}" if note else ""))
+    return diagnosis
 
 
 def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:

@@ -52,7 +52,7 @@ class PerWheel:
         """Whether there is more than one wheel."""
         return len(self._opened) > 1
 
-    def each(self, work: Callable[[list[Run]], None], together: Callable[[], None] | None = None) -> None:
+    def each(self, work: Callable[[list[Run]], object], together: Callable[[], None] | None = None) -> None:
         """Do the work of each wheel; what is wrong with one is raised when that of all is done.
 
         `together` is done last, where several wheels have a result.
