@@ -1,7 +1,8 @@
 """The extended model as a value: the soil, the causes that were found, and where they come from.
 
 What a diagnosis leaves behind for `fit`, `simulate` and `report`. Where it named its causes there is one model; where
-several sets of causes remain possible, these sets with their probabilities, whose predictions are averaged.
+several sets of causes remain possible, these sets with their probabilities, whose predictions are averaged. Wheels of a
+vehicle that were diagnosed together have one soil, and causes that act at all of them or at one.
 `ExtendedModel.to_mapping` holds only what TOML and JSON can hold; a number that is not known is left out.
 """
 
@@ -20,8 +21,16 @@ from model.averaged import AveragedModel, Member
 from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects.base import Effect
-from model.effects.catalogue import EFFECTS
-from model.model_sections import AverageFile, CovarianceSection, EffectSection, OneModelFile, SetSection, soil_with
+from model.effects.catalogue import EFFECTS, parted
+from model.model_sections import (
+    AverageFile,
+    CovarianceSection,
+    EffectSection,
+    OneModelFile,
+    SetSection,
+    VehicleWheels,
+    soil_with,
+)
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
@@ -30,6 +39,8 @@ SCHEMA = "wheelsoil/model/1"
 """Of a file with one model."""
 AVERAGE_SCHEMA = "wheelsoil/model/2"
 """Of a file with several sets of causes."""
+VEHICLE_SCHEMA = "wheelsoil/model/3"
+"""Of a file of all wheels of a vehicle, with one model or several sets."""
 Fact = str | float | tuple[str, ...]
 Which = Literal["all", "physical"]
 
@@ -94,7 +105,8 @@ class ExtendedModel:
 
     Attributes
     ----------
-    tyre : "smooth", "lugged" or ""
+    wheel, tyre : Wheel, "smooth", "lugged" or ""
+        Of a vehicle those of the first wheel.
     soil : Soil
         As the data leave it; with several sets the laboratory's, since each has its own.
     soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
@@ -105,6 +117,8 @@ class ExtendedModel:
         Where several sets of causes remain possible, most probable first; else empty.
     rest_probability : float
         Of the sets that are not listed.
+    wheels : mapping wheel -> (Wheel, tyre)
+        Of a vehicle, by the wheels' ids; else empty. `of_wheel` gives the model of one of them, which predicts.
     """
 
     wheel: Wheel
@@ -116,6 +130,29 @@ class ExtendedModel:
     provenance: dict[str, Fact] = field(default_factory=dict)
     sets: tuple[ModelSet, ...] = ()
     rest_probability: float = 0.0
+    wheels: dict[str, tuple[Wheel, str]] = field(default_factory=dict)
+
+    def of_wheel(self, wheel: str, where: str = "model file") -> ExtendedModel:
+        """Return the model of one wheel of a vehicle: what acts at all wheels, and at it; a model of one as it is.
+
+        Raises
+        ------
+        ConfigError
+            The vehicle has no wheel of this id.
+        """
+        if not self.wheels:
+            return self
+        if wheel not in self.wheels:
+            raise ConfigError.of(
+                "the model is of the wheels of a vehicle",
+                where,
+                found=f"wheel {wheel}" if wheel else "a wheel without an id",
+                expected=", ".join(self.wheels),
+                next_step="give their runs, or the model of one wheel: `wheelsoil diagnose FOLDER --wheel ID -o FILE`",
+            )
+        size, tyre = self.wheels[wheel]
+        sets = tuple(_with_effects(each, _chosen(each.effects, wheel=wheel)) for each in self.sets)
+        return replace(self, wheel=size, tyre=tyre, effects=_chosen(self.effects, wheel=wheel), sets=sets, wheels={})
 
     @property
     def values(self) -> dict[str, float]:
@@ -135,10 +172,16 @@ class ExtendedModel:
         ----------
         kind : "all" or "physical"
             "physical" leaves out what belongs to the sensors of those runs and not to the soil.
+
+        Raises
+        ------
+        ConfigError
+            It is of a vehicle: `of_wheel` gives that of a wheel.
         """
-        if not self.sets:
-            return WheelSoilModel(self.wheel, self.soil, _classes(self.effects, kind), self.reading)
-        return AveragedModel([self._member(model_set, kind) for model_set in self.sets if model_set.probability > 0])
+        own = self.of_wheel("")
+        if not own.sets:
+            return WheelSoilModel(own.wheel, own.soil, _classes(own.effects, kind), own.reading)
+        return AveragedModel([own._member(model_set, kind) for model_set in own.sets if model_set.probability > 0])
 
     def predict(self, conditions: Conditions, kind: Which = "all") -> Prediction:
         """Return what the model says, at its own values; see `WheelSoilModel.predict`."""
@@ -163,10 +206,9 @@ class ExtendedModel:
         model = WheelSoilModel(
             self.wheel, soil_of(self.soil, model_set.soil, ""), _classes(model_set.effects, kind), self.reading
         )
-        values = _values(model_set.effects, kind)
-        kept = [i for i, name in enumerate(model_set.names) if name in SOIL_PARAMETERS or name in values]
-        covariance = np.array(model_set.covariance).reshape(len(model_set.names), -1)[np.ix_(kept, kept)]
-        return Member(model_set.probability, model, values, tuple(model_set.names[i] for i in kept), covariance)
+        own = _with_effects(model_set, _chosen(model_set.effects, kind))
+        covariance = np.array(own.covariance).reshape(len(own.names), len(own.names))
+        return Member(model_set.probability, model, _values(own.effects), own.names, covariance)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds."""
@@ -177,11 +219,15 @@ class ExtendedModel:
             "reference_speed_mps": self.soil.reference_speed_mps,
             **{name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS},
         }
-        wheel = {"radius_m": self.wheel.radius_m, "width_m": self.wheel.width_m, "tyre": self.tyre}
+        wheels = [
+            {"id": name, "radius_m": wheel.radius_m, "width_m": wheel.width_m, "tyre": tyre}
+            for name, (wheel, tyre) in (self.wheels or {"": (self.wheel, self.tyre)}).items()
+        ]
         provenance = {k: list(v) if isinstance(v, tuple) else v for k, v in self.provenance.items()}
+        wheel = wheels if self.wheels else {name: value for name, value in wheels[0].items() if name != "id"}
         if self.sets:
             return {
-                "schema": AVERAGE_SCHEMA,
+                "schema": VEHICLE_SCHEMA if self.wheels else AVERAGE_SCHEMA,
                 "reading": self.reading,
                 "rest_probability": self.rest_probability,
                 "wheel": wheel,
@@ -190,7 +236,7 @@ class ExtendedModel:
                 "provenance": provenance,
             }
         return {
-            "schema": SCHEMA,
+            "schema": VEHICLE_SCHEMA if self.wheels else SCHEMA,
             "reading": self.reading,
             "wheel": wheel,
             "soil": soil,
@@ -214,40 +260,67 @@ class ExtendedModel:
             later version is refused as such.
         """
         _refuse_later(raw, where)
-        if raw.get("schema") == AVERAGE_SCHEMA:
-            return _of_several(parse_mapping(raw, AverageFile, where), where)
-        file = parse_mapping(raw, OneModelFile, where)
-        faults: list[Fault] = []
-        effects = _effects(file.effect, where, faults)
-        unknown = [name for name in file.soil_sigmas if name not in SOIL_PARAMETERS]
-        faults += [
-            Fault(f"the soil has no parameter {n!r}", where, expected=nearest(n, SOIL_PARAMETERS)) for n in unknown
-        ]
-        if faults:
-            raise ConfigError(*faults)
-        return ExtendedModel(
-            wheel=Wheel(file.wheel.radius_m, file.wheel.width_m),
-            soil=file.soil.soil(),
-            effects=effects,
-            reading=file.reading,
-            tyre=file.wheel.tyre,
-            soil_sigmas=file.soil_sigmas,
-            provenance=file.provenance,
-        )
+        found = _of_vehicle(raw, where) if raw.get("schema") == VEHICLE_SCHEMA else _of_one(raw, where)
+        if foreign := [key for key in found.keys if parted(key)[1] not in ("", *found.wheels)]:
+            raise ConfigError.of(
+                "an effect is of no wheel of the file",
+                where,
+                ", ".join(foreign),
+                ", ".join(found.wheels) or "no wheel: the file is of one",
+                "correct `wheel` of the effect, or the id under [[wheel]]",
+            )
+        return found
 
 
 def _refuse_later(raw: Mapping[str, Any], where: str) -> None:
     """Raise ConfigError for a file of a version that is not known yet."""
     schema = str(raw.get("schema", ""))
     version = re.fullmatch(r"wheelsoil/model/(\d+)", schema)
-    if version and int(version[1]) > int(AVERAGE_SCHEMA.rpartition("/")[2]):
+    if version and int(version[1]) > int(VEHICLE_SCHEMA.rpartition("/")[2]):
         raise ConfigError.of(
             "the model file is of a later version of wheelsoil",
             where,
             found=f"schema {schema}",
-            expected=f"{SCHEMA} or {AVERAGE_SCHEMA}",
+            expected=f"{SCHEMA} to {VEHICLE_SCHEMA}",
             next_step="update wheelsoil, or write the file again with `wheelsoil diagnose RUN... -o FILE`",
         )
+
+
+def _of_one(raw: Mapping[str, Any], where: str) -> ExtendedModel:
+    """Return the model of a file of one wheel; raises as `ExtendedModel.from_mapping`."""
+    if raw.get("schema") == AVERAGE_SCHEMA:
+        return _of_several(parse_mapping(raw, AverageFile, where), where)
+    file = parse_mapping(raw, OneModelFile, where)
+    faults: list[Fault] = []
+    effects = _effects(file.effect, where, faults)
+    unknown = [name for name in file.soil_sigmas if name not in SOIL_PARAMETERS]
+    faults += [Fault(f"the soil has no parameter {n!r}", where, expected=nearest(n, SOIL_PARAMETERS)) for n in unknown]
+    if faults:
+        raise ConfigError(*faults)
+    return ExtendedModel(
+        wheel=Wheel(file.wheel.radius_m, file.wheel.width_m),
+        soil=file.soil.soil(),
+        effects=effects,
+        reading=file.reading,
+        tyre=file.wheel.tyre,
+        soil_sigmas=file.soil_sigmas,
+        provenance=file.provenance,
+    )
+
+
+def _of_vehicle(raw: Mapping[str, Any], where: str) -> ExtendedModel:
+    """Return the model of a file of all wheels of a vehicle; raises as `ExtendedModel.from_mapping`."""
+    sections = parse_mapping({"wheel": raw.get("wheel", ())}, VehicleWheels, where).wheel
+    wheels = {section.id: (Wheel(section.radius_m, section.width_m), str(section.tyre)) for section in sections}
+    if len(wheels) < len(sections):
+        raise ConfigError.of(
+            "a wheel is there twice",
+            where,
+            ", ".join(section.id for section in sections),
+            next_step="restore the file as it was written",
+        )
+    first = {"schema": AVERAGE_SCHEMA if "set" in raw else SCHEMA, "wheel": sections[0].model_dump(exclude={"id"})}
+    return replace(_of_one({**raw, **first}, where), wheels=wheels)
 
 
 def _of_several(file: AverageFile, where: str) -> ExtendedModel:
@@ -327,16 +400,30 @@ def _set_mapping(model_set: ModelSet) -> dict[str, Any]:
 
 
 def _effect_mapping(effect: ExtendedEffect) -> dict[str, Any]:
+    name, wheel = parted(EFFECTS[effect.key].name)
     return {
-        "name": EFFECTS[effect.key].name,
+        "name": name,
         "form": EFFECTS[effect.key].form,
+        **({"wheel": wheel} if wheel else {}),
         "parameter": [_parameter(p) for p in effect.parameters],
         **({"combination": [_parameter(p) for p in effect.combinations]} if effect.combinations else {}),
     }
 
 
-def _chosen(effects: Iterable[ExtendedEffect], kind: Which) -> tuple[ExtendedEffect, ...]:
-    return tuple(e for e in effects if kind in ("all", EFFECTS[e.key].kind))
+def _chosen(
+    effects: Iterable[ExtendedEffect], kind: Which = "all", wheel: str | None = None
+) -> tuple[ExtendedEffect, ...]:
+    """Return the effects of a kind; with a wheel's id those that act there."""
+    of_kind = (e for e in effects if kind in ("all", EFFECTS[e.key].kind))
+    return tuple(e for e in of_kind if wheel is None or parted(e.key)[1] in ("", wheel))
+
+
+def _with_effects(model_set: ModelSet, effects: tuple[ExtendedEffect, ...]) -> ModelSet:
+    """Return a set with some of its effects, and the covariance of the soil and of these."""
+    known = {*SOIL_PARAMETERS, *_values(effects)}
+    kept = [i for i, name in enumerate(model_set.names) if name in known]
+    rows = tuple(tuple(model_set.covariance[i][j] for j in kept) for i in kept)
+    return replace(model_set, effects=effects, names=tuple(model_set.names[i] for i in kept), covariance=rows)
 
 
 def _classes(effects: Iterable[ExtendedEffect], kind: Which) -> list[type[Effect]]:
@@ -456,10 +543,11 @@ def _effects(sections: Iterable[EffectSection], where: str, faults: list[Fault])
 
 def _effect(section: EffectSection, where: str, faults: list[Fault]) -> ExtendedEffect | None:
     """Return the effect of a section, its missing parameters neutral; add what is wrong with it to `faults`."""
-    key = section.form or section.name
+    key = (section.form or section.name) + (f"@{section.wheel}" if section.wheel else "")
     effect = EFFECTS.get(key)
-    if effect is None or effect.name != section.name:
+    if effect is None or parted(effect.name)[0] != section.name:
         label = f"{section.name}/{section.form}" if section.form else section.name
+        label += f" at wheel {section.wheel}" if section.wheel else ""
         known = [f"{e.name}/{e.form}" if e.form else e.name for e in EFFECTS.values()]
         step = "install the package that brings it; without it the file's predictions are not what it claims"
         faults.append(Fault(f"there is no effect {label!r}", where, expected=nearest(label, known), next_step=step))

@@ -44,6 +44,16 @@ class _WheelSection(_Section):
     tyre: Literal["smooth", "lugged", ""] = ""
 
 
+class _NamedWheel(_WheelSection):
+    id: Annotated[str, Field(min_length=1)]
+
+
+class VehicleWheels(_Section):
+    """Wheels of a file of all wheels of a vehicle."""
+
+    wheel: tuple[_NamedWheel, ...] = Field(min_length=2)
+
+
 class SoilValues(_Section):
     """Values of `SOIL_PARAMETERS`."""
 
@@ -87,10 +97,11 @@ class _ParameterSection(_Section):
 
 
 class EffectSection(_Section):
-    """A cause with its parameters."""
+    """A cause with its parameters; `wheel` is the id of the only one where it acts."""
 
     name: str
     form: str = ""
+    wheel: str = ""
     parameter: tuple[_ParameterSection, ...] = ()
     combination: tuple[_ParameterSection, ...] = ()
 

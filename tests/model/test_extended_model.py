@@ -161,11 +161,11 @@ def test_a_foreign_file_is_refused(broken: dict[str, object]) -> None:
 
 
 def test_a_file_of_a_later_version_is_refused_by_name() -> None:
-    raw = vasilev_and_clay().to_mapping() | {"schema": "wheelsoil/model/3", "something_new": 1}
+    raw = vasilev_and_clay().to_mapping() | {"schema": "wheelsoil/model/4", "something_new": 1}
     with pytest.raises(ConfigError) as raised:
         ExtendedModel.from_mapping(raw, "m.toml")
     said = str(raised.value)
-    assert "later version" in said and "wheelsoil/model/3" in said and "m.toml" in said
+    assert "later version" in said and "wheelsoil/model/4" in said and "m.toml" in said
     assert "something_new" not in said, "what it holds is not known yet"
 
 
@@ -313,3 +313,64 @@ def test_a_file_of_the_first_version_is_read_as_before() -> None:
     assert (read.values, read.soil.cohesion_pa, read.soil_sigmas) == ({"H_m": 0.02}, 7900.0, {"cohesion_pa": 390.0})
     assert not read.sets
     assert read.to_mapping()["schema"] == "wheelsoil/model/1", "a named cause is written so that older versions read it"
+
+
+def of_vehicle(model: ExtendedModel) -> ExtendedModel:
+    return replace(model, wheels={"FL": (WHEEL, ""), "FR": (Wheel(0.5, 0.3), "lugged")})
+
+
+ZERO = member(0.3, "drawbar_pull_zero@FR", 6_000.0, offset_n=80.0)
+LAW = member(0.5, "vasilev", H_m=0.02)
+ONE = of_vehicle(ExtendedModel(WHEEL, SOILS["clay"], (*LAW.effects, *ZERO.effects)))
+SEVERAL = of_vehicle(replace(DOUBT, sets=(LAW, ZERO, member(0.1))))
+
+
+@pytest.mark.parametrize("model", [ONE, SEVERAL], ids=["one set", "several sets"])
+def test_a_wheel_of_a_vehicle_has_what_acts_at_all_and_at_it(model: ExtendedModel) -> None:
+    """A file with these wheels is read again as it was; each wheel predicts what a model of it alone does."""
+    written = tomllib.loads(tomli_w.dumps(model.to_mapping()))
+    assert written["schema"] == "wheelsoil/model/3" and [each["id"] for each in written["wheel"]] == ["FL", "FR"]
+    sections = [e for part in (written, *written.get("set", ())) for e in part.get("effect", ())]
+    assert [(e["name"], e.get("wheel")) for e in sections] == [("slip_sinkage", None), ("drawbar_pull_zero", "FR")]
+    read = ExtendedModel.from_mapping(written)
+    assert read.wheels == model.wheels and read.to_mapping() == model.to_mapping()
+    front, right = read.of_wheel("FL"), read.of_wheel("FR")
+    assert (right.wheel, right.tyre, right.wheels) == (Wheel(0.5, 0.3), "lugged", {})
+    assert front.keys == ("vasilev",) and right.keys == ("vasilev", "drawbar_pull_zero@FR")
+    assert [set(each.names) for each in front.sets][1:2] == [{"cohesion_pa"}] * bool(model.sets)
+    plain = replace(front, wheel=Wheel(0.5, 0.3))
+    if model.sets:
+        zero = member(0.3, "drawbar_pull_zero", 6_000.0, offset_n=80.0)
+        plain = replace(plain, sets=(plain.sets[0], zero, plain.sets[2]))
+        assert plain.model().sigmas(CONDITIONS)["dp"] == pytest.approx(right.model().sigmas(CONDITIONS)["dp"])
+    share = 3 / 9 if model.sets else 1.0
+    said, without = right.predict(CONDITIONS), plain.predict(CONDITIONS)
+    offset = 0.0 if model.sets else 80.0
+    np.testing.assert_allclose(said.drawbar_pull_n, without.drawbar_pull_n + offset, rtol=1e-12)
+    np.testing.assert_allclose(
+        right.predict(CONDITIONS).drawbar_pull_n - right.predict(CONDITIONS, "physical").drawbar_pull_n, share * 80.0
+    )
+
+
+def test_a_vehicle_predicts_at_no_wheel_and_no_other_one() -> None:
+    for use in (ONE.model, lambda: ONE.predict(CONDITIONS), lambda: ONE.of_wheel("RR", "m.toml")):
+        with pytest.raises(ConfigError, match="of the wheels of a vehicle") as raised:
+            use()
+    [fault] = raised.value.faults
+    assert (fault.where, fault.found, fault.expected) == ("m.toml", "wheel RR", "FL, FR") and fault.next_step
+    assert vasilev_and_clay().of_wheel("RR") == vasilev_and_clay(), "a model of one wheel is used as it is"
+
+
+def test_an_effect_at_a_wheel_that_the_file_lacks_is_refused() -> None:
+    raw = ONE.to_mapping()
+    for broken in (
+        {**raw, "wheel": [raw["wheel"][0], {**raw["wheel"][1], "id": "RR"}]},
+        {**raw, "schema": "wheelsoil/model/1", "wheel": {"radius_m": 0.47, "width_m": 0.318}},
+    ):
+        with pytest.raises(ConfigError, match="of no wheel of the file"):
+            ExtendedModel.from_mapping(broken)
+    with pytest.raises(ConfigError, match="there twice"):
+        ExtendedModel.from_mapping({**raw, "wheel": raw["wheel"][:1] * 2})
+    raw["effect"][0]["wheel"] = "FR"
+    with pytest.raises(ConfigError, match="no effect 'slip_sinkage/vasilev at wheel FR'"):
+        ExtendedModel.from_mapping(raw)

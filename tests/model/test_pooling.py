@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from model.diagnosis import Information
-from model.diagnosis.pooling import OF_THE_TRANSDUCER, Observation, passport_of, soil_departure
+from model.diagnosis.pooling import Observation, passport_of, soil_departure
 
 EFFECTS = ("lyasko", "drawbar_pull_gain", "torque_gain", "load_gain", "drawbar_pull_zero")
 SCALES = (0.1, 0.08, 0.06, 0.06, 150.0)
@@ -134,7 +134,6 @@ def test_a_soil_that_is_not_the_laboratory_s_is_seen() -> None:
     assert 0.2 < np.median(near) < 0.8 and min(near) > 1e-4
     far = soil_departure(campaign(1, 0.0, soil=(0.0, 4.0, 0.0)))
     assert far.p_value < 0.01 and max(far.sigmas, key=lambda name: abs(far.sigmas[name])) == "tan_phi"
-    known = np.zeros(7)
-    known[OF_THE_TRANSDUCER.index("drawbar_pull_gain")] = 0.3 / 0.08
+    known = {"drawbar_pull_gain": 0.3}
     wrong = campaign(2, 0.0, {"drawbar_pull_gain": 0.3}, soil=(0.0, 0.0, 0.0))
     assert soil_departure(wrong, known).p_value > 10 * soil_departure(wrong).p_value

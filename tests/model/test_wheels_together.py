@@ -21,6 +21,7 @@ from model.diagnosis.findings.adequacy import kinds_of as kinds_of_shapes
 from model.diagnosis.findings.held_out import predict_held_out
 from model.diagnosis.findings.set_fit import fit_set, soils_with
 from model.diagnosis.findings.set_problem import set_problem
+from model.diagnosis.pooling import Observation, SoilDeparture, soil_departure
 from model.diagnosis.time_series.columns import soil_places
 from model.diagnosis.time_series.joining import (
     APART,
@@ -42,6 +43,7 @@ from model.diagnosis.time_series.start import Start, begin, not_identifiable_in_
 from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_grams, whiten
 from model.effects import EFFECTS, parted
 from model.effects.catalogue import at_wheel
+from model.wheel_soil import SOIL_PARAMETERS
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation import SimulationOptions, simulate_campaign
 from wheelsoil.workflows.diagnosis import vehicles_of
@@ -141,7 +143,27 @@ def test_the_error_of_one_transducer_is_named_with_its_wheel(wheels: tuple[Campa
     [size] = cause.parameters
     assert size.interval95[0] < GAIN < size.interval95[1]
     assert [soil.campaign for soil in found.soils] == ["campaign"], "they have one soil"
-    assert not found.next_run and found.information is None
+    assert not found.next_run
+
+
+def test_a_soil_is_held_against_its_laboratory_by_all_wheels_and_not_by_the_faulty_one(
+    wheels: tuple[Campaign, ...], linearised: LinearisedCampaign
+) -> None:
+    def departure(data: LinearisedCampaign, **changes: object) -> SoilDeparture:
+        information = data.information(1.0)
+        assert information is not None
+        return soil_departure(Observation("campaign", 0.0, replace(information, **changes), "all"), known)
+
+    known: dict[str, float] = {}
+    faulty = linearise_campaigns((replace(wheels[1], of_vehicle=None),))
+    assert departure(faulty).p_value < 1e-9, "a gain that one wheel takes for its soil"
+    together = departure(linearised)
+    assert together.p_value > 0.02 and set(together.sigmas) == set(SOIL_PARAMETERS)
+    assert departure(linearised, about=()).p_value < 1e-9
+    known["torque_gain@RL"] = GAIN
+    assert departure(linearised, about=()).p_value > 0.02, "by the passport of the transducer"
+    other = replace(wheels[0], of_vehicle=None, name="another")
+    assert linearise_campaigns((other, faulty.campaigns[0].campaign)).information(1.0) is None
 
 
 def test_a_run_is_the_drive_of_all_wheels(linearised: LinearisedCampaign) -> None:

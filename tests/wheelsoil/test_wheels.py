@@ -18,20 +18,28 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
+from daq import OUTPUTS
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.notes import Note
 from daq.runs import open_runs
 from model.diagnosis import Campaign, Diagnosis
+from model.diagnosis.findings.set_fit import fit_set
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.fit.observations import observations_of
 from model.notes import DiagnosisCode, FitCode
-from processing import ProcessedRun, ProcessOptions
+from model.simulation import whole
+from processing import LOOK, ProcessedRun, ProcessOptions
 from wheelsoil.cache import nothing_kept
+from wheelsoil.simulation.campaign import simulated_stretches
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
-from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options, vehicles_of
+from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.workflows import campaigns_of, diagnose_campaigns
+from wheelsoil.workflows.diagnosis import diagnosis_options, vehicles_of, with_advice
 from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.model_files import load_model
 from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
 
 IDS = ("FL", "RL")
@@ -158,6 +166,20 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
         given.append(tuple((each.name, tuple(run.run.id for run in each.runs)) for each in campaigns))
         return diagnosis("nothing_detectable")
 
+    def in_doubt(campaigns: Sequence[Campaign], _: object) -> Diagnosis:
+        found, rear = diagnosis("one_of"), campaigns[0].runs[0].passage == 2
+        return found if rear else replace(found, next_run=())
+
+    with (
+        patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", in_doubt),
+        patch("wheelsoil.workflows.report.diagnose_campaigns", in_doubt),
+    ):
+        doubtful = ok("diagnose", folder, "--json")
+        page = ok("report", folder, "-o", tmp_path / "doubt.html", "--json").json
+    assert [step["campaign"] for step in doubtful.json[-1]["next_run"]] == ["wheel RL"]
+    assert "wheelsoil diagnose FOLDER --wheel RL --next-run" in doubtful.err
+    assert "wheel RL: " in (tmp_path / "doubt.html").read_text(encoding="utf-8") and page["wheels"]
+
     with (
         patch("wheelsoil.workflows.report.diagnose_campaigns", by_hand),  # first: its import takes the right one
         patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", by_hand),
@@ -194,6 +216,59 @@ def test_what_one_sensor_shows_stands_at_its_wheel_alone(two: Path) -> None:
     assert alone - together == {DiagnosisCode.WHEEL_ORDER} and DiagnosisCode.TWO_RUNS in together
 
 
+def test_the_next_run_of_all_wheels_is_that_of_the_wheel_that_decides() -> None:
+    """Of the wheel whose steps separate most of what is open of all, not of one whose own odds are larger."""
+    found = diagnosis("one_of")
+    cause, run = found.causes[0], found.next_run[0]
+    open_ones = tuple(replace(cause, name=name, key=name) for name in ("torque_gain@FR", "grouser"))
+    joint = replace(found, causes=open_ones, next_run=())
+    wheels = {
+        "FL": replace(found, next_run=(replace(run, separates=("torque_gain", "crosstalk")),)),
+        "FR": replace(
+            found,
+            next_run=(
+                replace(run, separates=("grouser", "torque_gain"), expected_log_bayes_factor=3.0, naming_chance=0.4),
+                replace(run, separates=("slope",)),
+            ),
+        ),
+        "RL": replace(found, next_run=(replace(run, separates=("grouser", "slope"), expected_log_bayes_factor=9.0),)),
+        "RR": diagnosis("nothing_detectable"),
+    }
+    [step] = with_advice(joint, wheels).next_run
+    assert (step.campaign, step.separates) == ("wheel FR", ("grouser", "torque_gain"))
+    assert step.naming_chance is None, "what it is worth to the name of all is not known"
+    assert sentence_of(with_advice(joint, wheels)).count("Next: wheel FR: ") == 1
+    [step] = with_advice(joint, {name: wheels[name] for name in ("FL", "RL", "RR")}).next_run
+    assert step.campaign == "wheel RL"
+    assert not with_advice(joint, {name: wheels[name] for name in ("FL", "RR")}).next_run, "FL is not in doubt"
+    for other in (replace(joint, verdict="named"), replace(joint, verdict="nothing_detectable")):
+        assert not with_advice(other, wheels).next_run
+    assert not with_advice(joint, {"RR": wheels["RR"]}).next_run
+
+
+def test_fit_and_sinkage_go_on_without_the_run_in_which_a_wheel_is_silent(tmp_path: Path) -> None:
+    """A torque that is missing costs those that need it; where a wheel has no whole run, the fault is raised."""
+    folder = tmp_path / "c"
+    ok("simulate", "-o", folder, "--wheels", 2, "--runs", 2, "--duration", 20, "--format", "candump")
+    for lost, needed_by in (
+        (" 101#", (("sinkage",), ("fit", "--channels", "dp,t"))),
+        (" can1 ", (("sinkage",), ("fit",))),
+    ):
+        log = folder / "run-2.log"
+        lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
+        log.write_text("".join(line for line in lines if not (" can1 " in line and lost in line)), encoding="utf-8")
+        for command in needed_by:
+            result = ok(*command, folder, "--json")
+            aside = {entry["wheel"]: entry.get("runs_set_aside", []) for entry in result.json}
+            assert [(run["run"], run["cause"]) for run in aside["RL"]] == [("run-2", "silent")] and not aside["FL"]
+            assert "set aside: run run-2, wheel RL: " in result.err
+        if lost != " can1 ":
+            assert "driving_torque is missing" in result.err and "set aside" not in ok("fit", folder).err
+    silence(folder / "run-1.log", "can1")
+    failed = invoke("fit", folder, "--json")
+    assert failed.code != 0 and "WFT_Forces" in failed.err and [entry["wheel"] for entry in failed.json] == ["FL"]
+
+
 def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[dict[str, Any]], Path]) -> None:
     found, model = diagnosed
     front, rear, both = found
@@ -202,10 +277,71 @@ def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[
     assert rear["causes"][0]["name"] == "torque_zero" and all(cause["wheel"] == "RL" for cause in rear["causes"])
     assert rear["causes"][0]["parameters"][0]["value"] == pytest.approx(ZERO_NM, rel=0.4)
     assert front["verdict"] == "nothing_detectable" and not front["causes"]
-    assert sorted(path.name for path in model.parent.iterdir()) == ["model-FL.toml", "model-RL.toml"]
+    assert [path.name for path in model.parent.iterdir()] == ["model.toml"], "one file of all wheels together"
     best = both["candidates"][0]
     assert (best["wheel"], best["name"]) == ("RL", "torque_zero"), "of all wheels together, at the wheel where it acts"
     assert [cause["wheel"] for cause in both["causes"][:1]] == ["RL"] and len(both["soils"]) == 1
+
+
+def test_the_model_file_of_a_vehicle_predicts_at_each_wheel_what_the_diagnosis_of_all_does(
+    two: Path, diagnosed: tuple[list[dict[str, Any]], Path]
+) -> None:
+    """At the samples of the joint diagnosis, by the model of each wheel in the set that it fitted."""
+    wheels = {wheel: open_and_process([two], ProcessOptions(purpose=LOOK), Files(wheel=wheel)) for wheel in IDS}
+    options = diagnosis_options(effects=["torque_zero"], most_causes=1)
+    linearised = linearise_campaigns(vehicles_of([two], wheels), options)
+    fit = fit_set(linearised, ("torque_zero@RL",))
+    read = load_model(diagnosed[1])
+    assert tuple(read.wheels) == IDS and read.provenance["campaign"] == "two"
+    at = [[effect.key for effect in each.effects] for each in read.sets].index(["torque_zero@RL"])
+    only = replace(read, sets=(replace(read.sets[at], probability=1.0),))
+    points = fit.problem.points(fit.estimate)
+    for wheel, part, point, data in zip(IDS, fit.problem.parts, points, linearised.campaigns, strict=True):
+        values = {**part.simulation.space.values(point.soil), **point.causes}
+        expected = part.simulation.model(point.causes).predict(data.samples.conditions, values)
+        said = only.of_wheel(wheel).predict(data.samples.conditions)
+        for channel in OUTPUTS.values():
+            np.testing.assert_allclose(getattr(said, channel.field), getattr(expected, channel.field), rtol=1e-9)
+        zero = said.driving_torque_nm - only.of_wheel("FL").predict(data.samples.conditions).driving_torque_nm
+        assert (np.abs(zero) > 100).all() == (wheel == "RL")
+
+
+def test_commands_take_the_model_of_a_vehicle_at_each_wheel_or_refuse_it_by_name(
+    two: Path, diagnosed: tuple[list[dict[str, Any]], Path], tmp_path: Path
+) -> None:
+    _, model = diagnosed
+    front, rear, both = ok("fit", two, "--model", model, "--json").json
+    assert [effect["name"] for effect in front["extended"].get("effect", ())] == []
+    assert "torque_zero@RL" in str(rear["models"]["extended"]) and "torque_zero@RL" not in str(front["models"])
+    assert "extended" not in both["models"], "no law of all wheels has a zero of one"
+    assert "acts at one wheel alone" in ok("fit", two, "--model", model).err
+    ok("simulate", "--model", model, "-o", tmp_path / "again", "--runs", 1, "--duration", 15, "--format", "candump")
+    truth = tomllib.loads((tmp_path / "again" / "manifest.toml").read_text(encoding="utf-8"))["truth"]
+    assert truth["wheels"] == list(IDS)
+    refused = (
+        (invoke("simulate", "--model", model, "-o", tmp_path / "four", "--wheels", 4), "FL 0.47 x 0.318 m, RL 0.47"),
+        (invoke("fit", "recordings/clay", "--model", model), "a wheel without an id"),
+        (invoke("diagnose", two, *QUICK, "-o", model), str(model)),
+    )
+    for result, words in refused:
+        assert result.code == 2 and words in result.err and "next: " in result.err
+
+
+def test_an_effect_of_one_wheel_is_simulated_there() -> None:
+    effects = {"torque_zero@RL": {"offset_nm": 300.0}, "drawbar_pull_zero": {"offset_n": 500.0}}
+    options = SimulationOptions(runs=1, duration_s=15.0, wheels=2, effects=effects)
+    at_wheels = [whole(simulated_stretches(options, 0, wheel)) for wheel in IDS]
+    plain = [whole(simulated_stretches(replace(options, effects={}), 0, wheel)) for wheel in IDS]
+    changes = [
+        [
+            float(np.median(run.sensors["transducer"][name].values - without.sensors["transducer"][name].values))
+            for name in ("driving_torque", "drawbar_pull")
+        ]
+        for run, without in zip(at_wheels, plain, strict=True)
+    ]
+    assert changes == [pytest.approx([0.0, 500.0], abs=1.0), pytest.approx([300.0, 500.0], abs=1.0)]
+    with pytest.raises(ConfigError, match="no wheel is called 'FR'"):
+        replace(options, effects={"torque_zero@FR": {"offset_nm": 300.0}})
 
 
 def test_a_diagnosis_names_the_wheel_above_it(two: Path) -> None:

@@ -17,9 +17,7 @@ from wheelsoil.console import check_output, computing, print_json, say, terminal
 if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
     from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
-    from wheelsoil.workflows.choice import Choice
     from wheelsoil.workflows.diagnosis import Given, Processed
-    from wheelsoil.workflows.runs import Files
 
 
 def diagnose_command(
@@ -30,7 +28,7 @@ def diagnose_command(
             "--output",
             "-o",
             metavar="FILE",
-            help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
+            help="Write the extended model (TOML), of several wheels one; with --plan the matrix of |cos| (CSV).",
         ),
     ] = None,
     tables: options.Tables = None,
@@ -145,62 +143,61 @@ def diagnose_command(
     options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     unreadable: list[SetAsideRun] = []
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
-    settings = replace(settings, average=output is not None)
+    of_all = per_wheel.several and not apart
+    settings = replace(settings, average=output is not None and not of_all)
+    if output and of_all:
+        check_output(output, force=force)
 
     of_wheels: dict[str, Processed] = {}
+    by_wheel: dict[str, Diagnosis] = {}
     configs: dict[str, VehicleConfig] = {}
     show = _shown(per_wheel, configs, verbose=verbose)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = _processed(per_wheel, of_wheel, files, by_hand)
+        processed = per_wheel.processed("diagnose", of_wheel, files, by_hand)
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
-        _diagnose(campaigns_of(paths, processed, soil), settings, target, show, force=force)
+        by_wheel[per_wheel.wheel] = _diagnose(
+            campaigns_of(paths, processed, soil), settings, None if of_all else target, show, force=force
+        )
         of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
         per_wheel.doubts = doubts_of_wheels(of_wheels)
         for doubt in per_wheel.doubts:
             say(str(doubt))
-        _diagnose(vehicles_of(paths, of_wheels, soil), replace(settings, average=False), None, show, force=force)
-        if next_run:
+        chosen = replace(settings, average=output is not None)
+        found = _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force, alone=by_wheel)
+        if next_run or found.next_run:
+            best = found.next_run[0].campaign.removeprefix("wheel ") if found.next_run else next(iter(of_wheels))
             say(
                 f"next runs are ranked for one wheel at a time ({', '.join(of_wheels)}): "
-                f"wheelsoil diagnose FOLDER --wheel {next(iter(of_wheels))} --next-run"
+                f"wheelsoil diagnose FOLDER --wheel {best} --next-run"
             )
 
-    per_wheel.each(work, None if apart else together)
-
-
-def _processed(wheels: PerWheel, runs: Sequence[Run], files: Files, choice: Choice) -> Processed:
-    """Process the runs of a wheel; where some of one with an id lack a signal, it is diagnosed by the others."""
-    from daq.runs import SetAsideRun
-    from processing import LOOK
-    from wheelsoil.workflows.fit import nothing_whole, whole_runs
-
-    found = options.processed_for(LOOK, runs, files, choice, set_aside=wheels.set_aside) if wheels.wheel else ()
-    if not whole_runs(done for _, done in found):  # then this says what is wrong
-        return options.processed_for("diagnose", runs, files, choice, set_aside=wheels.set_aside)
-    for run, done in found:
-        if why := nothing_whole([done]):
-            message = f"set aside: run {run.id}, wheel {wheels.wheel}: {why}"
-            wheels.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
-    return found
+    per_wheel.each(work, together if of_all else None)
 
 
 def _diagnose(
-    given: Given, settings: DiagnosisOptions, output: Path | None, show: Callable[[Diagnosis], None], *, force: bool
-) -> None:
+    given: Given,
+    settings: DiagnosisOptions,
+    output: Path | None,
+    show: Callable[[Diagnosis], None],
+    *,
+    force: bool,
+    alone: Mapping[str, Diagnosis] | None = None,
+) -> Diagnosis:
     from daq.series import write_whole
     from wheelsoil.report.inputs import command_line
-    from wheelsoil.workflows.diagnosis import diagnose_given
+    from wheelsoil.workflows.diagnosis import diagnose_given, with_advice
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
-    targets = model_targets(output, [campaign.name for campaign in given], force=force) if output else []
+    targets = model_targets(output, list(dict.fromkeys(each.ground for each in given)), force=force) if output else []
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
+        diagnosis = with_advice(diagnosis, alone) if alone else diagnosis
     written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
     try:
         for path, model in written:
@@ -211,6 +208,7 @@ def _diagnose(
         none = "it has no effect, because no cause is named"
         note = f"the average of {len(model.sets)} sets of causes" if model.sets else "" if model.effects else none
         say(f"wrote {path}" + (f": {note}" if note else ""))
+    return diagnosis
 
 
 def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:

@@ -81,14 +81,14 @@ def report_command(
     A section whose channel is missing is omitted, with the reason; the other sections are complete. Exit code 1: there
     is no result, neither fit nor diagnosis, or a fault has cost a section or the diagnosis.
     """
-    from wheelsoil.workflows import Files, TableFiles, load_model, read_benches, report_of_tables
+    from wheelsoil.workflows import Files, TableFiles, read_benches, report_of_tables
+    from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
     options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
     options.refuse_wheel_of_a_table(tables, wheel)
     target, browser = _target(output, form, force=force)
-    extended = load_model(model) if model else None
     by_hand = options.chosen(
         choice,
         sinkage=sinkage,
@@ -103,7 +103,8 @@ def report_command(
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = read_benches(tables, wheels, rename=rename, where=where)
         options.say_doubted_soils(bench.terrain for bench in benches)
-        report = report_of_tables(benches, by_hand.fit_choices(extended), diagnose=diagnose)
+        choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
+        report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
         files = Files(
             options.one_file(vehicle),
@@ -117,6 +118,7 @@ def report_command(
         )
         unreadable: list[SetAsideRun] = []
         opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
+        models = models_of_wheels(model, opened)
         last = {name: _last(against, name) if against else None for name in opened}
 
         def report_on(name: str) -> tuple[Report, Processed, Diagnosed]:
@@ -125,7 +127,7 @@ def report_command(
                 runs or (),
                 by_hand,
                 files,
-                extended=extended,
+                extended=models[name],
                 diagnose=diagnose,
                 last=last[name],
                 set_aside=unreadable,
@@ -134,7 +136,7 @@ def report_command(
         if len(opened) > 1:
 
             def together(made: Sequence[WheelReport]) -> Diagnosed:
-                return diagnosed_vehicle(runs or (), made, by_hand.fit_choices(extended), soil)
+                return diagnosed_vehicle(runs or (), made, by_hand.fit_choices(), soil)
 
             _report_vehicle(list(opened), report_on, together, target, browser, force=force, json=json)
             return

@@ -6,11 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from daq import ALL_WHEELS
+from wheelsoil.cli.options import processed_for
 from wheelsoil.console import print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq import Fault
     from daq.runs import Run, SetAsideRun
+    from processing import ProcessedRun
+    from wheelsoil.workflows.choice import Choice
+    from wheelsoil.workflows.runs import Check, Files
 
 _OF_CAUSES = ("causes", "further_causes")
 
@@ -48,7 +52,7 @@ class PerWheel:
         """Whether there is more than one wheel."""
         return len(self._opened) > 1
 
-    def each(self, work: Callable[[list[Run]], None], together: Callable[[], None] | None = None) -> None:
+    def each(self, work: Callable[[list[Run]], object], together: Callable[[], None] | None = None) -> None:
         """Do the work of each wheel; what is wrong with one is raised when that of all is done.
 
         `together` is done last, where several wheels have a result.
@@ -63,7 +67,9 @@ class PerWheel:
                     say(self._heading)
                 with collected.catch(self._heading if wheel else ""):
                     work(runs)
-            if together and self.several and len(self._opened) - len(collected.errors) > 1:
+            if together and self.several and len(self._opened) - len(collected.errors) < 2:
+                say("fewer than two wheels have a result: nothing is of all wheels together")
+            elif together and self.several:
                 if collected.errors:
                     say("a wheel without a result is not among all wheels together")
                 self.wheel, self.set_aside_runs = ALL_WHEELS, []
@@ -77,6 +83,32 @@ class PerWheel:
                 print()
                 print_pairs(self._said.items())
         collected.stop_if_any()
+
+    def processed(
+        self, purpose: str, runs: Sequence[Run], files: Files, choice: Choice, check: Check | None = None
+    ) -> list[tuple[Run, ProcessedRun]]:
+        """Process the runs of this wheel; of one with an id those that lack a signal are set aside, where one has all.
+
+        See `wheelsoil.cli.options.processed_for`; a diagnosis is given the whole of them, as a report shows them.
+        """
+        import numpy as np
+
+        from daq.runs import SetAsideRun
+        from processing import LOOK
+        from wheelsoil.workflows.fit import nothing_whole
+
+        found = processed_for(LOOK, runs, files, choice, check, self.set_aside) if self.wheel else []
+        torque = "driving_torque is missing" if purpose in ("fit_torque", "sinkage") else ""
+        lacking = [
+            nothing_whole([done]) or ("" if np.isfinite(done.driving_torque_nm).any() else torque) for _, done in found
+        ]
+        if all(lacking):  # then this says what is wrong
+            return processed_for(purpose, runs, files, choice, check, self.set_aside)
+        for (run, _), why in zip(found, lacking, strict=True):
+            if why:
+                message = f"set aside: run {run.id}, wheel {self.wheel}: {why}"
+                self.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
+        return [each for each, why in zip(found, lacking, strict=True) if purpose == "diagnose" or not why]
 
     def set_aside(self, run: SetAsideRun) -> None:
         """Print why a run of this wheel is not used (stderr), and list it below the result."""

@@ -189,8 +189,9 @@ def fit_command(
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage, relative to the measured one. Of several wheels also of all together: one law.
     """
-    from wheelsoil.workflows import load_model, read_bench
+    from wheelsoil.workflows import read_bench
     from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, of_one_size, one_terrain
+    from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
@@ -203,7 +204,6 @@ def fit_command(
         slip_threshold=slip_threshold,
         min_speed=min_speed,
     )
-    choices = by_hand.fit_choices(load_model(model) if model else None)
     files = Files(
         vehicle,
         terrain,
@@ -217,26 +217,31 @@ def fit_command(
     if table is not None:
         wheel_test = read_bench(table, files, rename=rename, where=where)
         options.say_doubted_soils([wheel_test.terrain])
+        choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         with computing("fitting"):
             fit = fit_table(wheel_test.rows, wheel_test.wheel, wheel_test.soil, choices, wheel_test.terrain)
         _show_fit_of_table(fit, json=json)
         return
     unreadable: list[SetAsideRun] = []
-    wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
+    opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
+    models = models_of_wheels(model, opened)
+    wheels = PerWheel(opened, json=json, unreadable=unreadable)
 
     of_all: list[tuple[Run, ProcessedRun]] = []
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for(choices.purpose, of_wheel, files, by_hand, one_terrain, wheels.set_aside)
+        processed = wheels.processed(by_hand.fit_choices().purpose, of_wheel, files, by_hand, one_terrain)
         fitted(processed)
         of_all.extend(processed)
 
     def fitted(processed: Sequence[tuple[Run, ProcessedRun]]) -> None:
         with computing("fitting"):
-            found = fit_runs(processed, choices, soil)
+            found = fit_runs(processed, by_hand.fit_choices(models[wheels.wheel]), soil)
         wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
 
     def together() -> None:
+        if model and not models[wheels.wheel]:
+            say("a cause of --model acts at one wheel alone: its model is not fitted to all wheels")
         if of_one_size(run for run, _ in of_all):
             fitted(of_all)
         else:
@@ -348,8 +353,7 @@ def sinkage_command(
     wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        processed = options.processed_for("sinkage", of_wheel, files, by_hand, set_aside=wheels.set_aside)
-        found = sinkage_of_runs(processed)
+        found = sinkage_of_runs(wheels.processed("sinkage", of_wheel, files, by_hand))
         wheels.show(lambda: sinkage_as_json(found), lambda: print_sinkage(found))
 
     wheels.each(work)

@@ -180,7 +180,7 @@ def simulate_command(
         list[str] | None,
         typer.Option(
             metavar="NAME[:KEY=VALUE,...]",
-            help="An effect of wheel or soil beyond Wong's model, or of a sensor; repeatable.",
+            help="An effect of wheel or soil beyond Wong's model, or of a sensor (NAME@FR: at that wheel); repeatable.",
         ),
     ] = None,
     model: Annotated[

@@ -116,25 +116,28 @@ def pool(store: Store) -> Pooled:
 
 def pooled_of(holdings: Holdings) -> Pooled:
     """Pool the evidence of the campaigns that can be read; that of `_AT_ONCE` campaigns is in memory together."""
-    listed = holdings.table("evidence", ("transducer", "start")).to_pydict()
-    rows = list(zip(listed["campaign"], listed["transducer"], listed["start"], strict=True))
+    listed = holdings.table("evidence", ("transducer", "start", "wheel")).to_pylist()
+    together = {row["campaign"] for row in listed if row["wheel"] == ALL_WHEELS}
+    rows = [(row["campaign"], row["transducer"], row["start"]) for row in listed if row["wheel"] != ALL_WHEELS]
     nameless = tuple(dict.fromkeys(campaign for campaign, serial, _ in rows if not serial))
     dateless = tuple(dict.fromkeys(campaign for campaign, serial, start in rows if serial and start is None))
-    surprising = _SURPRISING / max(len(rows), 1)
+    surprising = _SURPRISING / max(sum(campaign not in together for campaign, *_ in rows) + len(together), 1)
+    errors: dict[str, dict[str, float]] = {}
     passports: dict[str, Passport] = {}
     far: list[SoilDeparture] = []
-    for serials in _in_turn(Counter(serial for _, serial, _ in rows)):
+    for serials in _in_turn(Counter(row["transducer"] for row in listed)):
         by_serial: dict[str, list[Observation]] = {}
         for serial, observation in _observations(holdings, serials):
             by_serial.setdefault(serial, []).append(observation)
-        for serial, own in by_serial.items():
+        for serial, own in sorted(by_serial.items(), key=lambda item: (not item[0], item[0])):
             if serial:
                 passports[serial] = passport_of(serial, own)
-            soils = (
-                soil_departure(observation, _known(passports[serial], observation) if serial else None)
-                for observation in own
-            )
-            far += [soil for soil in soils if soil.p_value < surprising]
+            for each in own:
+                known = _known(passports[serial], each.years) if serial else errors.get(each.campaign, {})
+                at_wheel = {f"{effect}@{each.wheel}": size for effect, size in known.items()}
+                errors.setdefault(each.campaign, {}).update(at_wheel)
+                if each.wheel == ALL_WHEELS or each.campaign not in together:
+                    far += [soil for soil in [soil_departure(each, known)] if soil.p_value < surprising]
     ordered = [passports[serial] for serial in sorted(passports)]
     far.sort(key=lambda soil: (soil.p_value, soil.campaign))
     return Pooled(tuple(ordered), tuple(far), nameless, dateless, _named(holdings), changes_of(holdings))
@@ -174,10 +177,10 @@ def campaigns_together(holdings: Holdings) -> set[str]:
 
 
 def _in_turn(counts: Mapping[str | None, int]) -> Iterator[list[str | None]]:
-    """Yield the transducers whose evidence is read together."""
+    """Yield the transducers whose evidence is read together; last what has none: what wheels say together."""
     some: list[str | None] = []
     total = 0
-    for serial, count in sorted(counts.items(), key=lambda item: item[0] or ""):
+    for serial, count in sorted(counts.items(), key=lambda item: (not item[0], item[0] or "")):
         if some and total + count > _AT_ONCE:
             yield some
             some, total = [], 0
@@ -212,16 +215,10 @@ def _observations(holdings: Holdings, serials: Sequence[str | None]) -> Iterator
             yield (row["transducer"] or "") if dated else "", observation
 
 
-def _known(passport: Passport, observation: Observation) -> np.ndarray[Any, Any] | None:
-    """Return what is named of a transducer, in units of the parameters' scales."""
-    if passport.decision != "named":
-        return None
-    scale = dict(zip(observation.information.effects, observation.information.scales, strict=True))
-    found = np.zeros(len(OF_THE_TRANSDUCER))
-    for effect in passport.effects:
-        if effect in scale:
-            found[OF_THE_TRANSDUCER.index(effect)] = passport.trends[effect].value(observation.years)[0] / scale[effect]
-    return found
+def _known(passport: Passport, years: float) -> dict[str, float]:
+    """Return the sizes of what is named of a transducer."""
+    named = passport.effects if passport.decision == "named" else ()
+    return {effect: passport.trends[effect].value(years)[0] for effect in named}
 
 
 def day_of(years: float) -> str:

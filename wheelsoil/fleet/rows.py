@@ -103,7 +103,7 @@ def _rows_of(found: Found) -> dict[str, Iterable[dict[str, Any]]]:
         "diagnoses": [] if diagnosis is None else [_diagnosis(diagnosis)],
         "causes": [] if diagnosis is None else _causes(diagnosis, "" if together else found.wheel),
         "gains": [] if diagnosis is None else _gains(diagnosis),
-        "evidence": [] if together else _evidence(found),
+        "evidence": _evidence(found),
         "sensors": [row for run, done in found.processed for row in _sensors(run, done)],
     }
 
@@ -359,7 +359,7 @@ def _evidence(found: Found) -> Iterator[dict[str, Any]]:
     information = found.diagnosis.information
     campaign = _campaign(found)
     yield {
-        **{name: campaign[name] for name in ("transducer", "terrain", "start")},
+        **{name: campaign.get(name) for name in ("transducer", "terrain", "start")},
         **{name: list(value) if isinstance(value, tuple) else value for name, value in vars(information).items()},
         "matrix": information.matrix.ravel().tolist(),
     }

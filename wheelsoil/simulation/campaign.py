@@ -31,7 +31,7 @@ from daq import (
     VehicleConfig,
 )
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
-from model.effects import EFFECTS, Effect
+from model.effects import EFFECTS, Effect, parted
 from model.simulation import (
     HELD_IN,
     TRUTH_QUADRATURE,
@@ -245,8 +245,7 @@ def simulated_stretches(options: SimulationOptions, index: int, wheel: str = "")
     DataError
         The soil does not carry the wheel.
     """
-    chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
-    acting = [(effect, values) for effect, values in chosen if effect.kind == "physical"]
+    acting = _effects_at(options, wheel, "physical")
     model = WheelSoilModel(
         options.wheel, true_soil(options), [effect for effect, _ in acting], options.reading, TRUTH_QUADRATURE
     )
@@ -268,7 +267,7 @@ def simulated_stretches(options: SimulationOptions, index: int, wheel: str = "")
         ring=_stream(options, 0, 7, number) if number else _stream(options, 1),
         own=_stream(options, 0, 6, index, number) if wheel else None,
         campaign_s=(options.runs - 1) * interval_s + options.duration_s,
-        faults=_measurement_effects(options) if options.faulty_wheel in ("", wheel) else (),
+        faults=_effects_at(options, wheel, "measurement"),
     )
 
 
@@ -295,7 +294,7 @@ def lifted_runs(options: SimulationOptions) -> tuple[SensedRun, ...]:
             wheel_radius_m=options.wheel.radius_m,
             rng=_stream(options, 0, number),
             ring=_stream(options, 1),
-            faults=_measurement_effects(options),
+            faults=_effects_at(options, "", "measurement"),
         )
         for number, (name, elapsed_s) in enumerate(
             (("before", -_BETWEEN_RUNS_S), ("after", campaign_s + _BETWEEN_RUNS_S)) if options.lifted else (), 1
@@ -316,9 +315,13 @@ def _start_ns(options: SimulationOptions, elapsed_s: float) -> int:
     return round((options.start.timestamp() + elapsed_s) * 1e6) * 1000
 
 
-def _measurement_effects(options: SimulationOptions) -> list[tuple[type[Effect], Mapping[str, float]]]:
-    chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
-    return [(effect, values) for effect, values in chosen if effect.kind == "measurement"]
+def _effects_at(options: SimulationOptions, wheel: str, kind: str) -> list[tuple[type[Effect], Mapping[str, float]]]:
+    """Return the effects of a kind that act at a wheel."""
+    alone = options.faulty_wheel if kind == "measurement" else ""
+    chosen = [
+        (EFFECTS[name], values) for name, values in options.effects.items() if (parted(name)[1] or alone) in ("", wheel)
+    ]
+    return [(effect, values) for effect, values in chosen if effect.kind == kind]
 
 
 def _info(options: SimulationOptions, index: int) -> RunInfo:

@@ -15,7 +15,7 @@ import numpy as np
 
 from daq import ConfigError, Fault, SoilSection, TerrainConfig, UncertaintySection, load_toml, nearest
 from model import ExtendedModel
-from model.effects import EFFECTS
+from model.effects import EFFECTS, parted
 from model.simulation import SHORTEST_RUN_S
 from model.wheel_soil import LABORATORY_SPREAD, SOILS, Reading, Soil, Wheel, soil_from_terrain
 from wheelsoil.workflows.fit import presets_near
@@ -133,10 +133,14 @@ class SimulationOptions:
         if self.wheels not in LAYOUTS:
             expected = ", ".join(map(str, LAYOUTS))
             return [Fault("number of instrumented wheels is out of range", found=str(self.wheels), expected=expected)]
-        faults = []
-        if self.faulty_wheel and self.faulty_wheel not in LAYOUTS[self.wheels]:
-            expected = ", ".join(filter(None, LAYOUTS[self.wheels])) or "none: there is one wheel"
-            faults.append(Fault(f"no wheel is called {self.faulty_wheel!r}", expected=expected))
+        expected = ", ".join(filter(None, LAYOUTS[self.wheels])) or "none: there is one wheel"
+        wheels = {name: parted(name)[1] for name in self.effects} | {"--faulty-wheel": self.faulty_wheel}
+        known = ("", *LAYOUTS[self.wheels])
+        faults = [
+            Fault(f"no wheel is called {wheel!r}", name, expected=expected)
+            for name, wheel in wheels.items()
+            if wheel not in known
+        ]
         measured = [EFFECTS[n] for n in self.effects if n in EFFECTS and EFFECTS[n].kind == "measurement"]
         if self.faulty_wheel and (shared := [effect.key() for effect in measured if not effect.goes_with_a_wheel()]):
             what = f"{' and '.join(shared)} of one wheel only: all have one receiver and one body"
@@ -321,6 +325,16 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
             next_step="omit these options, or edit the file",
         )
     model = load_model(path).drawn(np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=_OF_THE_SET)))
+    wheels = next((count for count, ids in LAYOUTS.items() if {*ids} == {*model.wheels}), options.wheels)
+    ids = LAYOUTS[options.wheels if "wheels" in given else wheels]
+    if model.wheels and ({*ids} != {*model.wheels} or len({size for size, _ in model.wheels.values()}) > 1):
+        raise ConfigError.of(
+            "the model file is of a vehicle that is not simulated",
+            path,
+            ", ".join(f"{name} {size.radius_m:g} x {size.width_m:g} m" for name, (size, _) in model.wheels.items()),
+            " or ".join(", ".join(ids) for ids in LAYOUTS.values() if all(ids)) + ", of one size",
+            "omit --wheels, or take the model of one wheel: `wheelsoil diagnose FOLDER --wheel ID -o FILE`",
+        )
     effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}
     return replace(
         options,
@@ -329,6 +343,7 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
         model_file=str(path),
         reading=model.reading,
         wheel=model.wheel,
+        wheels=wheels,
         effects={**effects, **options.effects},
     )
 

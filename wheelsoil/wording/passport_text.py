@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from daq import number
+from daq import ALL_WHEELS, number
 from model.diagnosis.pooling import Passport, SoilDeparture, Trend
 from wheelsoil.fleet import Change, NamedError, day_of
 from wheelsoil.wording.change_text import size_sentence
@@ -92,7 +92,7 @@ def named_lines(named: Sequence[NamedError]) -> Iterator[str]:
 
 
 def _at(found: NamedError | SoilDeparture | Change) -> str:
-    return f", wheel {found.wheel}" if found.wheel else ""
+    return {"": "", ALL_WHEELS: ", all wheels"}.get(found.wheel, f", wheel {found.wheel}")
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:

@@ -29,7 +29,7 @@ from daq import (
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
 from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
-from model.effects import EFFECTS
+from model.effects import EFFECTS, parted
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept, known
@@ -313,6 +313,28 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     if options.average:
         kept("diagnosis", (tuple(campaigns), without_average), lambda: replace(found, average=None))
     return _with_remarks(found, campaigns)
+
+
+def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
+    """Return the diagnosis of all wheels with the next runs of the wheel whose steps separate most of its candidates.
+
+    They are ranked by that wheel alone, so that what they are worth to the name of all is not known. Only a verdict
+    `one_of` has any.
+
+    Parameters
+    ----------
+    wheels : mapping wheel -> Diagnosis
+        Of each by itself.
+    """
+    candidates = [parted(cause.name) for cause in joint.causes if joint.verdict == "one_of"]
+    listed = [
+        (len({family for family, at in candidates if at in ("", wheel)} & {*run.separates}), run, wheel)
+        for wheel, found in wheels.items()
+        for run in found.next_run
+    ]
+    best = max(listed, key=lambda each: (each[0], each[1].expected_log_bayes_factor))[2] if listed else ""
+    runs = (replace(run, campaign=f"wheel {best}", naming_chance=None) for n, run, at in listed if n and at == best)
+    return replace(joint, next_run=tuple(runs))
 
 
 def known_diagnosis(campaigns: Sequence[Campaign], options: DiagnosisOptions) -> Diagnosis | None:

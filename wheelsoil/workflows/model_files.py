@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
@@ -11,9 +11,10 @@ from pathlib import Path
 
 import tomli_w
 
-from daq import file_name, read_toml
+from daq import ALL_WHEELS, file_name, read_toml
 from model import ExtendedEffect, ExtendedModel, Fact, averaged_model, extended_model
 from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
+from model.effects import parted
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.console import check_output
@@ -43,6 +44,7 @@ def models_of(
 ) -> list[ExtendedModel]:
     """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
 
+    Wheels of one vehicle have one model.
     Where several sets of causes remain possible, it holds the most probable ones, each with its soil. A soil that was
     re-calibrated beside what nobody can explain is not worth keeping.
     """
@@ -51,27 +53,39 @@ def models_of(
     decided = diagnosis.verdict in ("named", "nothing_detectable")
     estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
     causes = diagnosis.causes if diagnosis.verdict == "named" else ()
-    return [
+    grounds = [campaign.ground for campaign in campaigns]
+    models = [
         averaged_model(
             campaign.wheel,
             campaign.soil,
             average,
-            campaign.name,
+            ground,
             reading,
             tyre=campaign.tyre,
             provenance=_provenance(diagnosis, campaign, command),
         )
-        if average and campaign.name in averaged
+        if average and ground in averaged
         else extended_model(
             campaign.wheel,
             campaign.soil,
-            estimates.get(campaign.name, SoilEstimate(campaign.name, {}, {})),
+            estimates.get(ground, SoilEstimate(ground, {}, {})),
             causes,
             reading,
             tyre=campaign.tyre,
             provenance=_provenance(diagnosis, campaign, command),
         )
-        for campaign in campaigns
+        for campaign, ground in ((campaigns[grounds.index(ground)], ground) for ground in dict.fromkeys(grounds))
+    ]
+    return [
+        replace(
+            model,
+            wheels={
+                each.of_vehicle.wheel: (each.wheel, each.tyre)
+                for each in campaigns
+                if isinstance(each, Campaign) and each.of_vehicle and each.ground == model.provenance["campaign"]
+            },
+        )
+        for model in models
     ]
 
 
@@ -86,7 +100,7 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "made_by": f"wheelsoil {__version__}",
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": command,
-        "campaign": campaign.name,
+        "campaign": campaign.ground,
         "runs": tuple(runs),
         "verdict": diagnosis.verdict,
         "sentence": sentence_of(replace(diagnosis, gain=gain)),
@@ -134,7 +148,7 @@ def _size(key: str, p: ParameterEstimate) -> str:
 
 
 def load_model(path: Path) -> ExtendedModel:
-    """Read a model file.
+    """Read a model file; of one of a vehicle `ExtendedModel.of_wheel` gives each wheel's model.
 
     Raises
     ------
@@ -142,3 +156,19 @@ def load_model(path: Path) -> ExtendedModel:
         Everything that is wrong with it.
     """
     return ExtendedModel.from_mapping(read_toml(path), str(path))
+
+
+def models_of_wheels(path: Path | None, wheels: Iterable[str]) -> dict[str, ExtendedModel | None]:
+    """Read the model of each wheel from a model file, where one is given; that of a file of one wheel is of each.
+
+    That of all wheels (`daq.ALL_WHEELS`) is None where a cause acts at one of them alone.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it; it is of other wheels.
+    """
+    read = load_model(path) if path else None
+    found = {wheel: read and read.of_wheel(wheel, str(path)) for wheel in wheels}
+    alone = read and any(parted(key)[1] for key in read.keys)
+    return found | {ALL_WHEELS: None if alone else next(iter(found.values()))}

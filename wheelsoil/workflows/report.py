@@ -25,6 +25,7 @@ from wheelsoil.workflows.diagnosis import (
     diagnose_campaigns,
     diagnosis_options,
     vehicles_of,
+    with_advice,
 )
 from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
@@ -261,7 +262,9 @@ def diagnosed_vehicle(
     if len(given) < 2:
         return NOT_DIAGNOSED
     with computing("diagnosing all wheels together"):
-        return _diagnosed(lambda: vehicles_of(paths, {wheel.wheel: wheel.processed for wheel in given}, soil), choices)
+        found = _diagnosed(lambda: vehicles_of(paths, {wheel.wheel: wheel.processed for wheel in given}, soil), choices)
+    alone = {wheel.wheel: wheel.diagnosed.diagnosis for wheel in given if wheel.diagnosed.diagnosis}
+    return replace(found, diagnosis=found.diagnosis and with_advice(found.diagnosis, alone))
 
 
 def _diagnosed(campaigns: Callable[[], Sequence[Campaign]], choices: FitChoices) -> Diagnosed:

@@ -149,6 +149,11 @@ class Bench:
     lugs: Lugs | None = None
     lines: tuple[int, ...] = ()
 
+    @property
+    def ground(self) -> str:
+        """Name of its soil."""
+        return self.name
+
 
 @dataclass(frozen=True)
 class DiagnosisOptions:

@@ -10,7 +10,7 @@ so that the log likelihood of these parameters is :math:`h'\theta - \tfrac12\the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,13 +130,16 @@ class SoilDeparture:
     wheel: str = ""
 
 
-def soil_departure(observation: Observation, known: FloatArray | None = None) -> SoilDeparture:
+def soil_departure(observation: Observation, known: Mapping[str, float] | None = None) -> SoilDeparture:
     r"""Compare a campaign's soil with its laboratory.
+
+    Of all wheels of a vehicle together, where they have one soil, an error of one transducer that they were linearised
+    about is integrated out as other causes are.
 
     Parameters
     ----------
-    known : array, shape (m,), optional
-        The transducer's parameters, in units of their scales; none are off by default.
+    known : mapping effect -> float, optional
+        Sizes of the transducer's errors, of all wheels together ``effect@wheel``; none are off by default.
 
     Notes
     -----
@@ -144,7 +147,8 @@ def soil_departure(observation: Observation, known: FloatArray | None = None) ->
     :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
     """
     information, first = observation.information, 1 + len(observation.information.soil)
-    soil = [at for at, label in enumerate(information.soil, 1) if label not in SENSORS]
+    names = [label.rpartition(": ")[2] for label in information.soil]
+    soil = [at for at, name in enumerate(names, 1) if name not in SENSORS]
     others = [at for at in range(1, first) if at not in soil]
     others += [
         first + i
@@ -152,11 +156,11 @@ def soil_departure(observation: Observation, known: FloatArray | None = None) ->
         if key in information.about and key not in OF_THE_TRANSDUCER
     ]
     matrix = information.matrix
-    if known is not None:
-        shift = np.zeros(len(matrix))
-        for i, key in enumerate(information.effects):
-            if key in OF_THE_TRANSDUCER:
-                shift[first + i] = known[OF_THE_TRANSDUCER.index(key)]
+    if known:
+        sizes = [
+            known.get(key, 0.0) / scale for key, scale in zip(information.effects, information.scales, strict=True)
+        ]
+        shift = np.r_[np.zeros(first), sizes]
         matrix = matrix.copy()
         matrix[:, 0] -= matrix @ shift
     precision, score = _without(matrix, others, soil)
@@ -166,7 +170,7 @@ def soil_departure(observation: Observation, known: FloatArray | None = None) ->
     statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
     mean = np.linalg.solve(np.eye(len(soil)) + precision, score)
     p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
-    sigmas = {information.soil[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}
+    sigmas = {names[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}
     return SoilDeparture(observation.campaign, sigmas, p_value, observation.wheel)
 
 

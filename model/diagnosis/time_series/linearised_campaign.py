@@ -414,14 +414,14 @@ class LinearisedCampaign:
     stages_s: dict[str, float]
 
     def information(self, excess: float) -> Information | None:
-        """Return what can be pooled with other campaigns; None for several, whose soils differ.
+        """Return what can be pooled with other campaigns; None for several, whose soils differ, but those of a vehicle.
 
         Parameters
         ----------
         excess : float
             Factor on the noise's variance.
         """
-        if len(self.campaigns) > 1:
+        if len({data.campaign.ground for data in self.campaigns}) > 1:
             return None
         grams = self.grams.scaled(1.0 / excess)
         return Information(

@@ -87,9 +87,9 @@ def keys(table: pa.Table) -> set[tuple[str, str]]:
 
 
 def test_each_wheel_has_its_rows_and_all_together_theirs(field: Path, tables: dict[str, pa.Table]) -> None:
-    for name in ("campaigns", "runs", "samples", "fits", "evidence"):
+    for name in ("campaigns", "runs", "samples", "fits"):
         assert keys(tables[name]) == OF_EACH, name
-    for name in ("diagnoses", "causes", "gains", "coefficients"):
+    for name in ("diagnoses", "causes", "gains", "coefficients", "evidence"):
         assert keys(tables[name]) == OF_EACH | OF_ALL, name
     rows = tables["campaigns"].to_pylist()
     assert [row["transducer"] for row in rows] == ["WFT-FL", "WFT-RL"] * 2
@@ -142,6 +142,20 @@ def test_transducers_are_those_of_the_wheels(made: Path) -> None:
     assert (error["campaign"], error["wheel"], error["serial"]) == ("day-2", "RL", "WFT-RL")
     said = ok("fleet", "diagnose", made / "store").out
     assert "day-2, wheel RL (WFT-RL, 2026-" in said and "WFT-FL: 2 campaigns" in said
+
+
+@pytest.mark.usefixtures("one_process")
+def test_a_soil_off_its_laboratory_is_that_of_the_campaign_and_counts_once(field: Path, tmp_path: Path) -> None:
+    """All wheels together have one soil; what they say together is of no transducer, and yet not without a serial."""
+    day = shutil.copytree(field / "day-1", tmp_path / "field" / "day")
+    text = (day / "terrain.toml").read_text(encoding="utf-8")
+    (day / "terrain.toml").write_text(text.replace("friction_angle_deg = 14.0", "friction_angle_deg = 18.0"), "utf-8")
+    ok("fleet", "run", day.parent, "--store", tmp_path / "s", "--effects", "torque_zero")
+    found = ok("fleet", "diagnose", tmp_path / "s", "--json").json
+    assert [(soil["campaign"], soil["wheel"]) for soil in found["soils_off_laboratory"]] == [("day", "all")]
+    assert max(found["soils_off_laboratory"][0]["sigmas"].items(), key=lambda item: abs(item[1]))[0] == "tan_phi"
+    assert found["without_serial"] == found["without_date"] == []
+    assert "day, all wheels: " in ok("fleet", "diagnose", tmp_path / "s").out
 
 
 def test_the_page_has_each_wheel_and_counts_campaigns(overview: Overview, tmp_path: Path) -> None:
