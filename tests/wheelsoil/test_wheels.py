@@ -171,8 +171,8 @@ def test_a_run_in_which_a_wheel_is_silent_costs_no_other_run(tmp_path: Path) -> 
         return found if rear else replace(found, next_run=())
 
     with (
+        patch("wheelsoil.workflows.report.diagnose_campaigns", in_doubt),  # first: its import takes the right one
         patch("wheelsoil.workflows.diagnosis.diagnose_campaigns", in_doubt),
-        patch("wheelsoil.workflows.report.diagnose_campaigns", in_doubt),
     ):
         doubtful = ok("diagnose", folder, "--json")
         page = ok("report", folder, "-o", tmp_path / "doubt.html", "--json").json

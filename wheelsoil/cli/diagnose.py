@@ -171,7 +171,8 @@ def diagnose_command(
         chosen = replace(settings, average=output is not None)
         found = _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force, alone=by_wheel)
         if next_run or found.next_run:
-            best = found.next_run[0].campaign.removeprefix("wheel ") if found.next_run else next(iter(of_wheels))
+            names = {f"wheel {wheel}": wheel for wheel in of_wheels}
+            best = next((names[run.campaign] for run in found.next_run), next(iter(of_wheels)))
             say(
                 f"next runs are ranked for one wheel at a time ({', '.join(of_wheels)}): "
                 f"wheelsoil diagnose FOLDER --wheel {best} --next-run"
