@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import get_args
 
 import pytest
-from diagnosis_samples import diagnosis
+from diagnosis_samples import diagnosis, seen
 from report_support import material_of, processed_of
 
 from daq.notes import Note
@@ -17,6 +18,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import headline_of
 
+PLAIN = str.maketrans({"−": "-", "\u202f": ""})
 ZERO = Cause(
     "torque_zero",
     "",
@@ -124,3 +126,28 @@ def test_what_several_passes_change_is_said_of_the_middle_passage(material: Repo
     )
     later = answers(replace(material, runs=runs, diagnosed=found))["What does it cost?"]
     assert "passage 2 over the soil, at slip 0.2 drawbar pull +" in later
+
+
+def test_an_error_of_the_reading_is_in_no_prediction(material: ReportInputs) -> None:
+    size = ParameterEstimate("offset_n", "N", 80.0, (60.0, 100.0), 10.0)
+    zero = Cause("drawbar_pull_zero", "", "measurement", "drawbar_pull_zero", 0.99, 1.0, (size,))
+    sound, read = (
+        answers(replace(material, diagnosed=found))["How good is the model elsewhere?"]
+        for found in (diagnosis("nothing_detectable"), replace(diagnosis(), causes=(zero,)))
+    )
+    assert "would read" not in sound and "would read" in read and "without the cause" not in read
+    said, reading = (
+        float(re.findall(rf"{before} (−?[\d\u202f.]+) N", read)[0].translate(PLAIN)) for before in ("says", "read")
+    )
+    assert reading - said == pytest.approx(80.0, abs=10.0)
+
+
+def test_two_soils_are_one_story_on_the_page(material: ReportInputs) -> None:
+    names = tuple(run.run.id for run in material.runs)
+    unknown = diagnosis("unexplained")
+    grounds = Grounds(lack_of_fit=LackOfFit(worst=unknown.what_is_wrong[1:]), terrains=(names[:1], names[1:]))
+    found = answers(replace(material, diagnosed=replace(unknown, grounds=grounds, plot_data=(seen(runs=names),))))
+    assert "of two soils, or an unknown cause" in found["How sure is that?"]
+    assert "ask" in found["What is wrong?"] and "another soil" in found["Which runs are bad?"]
+    assert "not judged" in found["Can the transducer be trusted?"]
+    assert "folder" in found["What next?"]

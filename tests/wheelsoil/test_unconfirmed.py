@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from diagnosis_samples import diagnosis, seen
 
-from wheelsoil.report.recommendation import Recommendation, of_diagnosis, unconfirmed
+from wheelsoil.report.recommendation import Recommendation, biases, of_diagnosis, unconfirmed
 
 
 def with_braked_residual(swing_n: float, noise_n: float, samples: int = 4000) -> Recommendation:
@@ -31,3 +31,14 @@ def test_a_swing_is_said() -> None:
     assert said.startswith("The model is not confirmed for braking: drawbar pull, median residual −")
     assert said.endswith("noise of a driven sample 35 N.")
     assert unconfirmed(with_braked_residual(20.0, 100.0), "dp") == "", "less than a driven sample's noise"
+
+
+def test_a_bias_is_of_neighbouring_slips_on_one_side_of_zero() -> None:
+    """Two stretches are off, with what fits between them: the one that is off more is said, and its noise."""
+    data = seen(samples=2000)
+    noise = data.base_sigma["dp"] * np.random.default_rng(5).standard_normal(len(data.slip))
+    hump = np.where((data.slip > 0.2) & (data.slip < 0.4), -375.0, 0.0) + np.where(data.slip > 0.6, 90.0, 0.0)
+    data = replace(data, measured=data.measured | {"dp": data.extended["dp"] + hump + noise})
+    [bias] = [bias for bias in biases(of_diagnosis(replace(diagnosis(), plot_data=(data,)))) if bias.channel == "dp"]
+    assert bias.slip == (0.2, 0.4) and -400 < bias.size[0] <= bias.size[1] < -350
+    assert 30 < bias.noise < 40

@@ -286,18 +286,8 @@ def build_report(inputs: ReportInputs) -> Report:
         if key in omitted:
             section = Section(key, builder.title, [Text(f"Omitted: {omitted[key]}.", "missing")])
         sections.append(section)
-    # The sections, the summary's lead with what differs from the last report beyond the intervals.
-    said = next((section.numbers.get("differing") for section in sections if section.key == "against"), "")
-    changed = f"{upper(said)}." if said else "Nothing beyond the intervals."
-    changed = changed if inputs.last else "Not known: no earlier report was given (report FOLDER --against LAST)."
-    with_change = [
-        _told(
-            section,
-            f"Since last time: {said}." if said else "",
-            ("What has changed?", changed, "#against" * bool(inputs.last)),
-        )
-        for section in sections
-    ]
+    lead, line = _change_of(sections)
+    with_change = [_told(section, lead, line) for section in sections]
     return Report(
         head=_head(inputs),
         sections=tuple(with_change),
@@ -308,6 +298,18 @@ def build_report(inputs: ReportInputs) -> Report:
         set_aside=inputs.set_aside,
         has_result=bool(inputs.tables or inputs.campaign or inputs.diagnosed),
     )
+
+
+def _change_of(sections: Sequence[Section]) -> tuple[str, tuple[str, str, str]]:
+    """Return what has changed beyond the intervals: a sentence of the summary, and a line of the answers."""
+    question = "What has changed?"
+    found = next((section.numbers for section in sections if section.key == "against" and section.numbers), None)
+    if found is None:
+        return "", (question, "Not known: no earlier report was given (report FOLDER --against LAST).", "")
+    said, other = found["differing"], found["another_thing"]
+    whole = f"{upper(said)}." if said else "Nothing beyond the intervals."
+    lead = f"Since last time{f' ({other})' if other else ''}: {said}." if said else ""
+    return lead, (question, f"Not the same thing: {other}. {whole}" if other else whole, "#against")
 
 
 def _told(section: Section, sentence: str, line: tuple[str, str, str]) -> Section:
@@ -352,7 +354,7 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
         return None
     usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
     level = "good" if usable == given else "fair" if usable else "poor"
-    apart = inputs.several_terrains is not None
+    apart = inputs.several_terrains is not None or inputs.two_soils
     level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
     how = "used" if usable == len(levels) < given else "usable"

@@ -197,6 +197,8 @@ class Bias:
     driving: bool
     slip: tuple[float, float]
     size: tuple[float, float]
+    noise: float = float("nan")
+    """Of a sample there."""
 
 
 def biases(recommendation: Recommendation) -> list[Bias]:
@@ -243,7 +245,8 @@ def caution_text(bias: Bias) -> str:
     size = f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
     slips = f"slip {signed(bias.slip[0], '.2f')} to {signed(bias.slip[1], '.2f')}"
     side = "Driving" if bias.driving else "Braking"
-    return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}."
+    noise = f", the noise of a sample {number(factor * bias.noise, 2)} {unit}" if np.isfinite(bias.noise) else ""
+    return f"{side}, {OUTPUTS[bias.channel].name}: at {slips} the median residual is {size}{noise}."
 
 
 def rows_not_used(found: Diagnosis) -> str:
@@ -294,13 +297,22 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
     chosen = (
         np.ones(len(sides), np.bool_)
         if everywhere
-        else (np.abs(median.median) > sigma) & (median.count >= _LEAST_SAMPLES)
+        else _worst_stretch(median, (np.abs(median.median) > sigma) & (median.count >= _LEAST_SAMPLES), sigma)
     )
-    return _range(channel, median, chosen, driving=driving) if chosen.any() else None
+    return _range(channel, median, chosen, sigma, driving=driving) if chosen.any() else None
 
 
-def _range(channel: str, median: Bins, chosen: BoolArray, *, driving: bool) -> Bias:
+def _worst_stretch(median: Bins, off: BoolArray, sigma: FloatArray) -> BoolArray:
+    """Return of the bins that are off the neighbours on one side of zero whose residuals are the largest together."""
+    sides = np.where(off, np.sign(median.median), 0.0)
+    apart = np.diff(median.centre, prepend=np.nan) > 1.5 * (EDGES[1] - EDGES[0])
+    stretch = np.cumsum((np.diff(sides, prepend=np.nan) != 0) | apart)
+    sums = np.bincount(stretch, np.where(off, np.abs(median.median) / sigma, 0.0))
+    return np.asarray(off & (stretch == int(np.argmax(sums))))
+
+
+def _range(channel: str, median: Bins, chosen: BoolArray, sigma: FloatArray, *, driving: bool) -> Bias:
     half = (EDGES[1] - EDGES[0]) / 2
     centres, sizes = median.centre[chosen], median.median[chosen]
     slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
-    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())))
+    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())), float(np.nanmedian(sigma[chosen])))

@@ -36,11 +36,15 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
     name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
     summary += f" Last time: {name}, {_when(last)}."
-    others = [name for name in last.subject if subject.get(name, "") not in ("", last.subject[name])]
-    if others:
-        each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in sorted(others)])
-        summary = f"Not the same thing: the last {last.kind} is of {each}. {summary}"
-    return summary
+    other = of_another_thing(last, subject)
+    return f"Not the same thing: {other}. {summary}" if other else summary
+
+
+def of_another_thing(last: LastReport, subject: Mapping[str, str]) -> str:
+    """Return of which other vehicle, wheel or soil the last report is, as it reads within a sentence; "" of none."""
+    others = sorted(name for name in last.subject if subject.get(name, "") not in ("", last.subject[name]))
+    each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in others])
+    return each and f"the last {last.kind} is of {each}"
 
 
 def differing(changes: Sequence[Change]) -> str:

@@ -58,7 +58,7 @@ def next_steps(
         if parted(cause.name)[0] in MENDED or cause.kind == "measurement"
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
-        steps += [*([parting_step(found)] if groups_of_runs(found) else []), residual_step(found)]
+        steps += [parting_step(found) if groups_of_runs(found) else residual_step(found)]
     if found.verdict == "one_of" and any(EFFECTS[c.key].needs.lugs for c in found.causes if c.key in EFFECTS):
         steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [_TREAD]
     missing = missing_step(found) if steps or not runs else None
@@ -147,7 +147,7 @@ def _step_of_run(run: NextRun) -> Step:
     parted = listed([plain_name(name) for name in run.separates])
     tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
     if named := naming_text(run):
-        tells = f"right name: {named}; {tells}"
+        tells = f"names the right cause in {named} of such cases"
     cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
     reason = [f"Separates {parted}; {tells}{cost}."] if parted else []
     lifted = run.step.code == StepCode.LIFTED_ZERO

@@ -94,17 +94,21 @@ def cost_of_verdict(
 
 def pull_beyond(
     found: Diagnosis, highest_load_n: float, wheel: Wheel, laboratory: Soil, reading: Reading, driving: Driving
-) -> tuple[float, Cost]:
-    """Return a load (N) above the highest that was driven, and the pull at slip 0.2 there with and without the causes.
+) -> tuple[float, Cost, float]:
+    """Return a load (N) above the highest that was driven, and the pull at slip 0.2 there, and what would be read.
 
-    All else is as in the usual `driving`. Of a verdict without a name both are the calibrated soil's. `DataError`
-    where the model has no answer.
+    The pull is that with and without the causes of soil and wheel; the reading has the errors of the measurement too.
+    All else is as in the usual `driving`. Of a verdict without a name all are the calibrated soil's. `DataError` where
+    the model has no answer.
     """
     load_n = float(f"{_BEYOND * highest_load_n:.2g}")
     causes = found.causes if found.verdict == "named" else ()
     soil = found.soils[0] if found.soils else SoilEstimate("", {}, {})
-    costs, _ = costs_of(causes, wheel, laboratory, soil, driving._replace(load_n=load_n), reading)
-    return load_n, costs[0]
+    physical, whole = (
+        costs_of(chosen, wheel, laboratory, soil, driving._replace(load_n=load_n), reading)[0][0]
+        for chosen in ([cause for cause in causes if cause.kind == "physical"], causes)
+    )
+    return load_n, physical, whole.with_causes
 
 
 def costs_of(

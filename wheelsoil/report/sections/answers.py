@@ -10,6 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, TRANSDUCER_ROLES
 from model.diagnosis import Diagnosis
+from model.effects import EFFECTS
 from model.wheel_soil import Reading, Soil, Wheel
 from wheelsoil.report.content import Contents, Links, section
 from wheelsoil.report.inputs import ReportInputs
@@ -44,10 +45,10 @@ def answers(inputs: ReportInputs) -> Contents:
     grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
     again = runs_again(inputs, grades)
     lines = [
-        ("What is wrong?", headline_of(found), "#causes"),
+        ("What is wrong?", _wrong(found), "#causes"),
         ("How sure is that?", _sure(found), "#causes"),
         ("How big is it?", _size(inputs), "#causes"),
-        ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else "#causes"),
+        ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else ""),
         ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
         ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
         ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
@@ -57,9 +58,17 @@ def answers(inputs: ReportInputs) -> Contents:
     return [Links("What a test engineer asks", lines)], {question: answer for question, answer, _ in lines}
 
 
+def _wrong(found: Diagnosis) -> str:
+    """Return the headline, and what each of its causes is."""
+    causes = () if several_terrains(found) else found.causes[:_MOST_CAUSES]
+    meant = [f"{upper(plain_name(c.name))}: {EFFECTS[c.key].summary}" for c in causes if c.key in EFFECTS]
+    return " ".join([headline_of(found), *meant])
+
+
 def _sure(found: Diagnosis) -> str:
     tile, doubt = confidence_tile(found), doubt_of_the_peak(found) if several_terrains(found) is None else None
-    stated = f"{tile.value} {tile.unit} {tile.note}." if tile.unit else f"{upper(tile.note)}."
+    each = ", each alone or with others" if found.verdict == "one_of" and len(found.causes) > 1 else ""
+    stated = f"{tile.value} {tile.unit} {tile.note}{each}." if tile.unit else f"{upper(tile.note)}."
     return " ".join([stated, *([f"{upper(note_text(doubt))}."] if doubt else [])])
 
 
@@ -67,7 +76,7 @@ def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     usable = sum(grade.level != "poor" for grade in grades.values())
     counted = f"{usable} of {len(grades) + len(inputs.set_aside)} runs can be used; " if grades else ""
     tile = data_tile(inputs, grades)
-    return f"{upper(counted)}{tile.value} {tile.unit}; {tile.note}."
+    return f"{upper(counted)}{tile.value} {tile.unit}{'; ' if grades else ' '}{tile.note}."
 
 
 def _rows(inputs: ReportInputs) -> str:
@@ -92,7 +101,7 @@ def _size(inputs: ReportInputs) -> str:
     if note is not None:
         return f"{upper(note_text(note))}."
     if found.verdict == "unexplained":
-        worst = findings_text(found.grounds.lack_of_fit.worst or found.what_is_wrong[:1])
+        worst = findings_text(found.what_is_wrong[:1] or found.grounds.lack_of_fit.worst)
         return f"Residual: {worst or 'not known'}."
     if found.causes:
         sizes = [f"{plain_name(cause.name)}, {size_text(cause)}" for cause in found.causes[:_MOST_CAUSES]]
@@ -133,12 +142,13 @@ def _cost(inputs: ReportInputs) -> str:
         return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)
     texts = []
     for cause in found.causes[:_MOST_CAUSES]:
-        costs, _ = costs_of(
-            [cause], wheel, soil, found.soils[0], driving, reading, highest_slip=ends_of_slip(inputs)[1]
-        )
+        highest = ends_of_slip(inputs)[1] if found.verdict == "named" else nan
+        costs, _ = costs_of([cause], wheel, soil, found.soils[0], driving, reading, highest_slip=highest)
         reads = " (an error of the reading)" if cause.kind == "measurement" else ""
         texts.append(f"{plain_name(cause.name)}{reads}: {_at_the_ends(costs) or 'nothing in steady driving'}")
-    doubt = "" if found.verdict == "named" else "No cause is named. If one acts alone: "
+    doubt = (
+        "" if found.verdict == "named" else "No cause is named. If one acts alone, against the same soil without it: "
+    )
     return f"{doubt}{driving_text(driving)}, {'; '.join(texts)}."
 
 
@@ -169,10 +179,12 @@ def _elsewhere(inputs: ReportInputs) -> str:
         ]
         tested += f": error on held-out data {listed(errors)}"
     wheel, soil, reading, driving = _ground(inputs)
-    load_n, pull = pull_beyond(found, max(loads), wheel, soil, reading, driving)
+    load_n, pull, read = pull_beyond(found, max(loads), wheel, soil, reading, driving)
     model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")
-    without = f", without the cause {number(pull.without)} N" if pull.difference else ""
-    at = f"at {load_n / kilo:.3g} {unit} and slip {pull.slip:g}"
-    says = f"the {model} says {number(pull.with_causes)} N of pull{without}"
+    physical = f", without the cause {number(pull.without)} N" if pull.with_causes != pull.without else ""
+    reads = f"; the transducer as it is would read {number(read)} N" if abs(read - pull.with_causes) > 0 else ""
+    passage = f" on passage {driving.passage:.0f}" if driving.passage > 1 else ""
+    at = f"at {load_n / kilo:.3g} {unit} and slip {pull.slip:g}{passage}"
+    says = f"the {model} says {number(pull.with_causes)} N of pull{physical}{reads}"
     beyond = f"Not tested beyond, nor on another soil: {at} {says}."
     return " ".join([f"{tested}.", *only_driving(inputs), beyond])

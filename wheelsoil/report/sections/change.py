@@ -13,7 +13,7 @@ from wheelsoil.report.sections.overview import fit as fit_section
 from wheelsoil.report.sections.overview import runs as runs_section
 from wheelsoil.report.sections.quality import quality as quality_section
 from wheelsoil.to_json import plain
-from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_summary, differing
+from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_summary, differing, of_another_thing
 from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
 from wheelsoil.workflows.cause_cost import cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
@@ -55,6 +55,7 @@ def against(inputs: ReportInputs) -> Contents:
     return blocks, {
         "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
         "differing": differing(changes),
+        "another_thing": of_another_thing(inputs.last, dict(inputs.facts)),
         "last": inputs.last.made_at,
         "last_name": inputs.last.name,
     }

@@ -92,9 +92,9 @@ def glance(inputs: ReportInputs) -> Contents:
 
 
 def only_driving(inputs: ReportInputs) -> list[str]:
-    """Return that a recommended model is confirmed for driving only, where braked samples are off and no driven one."""
+    """Return that the model is confirmed for driving only, where braked samples are off and no driven one is."""
     found = inputs.diagnosed
-    if inputs.tables or found is None or found.verdict != "named" or several_terrains(found) is not None:
+    if inputs.tables or found is None or several_terrains(found) is not None:
         return []
     try:
         recommendation = inputs.recommendation
@@ -108,7 +108,8 @@ def only_driving(inputs: ReportInputs) -> list[str]:
 def headline_and_details(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
-        return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *only_driving(inputs)]
+        driving = only_driving(inputs) if inputs.diagnosed.verdict == "named" else []
+        return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *driving]
     if len(sentences[0].split()) <= MOST_WORDS:
         return sentences[0], sentences[1:]
     if inputs.campaign is not None:
@@ -215,7 +216,8 @@ def confidence_tile(found: Diagnosis | None) -> Tile:
         return Tile(title, *share, "that no cause acts", keys=keys)
     judged = found.adequacy
     if judged is not None and judged.measure == "probability" and found.grounds.barred is None:
-        return Tile(title, *_share(judged.statistic), "that an unknown cause acts; no name")
+        soils = "the runs are of two soils, or " if groups_of_runs(found) else ""
+        return Tile(title, *_share(judged.statistic), f"that {soils}an unknown cause acts; no name")
     why = "no known cause explains these data" if judged else "nothing was decided"
     why = note_text(found.grounds.barred) if found.grounds.barred else why
     return Tile(title, "none", "", why)
@@ -322,7 +324,7 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
         Curve("", above.centre, middle, "measured", lower, upper, points=True),
     ]
     samples = _samples(inputs, channel, shift) or (slip, measured)
-    inner = np.percentile(samples[1], [0.5, 99.5])
+    inner = np.percentile(samples[1][samples[0] > EDGES[EDGES > 0][0]], [0.5, 99.5])  # beside slip 0 all forces occur
     plane = Plane(
         driven_slips(slip),
         reach(inner, *edges, lower, upper, *(curve.y for curve in curves)),
@@ -463,7 +465,7 @@ def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
         runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
         return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
     if not poor and inputs.diagnosed is not None and (groups := groups_of_runs(inputs.diagnosed)):
-        return f"none is broken, but {groups.first} seem to be of another soil than {groups.second}."
+        return f"none is broken, but {groups.first} ask for another soil than {groups.second}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
     return f"{_few(poor, f'{len(poor)} of {len(grades) + len(set_aside)} runs')}; the reasons stand under Runs."

@@ -273,7 +273,11 @@ def _parameters(inputs: ReportInputs) -> Table | None:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
     causes = listed([_with_form(cause) for cause in recommended_causes(found)])
-    of_soil = "soil fitted with it" if found.verdict == "named" else "the soil is that of the fit without a cause"
+    of_soil = (
+        "soil fitted with it"
+        if found.verdict == "named"
+        else "the soil listed is that of the fit without a cause, the line has its own"
+    )
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
