@@ -220,12 +220,13 @@ def doubt_of_the_peak(found: Diagnosis) -> Note | None:
 
 
 class Groups(NamedTuple):
-    """Runs of the one soil and of the other as text, and whether the first is a single run, and the second."""
+    """Runs of the one soil and of the other as text, whether the first is a single run, whether the second; all ids."""
 
     first: str
     second: str
     single: bool
     single_second: bool
+    runs: tuple[Sequence[str], Sequence[str]]
 
 
 def groups_of_runs(found: Diagnosis) -> Groups | None:
@@ -240,7 +241,7 @@ def groups_of_runs(found: Diagnosis) -> Groups | None:
     if len(groups) != 2:
         return None
     first, second = (stretches(group, order) for group in groups)
-    return Groups(first, second, len(groups[0]) == 1, len(groups[1]) == 1)
+    return Groups(first, second, len(groups[0]) == 1, len(groups[1]) == 1, (groups[0], groups[1]))
 
 
 def _not_one_soil(found: Diagnosis, note: Note) -> str:

@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from daq import OUTPUTS, BoolArray, DataError, FloatArray, Note
+from daq import OUTPUTS, BoolArray, DataError, FloatArray
 from model.diagnosis import Diagnosis, Gain
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, residual_figure, shares_of
 from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
@@ -32,11 +32,12 @@ from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import covered
 from wheelsoil.wording.mending import Step, next_steps, step_of
-from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name, stretches
+from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
+    Groups,
     alternatives,
     details_of,
     falling_channel,
@@ -275,15 +276,15 @@ def hero(inputs: ReportInputs) -> Drawing:
         return _hero_of_rows(inputs.diagnosed, recommendation)
     channel = recommendation.main_channel
     driven = recommendation.slip > 0
-    found, note = inputs.diagnosed, inputs.several_terrains
-    if found is not None and found.verdict == "unexplained" and found.what_is_wrong and note is None:
+    found = inputs.diagnosed
+    if found is not None and inputs.runs and (groups := groups_of_runs(found)):
+        return _of_two_terrains(inputs, groups)
+    if found is not None and found.verdict == "unexplained" and found.what_is_wrong:
         return residual_figure(recommendation, found, "hero", (720, 340, 14))
     if channel not in recommendation.measured or not np.isfinite(recommendation.measured[channel][driven]).any():
         raise DataError("no driven sample has a measured drawbar pull or torque")
     if (of_cause := cause_figure(inputs, recommendation, channel)) is not None:
         return of_cause
-    if note is not None and "groups" in note.values:
-        return _of_two_terrains(inputs, note)
     return _against_slip(inputs, recommendation, channel)
 
 
@@ -375,10 +376,10 @@ def _axis(channel: str) -> str:
     return f"{OUTPUTS[channel].name.capitalize()} ({page_unit(channel)[1]})"
 
 
-def _of_two_terrains(inputs: ReportInputs, note: Note) -> Drawing:
+def _of_two_terrains(inputs: ReportInputs, groups: Groups) -> Drawing:
     """Return pull over load against slip of two groups of runs that are probably not of one soil, as the text does."""
-    curves, titles = [], [stretches(group, note.values["runs"]) for group in note.values["groups"]]
-    for title, group, look in zip(titles, note.values["groups"], ("base", "model"), strict=True):
+    curves, titles = [], groups[:2]
+    for title, group, look in zip(titles, groups.runs, ("base", "model"), strict=True):
         used = [(run, run.used & (run.slip > 0)) for run in inputs.runs if run.run.id in group]
         slip, pull, load = (
             np.concatenate([getattr(run, name)[rows] for run, rows in used])
