@@ -391,7 +391,7 @@ def _of_two_terrains(inputs: ReportInputs, groups: Groups) -> Drawing:
     return drawn(
         "hero",
         f"Drawbar pull over load: {' and '.join(titles)} differ",
-        "As measured. Lines: median of the samples. Shaded: where the text compares them, about slip 0.2.",
+        "As measured. Lines: median of the samples. Shaded: about slip 0.2, where they are compared.",
         Plane(slips, ratios, "Slip ratio, driving", "Drawbar pull / load"),
         curves,
         shades=[(0.1, 0.3)],
