@@ -55,7 +55,7 @@ def answers(inputs: ReportInputs) -> Contents:
         ("Can the transducer be trusted?", _transducer(inputs), "#causes"),
         ("How good is the model elsewhere?", _elsewhere(inputs), "#fit"),
     ]
-    return [Links("What a test engineer asks", lines)], {question: answer for question, answer, _ in lines}
+    return [Links("What a test engineer asks", lines)], {}
 
 
 def _wrong(found: Diagnosis) -> str:
