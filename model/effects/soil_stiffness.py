@@ -36,7 +36,9 @@ class MultiPass(Effect):
     """k (1 + a)^(log2 pass): 1 + a times as stiff whenever the number of passes doubles; positive for every a > -1."""
 
     name = "multi_pass"
-    summary = "Every pass changes the soil of the track: it is compacted (a > 0) or loosened (a < 0)."
+    summary = (
+        "Passes compact the soil of the track (below 0: loosen it): stiffer by this share with each doubling of them."
+    )
     source = "Holm (1969), J. Terramechanics 6:47-71 (multi-pass behaviour of a pneumatic tire)"
     parameters = (
         Parameter("per_pass", "1", 0.0, 0.1, -0.3, 3.0, 0.15, "Holm (1969): most of the change in the first passes"),

@@ -42,3 +42,22 @@ def test_a_bias_is_of_neighbouring_slips_on_one_side_of_zero() -> None:
     [bias] = [bias for bias in biases(of_diagnosis(replace(diagnosis(), plot_data=(data,)))) if bias.channel == "dp"]
     assert bias.slip == (0.2, 0.4) and -400 < bias.size[0] <= bias.size[1] < -350
     assert 30 < bias.noise < 40
+
+
+def test_few_samples_far_off_are_a_bias_and_many_just_beyond_the_noise_are_none() -> None:
+    data = seen(samples=400)
+    sigma = data.base_sigma["dp"]
+    noise = sigma * np.random.default_rng(6).standard_normal(len(data.slip))
+    few = np.flatnonzero((data.slip > 0.5) & (data.slip < 0.55))[:6]
+
+    def said(off_n: np.ndarray) -> list[tuple[float, float]]:
+        of = replace(data, measured=data.measured | {"dp": data.extended["dp"] + off_n})
+        found = biases(of_diagnosis(replace(diagnosis(), plot_data=(of,))))
+        return [bias.slip for bias in found if bias.channel == "dp" and bias.driving]
+
+    rows = np.ones(len(data.slip), np.bool_)
+    rows[(data.slip > 0.5) & (data.slip < 0.55)] = False
+    rows[few] = True
+    shown = np.where(rows, noise + np.where(np.isin(np.arange(len(rows)), few), 6 * sigma, 0.0), np.nan)
+    assert said(shown) == [(0.5, 0.55)]
+    assert said(noise) == []

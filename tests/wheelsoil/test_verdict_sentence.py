@@ -328,7 +328,7 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     worst = Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)
     judged = Adequacy(0.9876, 0.5, ok=False, measure="probability")
     left = words(unexplained_words(judged, [worst], ("slope",), (("r1",), ("r2", "r3"))))
-    assert "an unknown cause acts with a probability of 98.8 %" in left
+    assert "there are two soils, or an unknown cause acts, with a probability of 98.8 %" in left
     assert "With calibrated soil the simulation is off most in drawbar pull, slip 0.4 to 0.9 (8.2 sigma). " in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     for why, reason in REASONS.items():

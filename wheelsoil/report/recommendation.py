@@ -17,7 +17,7 @@ from wheelsoil.report.words import number, signed
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
-_LEAST_SAMPLES = 10
+_LEAST_SAMPLES, _FEWEST_SAMPLES = 10, 4
 _Z95 = 1.96
 _ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
 """Standard error of a median, in sigmas by the root of n; distance of a normal distribution's quartiles, in sigmas."""
@@ -204,9 +204,9 @@ class Bias:
 def biases(recommendation: Recommendation) -> list[Bias]:
     """Return where the recommended model's residual stays on one side of zero.
 
-    Either nearly everywhere and by more than half the noise of a sample, or in bins of slip where the median is off by
-    more than the noise of a single sample. The braked side of an adequate model has `unconfirmed`: at measured slip its
-    median is off by what the error of the slip does on the steep curve.
+    Either nearly everywhere and by more than half the noise of a sample, or in neighbouring bins of slip where the
+    median is off by more than the noise of a single sample and two of its own errors. The braked side of an adequate
+    model has `unconfirmed`: at measured slip its median is off by what the error of the slip does on the steep curve.
     """
     found = []
     for channel in recommendation.measured:
@@ -228,8 +228,7 @@ def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     if not len(bins.median) or not len(noise):
         return ""
     ruler = float(np.median(noise))
-    error = _ERROR_OF_MEDIAN * (bins.upper - bins.lower) / _QUARTILES_APART / np.sqrt(bins.count)
-    beyond = (np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _LEAST_SAMPLES)
+    beyond = _off(bins, np.full(len(bins.median), ruler)) & (bins.count >= _LEAST_SAMPLES)
     if not beyond.any():
         return ""
     factor, unit = page_unit(channel)
@@ -294,12 +293,15 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
         and same >= _SAME_SIDE
         and float(np.nanmedian(np.abs(median.median) / sigma)) > _HALF_NOISE
     )
-    chosen = (
-        np.ones(len(sides), np.bool_)
-        if everywhere
-        else _worst_stretch(median, (np.abs(median.median) > sigma) & (median.count >= _LEAST_SAMPLES), sigma)
-    )
+    chosen = np.ones(len(sides), np.bool_) if everywhere else _worst_stretch(median, _off(median, sigma), sigma)
     return _range(channel, median, chosen, sigma, driving=driving) if chosen.any() else None
+
+
+def _off(bins: Bins, ruler: FloatArray) -> BoolArray:
+    """Return which medians are beyond a size, one sigma of a sample, by two of their own standard errors."""
+    scatter = np.maximum((bins.upper - bins.lower) / _QUARTILES_APART, ruler)
+    error = _ERROR_OF_MEDIAN * scatter / np.sqrt(bins.count)
+    return np.asarray((np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _FEWEST_SAMPLES))
 
 
 def _worst_stretch(median: Bins, off: BoolArray, sigma: FloatArray) -> BoolArray:

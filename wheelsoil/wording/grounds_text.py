@@ -117,12 +117,13 @@ def instead_words(found: Diagnosis) -> list[Statement]:
     )
 
 
-def adequacy_words(judged: Adequacy) -> str:
-    """Return by how much an explanation is adequate or not, as it reads within a sentence."""
+def adequacy_words(judged: Adequacy, *, soils: bool = False) -> str:
+    """Return by how much an explanation is adequate or not, as it reads within a sentence; of perhaps two `soils`."""
     if not isfinite(judged.statistic):
         return "whether anything explains them is not known"
     if judged.measure == "probability":
-        return f"an unknown cause acts with a probability of {chance(judged.statistic)}"
+        who = "there are two soils, or an unknown cause acts," if soils else "an unknown cause acts"
+        return f"{who} with a probability of {chance(judged.statistic)}"
     return f"the lack of fit is {number(judged.statistic)}, the threshold {number(judged.threshold)}"
 
 
@@ -156,7 +157,9 @@ def unexplained_words(
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
     none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"
     statements: list[str | Statement] = [
-        f"These runs are not explained: {note_text(why)}" if why else f"{none_does}: {adequacy_words(judged)}"
+        f"These runs are not explained: {note_text(why)}"
+        if why
+        else f"{none_does}: {adequacy_words(judged, soils=bool(soils))}"
     ]
     if worst:
         where = "; ".join(

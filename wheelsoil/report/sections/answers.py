@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import nan
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from model.effects import EFFECTS
 from model.wheel_soil import Reading, Soil, Wheel
 from wheelsoil.report.content import Contents, Links, section
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import rows_check
+from wheelsoil.report.recommendation import biases, caution_text, rows_check
 from wheelsoil.report.sections.glance import (
     confidence_tile,
     data_tile,
@@ -30,10 +30,19 @@ from wheelsoil.wording.grounds_text import detectable_by_family, detectable_word
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.transducer_text import transducer_words
-from wheelsoil.wording.verdict import doubt_of_the_peak, headline_of, several_terrains, size_text
-from wheelsoil.workflows.cause_cost import Cost, Driving, cost_of_verdict, costs_of, pull_beyond, usual_driving
+from wheelsoil.wording.verdict import doubt_of_the_peak, groups_of_runs, headline_of, several_terrains, size_text
+from wheelsoil.workflows.cause_cost import (
+    USUAL_SLIP,
+    Cost,
+    Driving,
+    cost_of_verdict,
+    costs_of,
+    pull_beyond,
+    usual_driving,
+)
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.grading import Grade
+from wheelsoil.workflows.traction import traction_of
 
 _MOST_CAUSES = 3
 
@@ -81,7 +90,13 @@ def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
 
 def _rows(inputs: ReportInputs) -> str:
     recommendation = inputs.recommendation
-    return " ".join(rows_check(recommendation, channel)[1] for channel in recommendation.measured)
+    checks = [rows_check(recommendation, channel) for channel in recommendation.measured]
+    told = (
+        "No more rows are off than scatter explains."
+        if all(well for well, _ in checks)
+        else "More rows are off than scatter explains."
+    )
+    return " ".join([told, *(text for _, text in checks)])
 
 
 def _transducer(inputs: ReportInputs) -> str:
@@ -100,14 +115,26 @@ def _size(inputs: ReportInputs) -> str:
     found, note = inputs.diagnosis, inputs.several_terrains
     if note is not None:
         return f"{upper(note_text(note))}."
+    if (groups := groups_of_runs(found)) and inputs.runs:
+        pulls = [f"{_pull_over_load(inputs, ids)} on {name}" for name, ids in zip(groups[:2], groups.runs, strict=True)]
+        return f"Pull over load near slip {USUAL_SLIP:g} is {' and '.join(pulls)}."
     if found.verdict == "unexplained":
+        off = [caution_text(bias) for bias in biases(inputs.recommendation) if bias.driving]
         worst = findings_text(found.what_is_wrong[:1] or found.grounds.lack_of_fit.worst)
-        return f"Residual: {worst or 'not known'}."
+        return " ".join(off) or f"Residual: {worst or 'not known'}."
     if found.causes:
         sizes = [f"{plain_name(cause.name)}, {size_text(cause)}" for cause in found.causes[:_MOST_CAUSES]]
         return f"{upper('; '.join(sizes))}."
     sizes_seen = detectable_by_family(found)
     return f"No size is found; {detectable_words(sizes_seen)}." if sizes_seen else "Not known."
+
+
+def _pull_over_load(inputs: ReportInputs, ids: Collection[str]) -> str:
+    """Return between what the measured pull over load of runs lies near the usual slip."""
+    pulls = [traction_of((run,)).pull for run in inputs.runs if run.run.id in ids]
+    ratios = [pull.pull_n / pull.load_n for pull in pulls if pull is not None]
+    ends = dict.fromkeys(f"{end:.2f}" for end in (min(ratios), max(ratios))) if ratios else ["not known"]
+    return " to ".join(ends)
 
 
 class _Ground(NamedTuple):

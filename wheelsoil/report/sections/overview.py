@@ -91,8 +91,8 @@ _SIGNED = ("cohesion_pa", "cohesive_modulus")
 """Parameters of a soil that may be 0 or less; see `model.bevameter.joint.POSITIVE`."""
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
 _NO_BIAS = (
-    "each median of 10 or more samples is within the noise of a single one, and the medians do not keep to one side of "
-    "zero"
+    "each median is within the noise of a single sample, give or take two of its own errors, and the medians do not "
+    "keep to one side of zero"
 )
 _SENSORS_NOTE = (
     "Complete: no gap too long to be bridged. Delay: as declared. Sigma: before the means over 0.2 s "
@@ -245,7 +245,8 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     if (note := several_terrains(found)) is not None:
         return [Check(False, f"{upper(note_text(note))}.")]
     left = "no more than noise is left" if judged.ok else "do not rely on the probabilities of causes"
-    return [Check(judged.ok, f"{upper(adequacy_words(judged))}: {left}.")]
+    soils = found.grounds.terrains is not None
+    return [Check(judged.ok, f"{upper(adequacy_words(judged, soils=soils))}: {left}.")]
 
 
 def _parameters(inputs: ReportInputs) -> Table | None:
