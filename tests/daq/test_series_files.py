@@ -26,6 +26,7 @@ from scipy.io import savemat
 
 import daq.child_process
 from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
+from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
 from daq.series.apart import apart
 from daq.series.blocks import Series, SeriesReport
@@ -50,6 +51,7 @@ def columns(series: Series) -> dict[str, tuple[IntArray, FloatArray, str]]:
         time_ns = np.concatenate([np.zeros(0, np.int64), *(block.time_ns for block in own)])
         for name, unit in units.items():
             found[name] = time_ns, np.concatenate([np.zeros(0), *(block.columns[name] for block in own)]), unit
+    assert UNACCOUNTED not in series.report.balance.losses
     return found
 
 

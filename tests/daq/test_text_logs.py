@@ -143,6 +143,12 @@ def test_lines_of_an_asc_file(line: str, frames: int, bad: int) -> None:
     assert (len(batch), report.bad) == (frames, bad)
 
 
+def test_an_fd_frame_without_data_that_states_a_length_asks_for_it() -> None:
+    batch, _ = read(".asc", b"base hex timestamps absolute\n0.1 CANFD 1 Rx 123 1 0 9 0\n0.2 CANFD 1 Rx 123 1 0 0 0\n")
+    assert batch.frames["length"].tolist() == [12, 0]
+    assert (batch.frames["flags"] & FrameFlag.REMOTE != 0).tolist() == [True, False]
+
+
 def test_a_letter_among_the_digits_of_a_time_makes_a_line_bad() -> None:
     good, bad = " 0.100000 1 123 Rx d 1 01", " 0.1A0000 1 123 Rx d 1 01"
     batch, report = read(".asc", "\n".join(["base hex timestamps absolute", bad, *[good] * 4]).encode())

@@ -12,6 +12,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from wrong_files import CASES, Case
 
+from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
 from daq.errors import ConfigError
 from daq.logs import parse_columns, read_log
@@ -26,7 +27,7 @@ def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[f
     names = blocks[0].columns
     columns = {name: np.concatenate([block.columns[name] for block in blocks]).tolist() for name in names}
     time_s = np.concatenate([block.time_ns for block in blocks]) / 1e9
-    assert series.report.balance.open == 0
+    assert series.report.balance.open == 0 and UNACCOUNTED not in series.report.balance.losses
     return columns, time_s.tolist(), "\n".join(series.report.remarks())
 
 

@@ -83,6 +83,12 @@ def test_a_doubt_stands_in_the_json_of_all_wheels_together(capsys: pytest.Captur
     assert own == [{"wheel": "FL"}, {"wheel": "FR"}] and of_all["doubts"][0]["what"] == "FL is late"
 
 
+def test_the_texts_of_wheels_stand_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    per_wheel = PerWheel({"FL": [], "FR": []}, json=False)
+    per_wheel.each(lambda _: per_wheel.show(dict, lambda: print("text"), "sentence"))
+    assert capsys.readouterr().out.startswith("wheel FL\ntext\n\nwheel FR\ntext\n\n")
+
+
 def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> None:
     """In a curve to the left, half a metre inside and outside of it."""
     rng = np.random.default_rng(2)
