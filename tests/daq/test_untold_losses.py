@@ -18,6 +18,7 @@ from daq.errors import ConfigError
 from daq.logs import parse_columns, read_log
 from daq.series import read_shear_tests, read_wheel_tables
 from daq.series.formats import read_series, series_format
+from daq.series.readers import delimited
 
 
 def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[float], str]:
@@ -57,6 +58,17 @@ def test_a_gzipped_series_that_is_cut_keeps_what_stands_before_the_cut(tmp_path:
     path.write_bytes(packed[: len(packed) // 2])
     columns, _, said = all_of(path)
     assert 2000 < len(columns["Fz [N]"]) < 3000 and "cut off" in said
+
+
+def test_a_line_without_an_end_is_lost_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delimited, "_PIECE", 512)
+    monkeypatch.setattr(delimited, "_LONGEST_LINE", 1024)
+    rows = [f"{i / 100},{float(i)}" for i in range(200)]
+    path = tmp_path / "run.csv"
+    text = "\n".join(["time [s],Fz [N]", *rows[:100], "1" * 3000, *rows[100:], *[""] * 2000])
+    path.write_text(text, encoding="utf-8")
+    columns, _, said = all_of(path)
+    assert columns["Fz [N]"] == [float(i) for i in range(200)] and "longer than 1024 bytes" in said
 
 
 def test_a_cut_tdms_file_says_how_much_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

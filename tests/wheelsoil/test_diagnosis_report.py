@@ -132,6 +132,7 @@ def test_what_would_fit_almost_as_well_can_be_judged(plain_material):
     found = diagnosis()
     report = built(plain_material, replace(found, grounds=replace(found.grounds, confounded=("bulldozing",))))
     assert section(report, "evidence").numbers["members"] == ["vasilev", "bulldozing"]
+    assert [row[0] for row in section(report, "causes").blocks[-1].rows] == ["slip sinkage", "bulldozing", "slope"]
     assert (
         "Bulldozing (3.0 %) has a similar signature, but is separable in these data."
         in section(report, "causes").blocks[-1].note
