@@ -15,10 +15,12 @@ from wrong_files import CASES, Case
 from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
 from daq.errors import ConfigError
+from daq.gunzip import Gunzip, unpacked
 from daq.logs import parse_columns, read_log
 from daq.series import read_shear_tests, read_wheel_tables
 from daq.series.formats import read_series, series_format
 from daq.series.readers import delimited
+from daq.series.readers.table_head import _is_lost
 
 
 def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[float], str]:
@@ -69,6 +71,18 @@ def test_a_line_without_an_end_is_lost_with_its_reason(tmp_path: Path, monkeypat
     path.write_text(text, encoding="utf-8")
     columns, _, said = all_of(path)
     assert columns["Fz [N]"] == [float(i) for i in range(200)] and "longer than 1024 bytes" in said
+
+
+@pytest.mark.parametrize(("row", "lost"), [(["0.1", "2"], True), (["2"], False), (["today", "dry"], False)])
+def test_two_numbers_above_a_header_are_a_row_that_is_lost(row: list[str], lost: bool) -> None:
+    assert _is_lost(row, under_header=False, is_header=False) == lost
+
+
+def test_nothing_is_read_twice_where_a_gzipped_file_is_damaged(tmp_path: Path) -> None:
+    path, text = tmp_path / "run.csv.gz", b"0.1,2\n" * 100
+    path.write_bytes(gzip.compress(text) + b"no gzip")
+    with unpacked(path, 10) as file:
+        assert file.read() == text and isinstance(file.raw, Gunzip) and "is damaged" in file.raw.damage
 
 
 def test_a_cut_tdms_file_says_how_much_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
