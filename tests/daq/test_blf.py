@@ -38,7 +38,9 @@ def written(batch: FrameBatch, **options: int) -> bytes:
 
 def parsed(content_of_file: bytes) -> tuple[FrameBatch, LogReport]:
     report = LogReport("bytes", "BLF")
-    return concatenate(list(read_blf(io.BytesIO(content_of_file), report))), report
+    back = concatenate(list(read_blf(io.BytesIO(content_of_file), report)))
+    assert report.balance.open == 0
+    return back, report
 
 
 def usable(seed: int, count: int, buses: tuple[str, ...] = ("can0", "can1")) -> FrameBatch:
