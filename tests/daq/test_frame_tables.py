@@ -263,3 +263,11 @@ def test_times_are_dates_or_numbers_and_what_is_neither_is_lost(
     times = [time_ns for batch in reading for time_ns in batch.frames["time_ns"].tolist()]
     assert times == [begin_ns, begin_ns + 500_000_000]
     assert (reading.report.bad, reading.report.first_bad) == (1, "line 3: no time: yesterday")
+
+
+@pytest.mark.parametrize("date", ["", "***START DATE AND TIME 31:2:2014 11:49:7:965***\n"])
+def test_a_busmaster_log_without_a_date_counts_from_midnight(tmp_path: Path, date: str) -> None:
+    text = BUSMASTER.replace("***START DATE AND TIME 8:8:2014 11:49:7:965***\n", date)
+    batch, reading = read(tmp_path / "run.log", text)
+    assert batch.frames["time_ns"][0] == (11 * 3600 + 49 * 60 + 12) * 10**9 + 942_000_000
+    assert len(reading.report.faults) == bool(date)

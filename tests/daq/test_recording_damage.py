@@ -22,6 +22,7 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
 from daq.recording import Recording, RecordingWriter, recover
+from daq.recording.contents import read_contents
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")
@@ -132,6 +133,13 @@ def test_garbage_behind_a_beginning(garbage_folder, garbage, beginning):
     broken = path.with_name("garbage.mcap")
     broken.write_bytes(data[:start] + garbage)
     reading(broken)
+
+
+def test_a_damaged_header_is_a_loss_without_a_size(whole, tmp_path):
+    _, data, _ = whole
+    (tmp_path / "run.mcap").write_bytes(data[:9] + b"\xff" * 8 + data[17:])
+    loss = read_contents(tmp_path / "run.mcap").losses[0]
+    assert loss.what.startswith("the header: ") and (loss.at_byte, loss.byte_count) == (8, 0)
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ from daq.series.apart import apart
 from daq.series.blocks import Series, SeriesReport
 from daq.series.formats import read_series, series_format
 from daq.series.readers import matlab
-from daq.series.readers.groups import Column
+from daq.series.readers.groups import Column, array_column, series_of
 from daq.series.time_stamps import time_columns
 
 START_NS = 1_700_000_000_000_000_000
@@ -142,6 +142,12 @@ def test_each_column_belongs_to_the_time_before_it(tmp_path: Path) -> None:
 def test_of_times_side_by_side_the_first_counts() -> None:
     units = {"t_fast": "s", "t_gps": "s", "Fz": "N", "t_slow": "s", "v": "m/s"}
     assert time_columns(units, (), SeriesSection(), "run.csv") == {"Fz": "t_fast", "v": "t_slow"}
+
+
+def test_a_rate_beside_times_is_refused_with_the_first_of_them() -> None:
+    held = [array_column(name, np.arange(3.0), "s" if name != "Fz" else "N", "") for name in ("t", "time", "Fz")]
+    with pytest.raises(ConfigError, match=r"times of its own \(t\)"):
+        series_of(held, SeriesSection(rate_hz=10.0), SeriesReport("run.mat", "MATLAB"))
 
 
 def test_every_row_is_accounted_for(tmp_path: Path) -> None:
