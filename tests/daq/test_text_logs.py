@@ -157,6 +157,13 @@ def test_a_bad_line_is_named_by_its_number_in_any_block(
     assert sum(map(len, reading)) > 0 and reading.report.first_bad.startswith(f"line {len(lines) - 2}: ")
 
 
+@pytest.mark.parametrize(("length", "frames"), [(1024, 1), (1025, 0)])
+def test_a_line_of_more_than_a_kilobyte_is_no_frame(length: int, frames: int) -> None:
+    line = b"0.1 1 123 Rx d 1 01 Length = ".ljust(length, b"5")
+    batch, report = read(".asc", b"base hex timestamps absolute\n" + line + b"\n")
+    assert (len(batch), report.bad) == (frames, 1 - frames)
+
+
 def test_an_fd_frame_without_data_that_states_a_length_asks_for_it() -> None:
     batch, _ = read(".asc", b"base hex timestamps absolute\n0.1 CANFD 1 Rx 123 1 0 9 0\n0.2 CANFD 1 Rx 123 1 0 0 0\n")
     assert batch.frames["length"].tolist() == [12, 0]

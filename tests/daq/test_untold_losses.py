@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 from rosbags.rosbag1 import Writer
@@ -76,6 +79,26 @@ def test_a_line_without_an_end_is_lost_with_its_reason(tmp_path: Path, monkeypat
 @pytest.mark.parametrize(("row", "lost"), [(["0.1", "2"], True), (["2"], False), (["today", "dry"], False)])
 def test_two_numbers_above_a_header_are_a_row_that_is_lost(row: list[str], lost: bool) -> None:
     assert _is_lost(row, under_header=False, is_header=False) == lost
+
+
+def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read_csv = arrow_csv.read_csv
+
+    def refused(piece: pa.BufferReader, *options: object) -> pa.Table:
+        if b"77.5" in piece.read():
+            raise pa.ArrowInvalid("out of sync")
+        piece.seek(0)
+        return read_csv(piece, *options)
+
+    monkeypatch.setattr(delimited, "_PIECE", 512)
+    monkeypatch.setattr(arrow_csv, "read_csv", refused)
+    path = tmp_path / "run.csv"
+    path.write_text("time [s],Fz [N]\n" + "".join(f"{i / 100},{i + 0.5}\n" for i in range(200)), encoding="utf-8")
+    columns, _, said = all_of(path)
+    lost = re.search(r"rows unreadable, excluded: (\d+); the first is lines from \d+: out of sync", said)
+    assert lost is not None and 20 < int(lost[1]) == 200 - len(columns["Fz [N]"])
 
 
 def test_nothing_is_read_twice_where_a_gzipped_file_is_damaged(tmp_path: Path) -> None:
