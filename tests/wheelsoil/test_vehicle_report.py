@@ -116,12 +116,12 @@ def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> 
     [doubt] = doubts_of_wheels(wrong)
     assert doubt.what == "in curves to the left wheel FL rolls faster than wheel FR"
 
-    def half_excluded(run: Any, done: ProcessedRun) -> tuple[Any, ProcessedRun]:
-        out = np.arange(len(done)) % 2 == 0
+    def mostly_excluded(run: Any, done: ProcessedRun) -> tuple[Any, ProcessedRun]:
+        out = np.arange(len(done)) % 8 != 0
         speed = done.wheel_speed_radps - np.where(out, 5.0 * done.extras["yaw_rate_radps"], 0.0)
         return run, replace(done, wheel_speed_radps=speed, reason=np.where(out, Reason.GAP, done.reason))
 
-    assert doubts_of_wheels(sound | {"FR": [half_excluded(*each) for each in sound["FR"]]}) == []
+    assert doubts_of_wheels(sound | {"FR": [mostly_excluded(*each) for each in sound["FR"]]}) == []
 
 
 @pytest.fixture(scope="module")
