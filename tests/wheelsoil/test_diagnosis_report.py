@@ -30,7 +30,7 @@ from wheelsoil.report.figures import by_load
 from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
 from wheelsoil.report.sections.evidence import gain
-from wheelsoil.report.sections.glance import LoadShift, _data_tile, _samples, glance
+from wheelsoil.report.sections.glance import LoadShift, _samples, data_tile, glance
 from wheelsoil.to_json import to_json
 from wheelsoil.wording.mending import step_of
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -251,7 +251,7 @@ def test_any_gain_is_good_and_any_loss_a_warning(nats: float, level: str) -> Non
 
 
 def test_without_a_usable_sample_there_is_no_range_of_slip() -> None:
-    tile = _data_tile(cast(ReportInputs, SimpleNamespace(tables=(), runs=())), {})
+    tile = data_tile(cast(ReportInputs, SimpleNamespace(tables=(), runs=())), {})
     assert (tile.value, tile.note) == ("0", "no sample can be used")
 
 
