@@ -23,7 +23,7 @@ from daq.logs import parse_columns, read_log
 from daq.series import read_shear_tests, read_wheel_tables
 from daq.series.formats import read_series, series_format
 from daq.series.readers import delimited
-from daq.series.readers.table_head import _is_lost
+from daq.series.readers.table_head import _is_lost, _usual_count
 
 
 def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[float], str]:
@@ -99,6 +99,12 @@ def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(
     columns, _, said = all_of(path)
     lost = re.search(r"rows unreadable, excluded: (\d+); the first is lines from \d+: out of sync", said)
     assert lost is not None and 20 < int(lost[1]) == 200 - len(columns["Fz [N]"])
+
+
+@pytest.mark.parametrize(("full", "width"), [(25, 3), (15, 2)])
+def test_a_table_is_as_wide_as_its_header_where_a_fifth_of_the_rows_are(full: int, width: int) -> None:
+    cells = [["time [s]", "Fz [N]", "T [Nm]"], *[["0", "1", "2"]] * full, *[["0", "1"]] * (100 - full)]
+    assert _usual_count(cells.__getitem__, [len(row) for row in cells], SeriesSection()) == width
 
 
 def test_nothing_is_read_twice_where_a_gzipped_file_is_damaged(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from daq.series import write_whole
+from wheelsoil.console import printable_addresses
 
 PRINTING = """
 import sys
@@ -57,3 +59,14 @@ def test_half_a_character_of_a_name_is_no_reason_to_fail(tmp_path: Path) -> None
     write_whole(numbers, json.dumps({"folder": name}, ensure_ascii=False), "backslashreplace")
     assert page.read_text(encoding="utf-8") == "<p>acker?</p>"
     assert json.loads(numbers.read_text(encoding="utf-8")) == {"folder": name}
+
+
+@pytest.mark.parametrize(
+    ("token", "terminal", "shown"), [("t", True, True), ("t", False, False), (None, False, True), (None, True, True)]
+)
+def test_a_token_that_was_given_is_printed_on_a_terminal_only(
+    monkeypatch: pytest.MonkeyPatch, token: str | None, terminal: bool, shown: bool
+) -> None:
+    monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: terminal))
+    addresses = printable_addresses(["http://127.0.0.1:8000/#t"], token)
+    assert addresses == ("http://127.0.0.1:8000/" + "#t" * shown,)
