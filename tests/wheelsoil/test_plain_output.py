@@ -45,7 +45,8 @@ def test_a_result_that_cannot_be_written_leaves_the_one_before(tmp_path: Path) -
     limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); import signal; "
     limited += "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); from pathlib import Path; "
     limited += "from daq.series import write_whole; write_whole(Path(sys.argv[1]), 'x' * 5000)"
-    done = subprocess.run([sys.executable, "-c", limited, str(path)], capture_output=True, check=False)
+    command = [sys.executable, "-B", "-c", limited, str(path)]  # its bytecode would be cut off, too
+    done = subprocess.run(command, capture_output=True, check=False)
     assert b"File too large" in done.stderr
     assert path.read_text() == "as it was"
     assert list(tmp_path.iterdir()) == [path]
