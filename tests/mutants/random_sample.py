@@ -12,6 +12,7 @@ It needs the package `coverage`. A mutant (tests/mutants/draws.py) meets the fas
 (tests/mutants/line_map.py), the cheapest first and for at most `--seconds`; where none is known to, the test files
 whose names or imports fit its module. Outcomes are lines of JSON in out/random_mutants: a run that was ended goes on,
 also with what is not decided: what no test noticed in its seconds ("cut off") and what was "timed out".
+A kill by a test of something else is to be run again alone: some tests fail in another order, or on a busy machine.
 What a survivor changes is read by hand: one that changes nothing that a user could see gets its reason in
 random_equivalent.json, and does not count.
 """
