@@ -153,6 +153,12 @@ CASES = (
         refused=True,
     ),
     Case(
+        "points before decimals and between thousands",
+        table("time [s];Fz [N]", list(_TIME_S), ["1.234.567", "12.5"] * (len(_TIME_S) // 2), sign=";"),
+        said="may part thousands or decimals",
+        refused=True,
+    ),
+    Case(
         "commas of either kind, decided",
         table("time;Fz [N]", _CLOCK, [f"{load:,}" for load in _LARGE], sign=";"),
         _LARGE_FZ,

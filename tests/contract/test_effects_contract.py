@@ -26,6 +26,7 @@ CONDITIONS = full_conditions()
 ALWAYS = ("slip", "vertical_load_n", "ground_speed_shift_s")
 OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ALWAYS)
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
+SENSORS = [key for key, effect in EFFECTS.items() if effect.kind == "measurement"]
 
 every_effect = pytest.mark.parametrize("key", list(EFFECTS))
 every_parameter = pytest.mark.parametrize(("key", "name"), PARAMETERS)
@@ -88,6 +89,18 @@ def test_derivative_is_that_of_the_complex_step(key: str, name: str, share: floa
         expected = np.broadcast_to(np.imag(stepped[output]) / h, (len(found), 1))[:, 0]
         size = np.abs(getattr(plain, output)).max() / scale
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-6 * size, err_msg=output)
+
+
+@pytest.mark.parametrize("key", SENSORS)
+def test_the_order_in_which_effects_are_given_changes_nothing(key: str) -> None:
+    few = full_conditions(6)
+    for other in SENSORS:
+        if other != key:
+            both, values = (EFFECTS[key], EFFECTS[other]), away(key, 0.5) | away(other, 0.5)
+            one, two = (
+                WheelSoilModel(WHEEL, SOILS["sandy"], given).predict(few, values) for given in (both, both[::-1])
+            )
+            np.testing.assert_allclose(measured(one), measured(two), rtol=1e-12, err_msg=other)
 
 
 @every_effect

@@ -18,7 +18,7 @@ from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_fra
 from daq.errors import RecordingError
 from daq.limits import MOST_KINDS
 from daq.logs import blf, read_log
-from daq.logs.blf import read_blf
+from daq.logs.blf import _search, read_blf
 from daq.logs.report import LogReport
 
 
@@ -38,7 +38,9 @@ def written(batch: FrameBatch, **options: int) -> bytes:
 
 def parsed(content_of_file: bytes) -> tuple[FrameBatch, LogReport]:
     report = LogReport("bytes", "BLF")
-    return concatenate(list(read_blf(io.BytesIO(content_of_file), report))), report
+    back = concatenate(list(read_blf(io.BytesIO(content_of_file), report)))
+    assert report.balance.open == 0
+    return back, report
 
 
 def usable(seed: int, count: int, buses: tuple[str, ...] = ("can0", "can1")) -> FrameBatch:
@@ -59,6 +61,14 @@ def test_what_python_can_writes_is_read(seed: int, count: int, container: int, l
     assert content(back) == content(batch)
     assert np.abs(back.frames["time_ns"] - batch.frames["time_ns"]).max() < 1000
     assert report.remarks() == []
+
+
+@pytest.mark.parametrize("wrong", range(4))
+def test_an_object_begins_with_all_of_its_magic_bytes(wrong: int) -> None:
+    whole = np.frombuffer(b"LOBJ" + struct.pack("<HHLL", 32, 1, 64, 1) + bytes(48), np.uint8).copy()
+    assert len(_search(whole, 0, [])[0]) == 1
+    whole[wrong] ^= 1
+    assert len(_search(whole, 0, [])[0]) == 0
 
 
 def test_a_payload_may_hold_the_magic_bytes() -> None:

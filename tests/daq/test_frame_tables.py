@@ -244,3 +244,30 @@ def _line(program: str, i: int, can_id: int, odd: bool, data: bytes, length: int
     cells = ",".join([*(f"{byte:{base}}" for byte in data), *[""] * (8 - len(data))])
     head = f"{can_id:X},false,Rx,0,{length}" if program == "SavvyCAN" else f"{can_id},1,{length},0"
     return f"{i}000,{head},{wrong}{cells}"
+
+
+@pytest.mark.parametrize(
+    ("stamps", "begin_ns"),
+    [
+        (("2024-01-02T03:04:05.5+00:00", "yesterday", "2024-01-02T03:04:06+00:00"), 1_704_164_645_500_000_000),
+        (("1.5", "yesterday", "2.0"), 1_500_000_000),
+    ],
+)
+def test_times_are_dates_or_numbers_and_what_is_neither_is_lost(
+    tmp_path: Path, stamps: tuple[str, ...], begin_ns: int
+) -> None:
+    path = tmp_path / "run.csv"
+    rows = [f"{stamp},0x1,0,0,0,1,aA==" for stamp in stamps]
+    path.write_text("\n".join(["timestamp,arbitration_id,extended,remote,error,dlc,data", *rows, ""]))
+    reading = read_log(path)
+    times = [time_ns for batch in reading for time_ns in batch.frames["time_ns"].tolist()]
+    assert times == [begin_ns, begin_ns + 500_000_000]
+    assert (reading.report.bad, reading.report.first_bad) == (1, "line 3: no time: yesterday")
+
+
+@pytest.mark.parametrize("date", ["", "***START DATE AND TIME 31:2:2014 11:49:7:965***\n"])
+def test_a_busmaster_log_without_a_date_counts_from_midnight(tmp_path: Path, date: str) -> None:
+    text = BUSMASTER.replace("***START DATE AND TIME 8:8:2014 11:49:7:965***\n", date)
+    batch, reading = read(tmp_path / "run.log", text)
+    assert batch.frames["time_ns"][0] == (11 * 3600 + 49 * 60 + 12) * 10**9 + 942_000_000
+    assert len(reading.report.faults) == bool(date)

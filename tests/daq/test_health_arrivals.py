@@ -13,7 +13,7 @@ from property_settings import examples
 
 from daq.can.bits import Message
 from daq.logger.health.arrivals import MessageFlow
-from daq.logger.health.gaps import Gaps, learn, learned_after
+from daq.logger.health.gaps import Gaps, keeps, learn, learned_after
 
 MS = 1_000_000
 
@@ -150,6 +150,14 @@ def test_learning_asks_for_time_and_frames() -> None:
     assert learned_after(fast[:2000], 10) is None
     assert learned_after(fast, 10) == 3001
     assert learned_after(10**18 + np.arange(10_000) * 10_000, 10) == 8192
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.34, True), (0.36, False)])
+def test_a_rate_is_that_of_intervals_within_a_third_of_it(share: float, kept: bool) -> None:
+    uneven = 10**18 + np.cumsum(10 * MS * (1 + share * np.resize([0, 1, 0, -1], 400))).astype(np.int64)
+    usual, even = learn(uneven), learn(10**18 + np.arange(400) * 10 * MS)
+    assert even is not None and keeps(uneven, even) == kept
+    assert (usual is not None and usual.wide_ns < 20 * MS) == kept, "what comes in bursts may be later"
 
 
 def test_a_gap_is_judged_once_the_frames_behind_it_catch_up_no_more() -> None:

@@ -29,6 +29,10 @@ def test_the_page_is_made_of_the_codes() -> None:
     assert all(known.level.startswith(("amber", "red")) and all(known) for known in CODES.values())
 
 
+def test_amber_is_worse_than_green_and_red_than_amber() -> None:
+    assert Level.GREEN < Level.AMBER < Level.RED
+
+
 @pytest.mark.parametrize("code", CODES)
 def test_every_next_step_can_name_the_bus(code: str) -> None:
     step = reason(code, Level.AMBER, "can7", "is so").next_step

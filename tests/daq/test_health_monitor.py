@@ -90,6 +90,17 @@ def test_ends_that_are_saturation_and_ends_that_are_not() -> None:
     assert named.saturated.tolist() == [0]
 
 
+@pytest.mark.parametrize(("resting", "limit_s"), [(False, 2.0), (True, 10.0)])
+def test_a_signal_is_stuck_once_it_is_the_same_for_much_longer_than_ever(resting: bool, limit_s: float) -> None:
+    values = SignalValues(message(signal("A")), ["A"])
+    values.resting = resting
+    changing = SECOND_NS + np.arange(100) * SECOND_NS // 2
+    values.take(changing, np.arange(100.0)[None])
+    for same_s, stuck_s in ((limit_s - 0.1, 0.0), (limit_s + 0.1, limit_s + 0.1)):
+        values.take(changing[-1:] + round(same_s * SECOND_NS), np.array([[99.0]]))
+        assert values.stuck_s().tolist() == [pytest.approx(stuck_s)]
+
+
 @pytest.mark.parametrize(("name", "labels", "bits"), [("Counter", {}, 8), ("Mode", {1: "on"}, 8), ("Flag", {}, 1)])
 def test_what_does_not_measure_is_never_stuck(name: str, labels: dict[int, str], bits: int) -> None:
     values = SignalValues(message(signal(name, RawKind.UNSIGNED, bits, labels=labels), signal("A")), [name, "A"])

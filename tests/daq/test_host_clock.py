@@ -237,6 +237,15 @@ def test_the_offset_is_read_well_although_the_processor_is_lost_now_and_then() -
     assert host.clock().realtime_minus_monotonic_ns == pytest.approx(host.offset_ns, abs=BRACKET_NS)
 
 
+@pytest.mark.parametrize("narrowest", range(7))
+def test_the_narrowest_of_readings_that_are_all_wide_counts(narrowest: int) -> None:
+    pauses = [(TICK_NS, 20 * MS, TICK_NS)] * 7
+    pauses[narrowest] = (TICK_NS, 1500, 1500)
+    left = iter([pause for reading in pauses for pause in reading])
+    host = Host(pause=lambda: next(left))
+    assert host.clock().realtime_minus_monotonic_ns == host.offset_ns
+
+
 @given(st.integers(0, 2**32))
 @examples(50)
 def test_losing_the_processor_is_no_step(seed: int) -> None:

@@ -275,6 +275,15 @@ def test_only_a_logger_that_a_restart_helps_is_given_up(
     assert watch.hopeless() is hopeless
 
 
+def test_every_turn_of_a_listener_is_a_sign_of_life() -> None:
+    stop, section = threading.Event(), BusSection(channel="a", interface="virtual")
+    stop.set()
+    listener = Listener(0, ReconnectingSource(section, Opener()), ("a",), HostClock(), ByteQueue(1000), stop)
+    listener.alive_at -= 100.0
+    listener.run()
+    assert listener.stuck_s < 50.0
+
+
 def test_the_host_is_measured_once_a_second(tmp_path: Path) -> None:
     queue: ByteQueue[Arrival] = ByteQueue(1000)
     watch = HostMonitor(HostClock(), [], queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))

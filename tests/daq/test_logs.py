@@ -242,6 +242,11 @@ def test_bad_logs_get_one_clear_message(tmp_path: Path, name: str, data: bytes |
     assert caught.value.exit_code == 3
 
 
+@pytest.mark.parametrize("suffix", [known.suffixes[0] for known in formats.LOG_FORMATS])
+def test_a_packed_log_has_the_format_of_the_suffix_before(suffix: str) -> None:
+    assert formats.chosen_format(Path(f"run{suffix}.gz"), b"") is formats.chosen_format(Path(f"run{suffix}"), b"")
+
+
 def test_formats_may_share_a_suffix(monkeypatch: pytest.MonkeyPatch) -> None:
     """The content decides between them; a log that says nothing of itself is of the first."""
     candump = next(known for known in formats.LOG_FORMATS if ".log" in known.suffixes)

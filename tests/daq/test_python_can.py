@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import itertools
 import os
 import sys
 from contextlib import ExitStack, closing
@@ -82,6 +83,15 @@ def test_a_multicast_source_counts_what_it_lost() -> None:
         lost = source.counters.dropped
         assert lost and got + lost == 200
         assert source.remarks == ()
+
+
+def test_the_interface_is_let_go_of_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = PythonCanSource(BusSection(channel="let go", interface="virtual"))
+    shutdown, count = source._bus.shutdown, itertools.count()
+    monkeypatch.setattr(source._bus, "shutdown", lambda: (next(count), shutdown()))
+    source.close()
+    source.close()
+    assert next(count) == 1
 
 
 def test_what_came_before_a_failure_is_kept() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from property_settings import examples
 from recording_support import START_NS, by_topic, random_frames, write_recording
 from support import data_dir
@@ -22,6 +23,7 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
 from daq.recording import Recording, RecordingWriter, recover
+from daq.recording.contents import read_contents
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")
@@ -132,6 +134,27 @@ def test_garbage_behind_a_beginning(garbage_folder, garbage, beginning):
     broken = path.with_name("garbage.mcap")
     broken.write_bytes(data[:start] + garbage)
     reading(broken)
+
+
+def test_a_damaged_header_is_a_loss_without_a_size(whole, tmp_path):
+    _, data, _ = whole
+    (tmp_path / "run.mcap").write_bytes(data[:9] + b"\xff" * 8 + data[17:])
+    loss = read_contents(tmp_path / "run.mcap").losses[0]
+    assert loss.what.startswith("the header: ") and (loss.at_byte, loss.byte_count) == (8, 0)
+
+
+def test_messages_in_no_chunk_are_taken_run_by_run(tmp_path):
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start()
+        schema = writer.register_schema("Fz", "jsonschema", b"{}")
+        channel = writer.register_channel("/fz", "json", schema)
+        for i in range(5):
+            writer.add_message(channel, log_time=i, publish_time=i, data=b"{}")
+    contents = read_contents(path)  # without its end, as after a power cut
+    assert contents.message_counts == {channel: 5}
+    assert [(chunk.bare, chunk.start_ns, chunk.end_ns) for chunk in contents.chunks] == [(True, 0, 4)]
 
 
 @pytest.fixture(scope="module")

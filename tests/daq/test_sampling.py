@@ -104,3 +104,9 @@ def test_a_short_stream_is_not_faster_for_its_first_burst() -> None:
 def test_a_nanosecond_is_an_interval() -> None:
     steps = np.random.default_rng(0).geometric(0.4, 3000)  # of one sample a nanosecond three of five are lost
     assert sampling_of(_START_NS + np.cumsum(steps)).period_s == pytest.approx(1e-9)
+
+
+@pytest.mark.parametrize(("intervals", "regular"), [(127, False), (128, True)])
+def test_bursts_are_regular_once_sixteen_blocks_of_eight_take_equal_times(intervals: int, regular: bool) -> None:
+    steps = np.resize([1, 19], intervals) * 10**6
+    assert sampling_of(10**18 + np.cumsum([0, *steps])).regular == regular

@@ -26,10 +26,14 @@ from scipy.io import savemat
 
 import daq.child_process
 from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
+from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
 from daq.series.apart import apart
 from daq.series.blocks import Series, SeriesReport
 from daq.series.formats import read_series, series_format
+from daq.series.readers import matlab
+from daq.series.readers.groups import Column, array_column, series_of
+from daq.series.time_stamps import time_columns
 
 START_NS = 1_700_000_000_000_000_000
 TIME_NS = START_NS + np.arange(50) * 10_000_000
@@ -50,6 +54,7 @@ def columns(series: Series) -> dict[str, tuple[IntArray, FloatArray, str]]:
         time_ns = np.concatenate([np.zeros(0, np.int64), *(block.time_ns for block in own)])
         for name, unit in units.items():
             found[name] = time_ns, np.concatenate([np.zeros(0), *(block.columns[name] for block in own)]), unit
+    assert UNACCOUNTED not in series.report.balance.losses
     return found
 
 
@@ -132,6 +137,17 @@ def test_each_column_belongs_to_the_time_before_it(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["Fz [N]"][0], np.arange(50) * 1_000_000)
     np.testing.assert_array_equal(found["v [m/s]"][0], np.arange(5) * 10_000_000)
     np.testing.assert_array_equal(found["v [m/s]"][1], SLOW)
+
+
+def test_of_times_side_by_side_the_first_counts() -> None:
+    units = {"t_fast": "s", "t_gps": "s", "Fz": "N", "t_slow": "s", "v": "m/s"}
+    assert time_columns(units, (), SeriesSection(), "run.csv") == {"Fz": "t_fast", "v": "t_slow"}
+
+
+def test_a_rate_beside_times_is_refused_with_the_first_of_them() -> None:
+    held = [array_column(name, np.arange(3.0), "s" if name != "Fz" else "N", "") for name in ("t", "time", "Fz")]
+    with pytest.raises(ConfigError, match=r"times of its own \(t\)"):
+        series_of(held, SeriesSection(rate_hz=10.0), SeriesReport("run.mat", "MATLAB"))
 
 
 def test_every_row_is_accounted_for(tmp_path: Path) -> None:
@@ -302,6 +318,19 @@ def test_a_cut_rpc_iii_file_gives_its_whole_groups(tmp_path: Path) -> None:
     series = read(path)
     assert len(columns(series)["F1"][1]) == 48
     assert "48 of 64 points" in series.report.remarks()[0]
+
+
+def test_what_no_column_takes_is_listed_with_its_reason(tmp_path: Path) -> None:
+    held = {"cube": np.zeros((2, 2, 2)), "words": np.array(["a", "b"], object), "one": np.zeros(1)}
+    expected = {"cube": "an array of 3 dimensions", "words": "no numbers", "one": matlab._SHORT}
+    of_mat, of_hdf5 = (SeriesReport(name, "") for name in ("run.mat", "run.h5"))
+    assert list(matlab._flattened("", held, {}, of_mat)) == [] and of_mat.skipped == expected
+    columns: list[Column] = []
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values in held.items():
+            file[name] = values
+        matlab._visit(file, "", columns, of_hdf5)
+    assert columns == [] and of_hdf5.skipped == expected
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])

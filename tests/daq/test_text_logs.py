@@ -9,12 +9,13 @@ from tempfile import NamedTemporaryFile
 import can
 import pytest
 from frames_support import content
+from fuzz.readers import FORMATS, whole_file
 from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages
 from daq.errors import RecordingError
-from daq.logs import LogReport, read_log
+from daq.logs import LogReport, read_log, shapes
 from daq.logs.formats import LOG_FORMATS
 
 READERS = {known.suffixes[0]: known.read for known in LOG_FORMATS}
@@ -141,6 +142,32 @@ def test_lines_of_an_asc_file(line: str, frames: int, bad: int) -> None:
     head = "date Sat Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
     batch, report = read(".asc", f"{head}{line}\n".encode())
     assert (len(batch), report.bad) == (frames, bad)
+
+
+@pytest.mark.parametrize("name", ["candump", "asc", "trc", "frames in csv", "busmaster"])
+def test_a_bad_line_is_named_by_its_number_in_any_block(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shapes, "BLOCK_BYTES", 300)
+    lines = whole_file(name, tmp_path).splitlines()
+    lines.insert(len(lines) - 2, b"something else")
+    path = tmp_path / f"run{FORMATS[name].suffix}"
+    path.write_bytes(b"\n".join([*lines, b""]))
+    reading = read_log(path)
+    assert sum(map(len, reading)) > 0 and reading.report.first_bad.startswith(f"line {len(lines) - 2}: ")
+
+
+@pytest.mark.parametrize(("length", "frames"), [(1024, 1), (1025, 0)])
+def test_a_line_of_more_than_a_kilobyte_is_no_frame(length: int, frames: int) -> None:
+    line = b"0.1 1 123 Rx d 1 01 Length = ".ljust(length, b"5")
+    batch, report = read(".asc", b"base hex timestamps absolute\n" + line + b"\n")
+    assert (len(batch), report.bad) == (frames, 1 - frames)
+
+
+def test_an_fd_frame_without_data_that_states_a_length_asks_for_it() -> None:
+    batch, _ = read(".asc", b"base hex timestamps absolute\n0.1 CANFD 1 Rx 123 1 0 9 0\n0.2 CANFD 1 Rx 123 1 0 0 0\n")
+    assert batch.frames["length"].tolist() == [12, 0]
+    assert (batch.frames["flags"] & FrameFlag.REMOTE != 0).tolist() == [True, False]
 
 
 def test_a_letter_among_the_digits_of_a_time_makes_a_line_bad() -> None:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from wrong_files import CASES, Case
 
+from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
 from daq.errors import ConfigError
+from daq.gunzip import Gunzip, unpacked
 from daq.logs import parse_columns, read_log
 from daq.series import read_shear_tests, read_wheel_tables
 from daq.series.formats import read_series, series_format
+from daq.series.readers import delimited
+from daq.series.readers.table_head import _is_lost, _usual_count
 
 
 def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[float], str]:
@@ -26,7 +33,7 @@ def all_of(path: Path, **layout: object) -> tuple[dict[str, list[float]], list[f
     names = blocks[0].columns
     columns = {name: np.concatenate([block.columns[name] for block in blocks]).tolist() for name in names}
     time_s = np.concatenate([block.time_ns for block in blocks]) / 1e9
-    assert series.report.balance.open == 0
+    assert series.report.balance.open == 0 and UNACCOUNTED not in series.report.balance.losses
     return columns, time_s.tolist(), "\n".join(series.report.remarks())
 
 
@@ -56,6 +63,55 @@ def test_a_gzipped_series_that_is_cut_keeps_what_stands_before_the_cut(tmp_path:
     path.write_bytes(packed[: len(packed) // 2])
     columns, _, said = all_of(path)
     assert 2000 < len(columns["Fz [N]"]) < 3000 and "cut off" in said
+
+
+def test_a_line_without_an_end_is_lost_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delimited, "_PIECE", 512)
+    monkeypatch.setattr(delimited, "_LONGEST_LINE", 1024)
+    rows = [f"{i / 100},{float(i)}" for i in range(200)]
+    path = tmp_path / "run.csv"
+    text = "\n".join(["time [s],Fz [N]", *rows[:100], "1" * 3000, *rows[100:], *[""] * 2000])
+    path.write_text(text, encoding="utf-8")
+    columns, _, said = all_of(path)
+    assert columns["Fz [N]"] == [float(i) for i in range(200)] and "longer than 1024 bytes" in said
+
+
+@pytest.mark.parametrize(("row", "lost"), [(["0.1", "2"], True), (["2"], False), (["today", "dry"], False)])
+def test_two_numbers_above_a_header_are_a_row_that_is_lost(row: list[str], lost: bool) -> None:
+    assert _is_lost(row, under_header=False, is_header=False) == lost
+
+
+def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read_csv = arrow_csv.read_csv
+
+    def refused(piece: pa.BufferReader, *options: object) -> pa.Table:
+        if b"77.5" in piece.read():
+            raise pa.ArrowInvalid("out of sync")
+        piece.seek(0)
+        return read_csv(piece, *options)
+
+    monkeypatch.setattr(delimited, "_PIECE", 512)
+    monkeypatch.setattr(arrow_csv, "read_csv", refused)
+    path = tmp_path / "run.csv"
+    path.write_text("time [s],Fz [N]\n" + "".join(f"{i / 100},{i + 0.5}\n" for i in range(200)), encoding="utf-8")
+    columns, _, said = all_of(path)
+    lost = re.search(r"rows unreadable, excluded: (\d+); the first is lines from \d+: out of sync", said)
+    assert lost is not None and 20 < int(lost[1]) == 200 - len(columns["Fz [N]"])
+
+
+@pytest.mark.parametrize(("full", "width"), [(25, 3), (15, 2)])
+def test_a_table_is_as_wide_as_its_header_where_a_fifth_of_the_rows_are(full: int, width: int) -> None:
+    cells = [["time [s]", "Fz [N]", "T [Nm]"], *[["0", "1", "2"]] * full, *[["0", "1"]] * (100 - full)]
+    assert _usual_count(cells.__getitem__, [len(row) for row in cells], SeriesSection()) == width
+
+
+def test_nothing_is_read_twice_where_a_gzipped_file_is_damaged(tmp_path: Path) -> None:
+    path, text = tmp_path / "run.csv.gz", b"0.1,2\n" * 100
+    path.write_bytes(gzip.compress(text) + b"no gzip")
+    with unpacked(path, 10) as file:
+        assert file.read() == text and isinstance(file.raw, Gunzip) and "is damaged" in file.raw.damage
 
 
 def test_a_cut_tdms_file_says_how_much_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from gram_support import column, world
 
 from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.diagnosis.findings.agreement import disagreements, other_forms, runs_apart
+from model.diagnosis.findings.agreement import _along, disagreements, other_forms, runs_apart
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import best_set
 
@@ -28,6 +28,12 @@ def joint(rng: np.random.Generator, one: np.ndarray, other: np.ndarray) -> Grams
     first, second = drawn.grams(one, rng), drawn.grams(other, rng)
     matrices = np.concatenate([first.matrices[:3], second.matrices[3:]])
     return replace(first, matrices=matrices)
+
+
+@pytest.mark.parametrize(("share", "open_"), [(0.9e-6, False), (1.1e-6, True)])
+def test_a_combination_of_which_a_millionth_is_open_is_not_estimated(share: float, open_: bool) -> None:
+    variance = _along(np.diag([4.0, 0.0]), np.sqrt([1.0 - share, share]))
+    assert variance == (np.inf if open_ else pytest.approx(0.25))
 
 
 def test_what_is_shared_is_seldom_disputed_and_what_differs_always() -> None:

@@ -44,6 +44,7 @@ def test_the_window_is_kept_and_a_hump_is_said() -> None:
         (np.zeros(60), "too few samples with shear stress"),
         (-_curve(1e4, 0.01), "check the signs"),
         (np.full(60, np.nan), "lists of numbers"),
+        (1e5 * J, "does not follow"),
     ],
 )
 def test_curves_that_cannot_be_fitted(tau: np.ndarray, words: str) -> None:

@@ -14,7 +14,7 @@ from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.hypotheses import Posterior, listed_sets
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.single_wheel import form_error
+from model.diagnosis.single_wheel import diagnose, form_error
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.form_error import HALF, TWICE, Judged, adequate_at, steady
 from model.diagnosis.single_wheel.noise import FORM_SHARE, FormError
@@ -109,6 +109,12 @@ def test_repeats_and_sigma_columns_say_the_error_of_form(basis: str) -> None:
     found = diagnosed({"repeats": repeated, "stated": stated}[basis])
     assert {used.basis for used in found.grounds.form_errors} == {basis}
     assert "error of form" not in sentence_of(found)
+
+
+def test_what_half_and_twice_the_error_leave_is_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnose, "_again", lambda *_: Judgement("unexplained"))
+    found = diagnosed(single())
+    assert found.verdict == "one_of" and found.grounds.form_matters is not None
 
 
 @pytest.mark.slow

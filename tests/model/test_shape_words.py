@@ -20,6 +20,20 @@ def shapes() -> tuple[Shape, ...]:
     return basis(samples, linear).catch_all.by_rank
 
 
+def test_a_campaign_that_drives_and_brakes_has_every_kind_of_shape(shapes: tuple[Shape, ...]) -> None:
+    one_way = {Kind.CONSTANT_DRIVING, Kind.CONSTANT_BRAKING}
+    assert {shape.kind for shape in shapes} == set(Kind) - one_way
+
+
+def test_a_shape_of_driving_or_braking_is_of_that_alone() -> None:
+    _, samples, linear = linearised(2)
+    found, drives = basis(samples, linear), np.asarray(linear.conditions.slip) > 0
+    for i, shape in enumerate(found.catch_all.shapes):
+        for of, there in (("driving", drives), ("braking", ~drives)):
+            if shape.kind.endswith(of):
+                assert np.abs(found.columns[:, there, i]).max() > 0 == np.abs(found.columns[:, ~there, i]).max()
+
+
 def test_every_shape_reads_on_its_own(shapes: tuple[Shape, ...]) -> None:
     said = {shape: place_text(shape) for shape in shapes if shape.channel == "dp"}
     assert len(set(said.values())) == len(said), "what differs reads differently"

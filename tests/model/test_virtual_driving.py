@@ -49,6 +49,7 @@ def test_it_starts_and_ends_at_rest(seed: int, duration: float) -> None:
         assert np.all(quantity[:rest] == 0)
         assert np.allclose(quantity[-rest:], 0, atol=1e-9)
     assert run.distance_m[-1] > 3
+    np.testing.assert_array_equal(run.time_s, np.arange(round(duration * 1000)) / 1000)
 
 
 @settings(max_examples=15, deadline=None)

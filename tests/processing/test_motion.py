@@ -11,6 +11,9 @@ from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, spe
 from daq import Channel, FloatArray, RunInfo, SensorSection, Severity, VehicleConfig, VehicleSection, WheelSection
 from processing import ProcessedRun, Reason, RunCode
 from processing.pipeline import process
+from processing.pipeline.blending import blended
+from processing.pipeline.resampling import OnBase
+from processing.processed_run import SensorFacts
 
 SECONDS, GRAVITY = 60.0, 9.80665
 MASS_KG, PULL_N = 75.0, 500.0
@@ -174,6 +177,14 @@ def test_a_late_speed_is_still_seen_to_be_late() -> None:
     assert run.quality.residual_latency_s == pytest.approx(0.1, abs=0.01)
     error = (run.ground_speed_mps - driven_speed(run.time_s - 0.1))[run.used]
     assert np.std(error) < 0.012, "the whole of it is late"
+
+
+@pytest.mark.parametrize(("kernel_s", "gains"), [(0.149, True), (0.151, False)])
+def test_a_filter_of_half_the_blending_or_more_has_nothing_to_gain(kernel_s: float, gains: bool) -> None:
+    at = np.arange(1000) / 100.0
+    facts = SensorFacts(1000, 0, 100.0, 0, 0.01, 0.0, 0.01, "declared")
+    still = OnBase(np.zeros(1000), np.zeros(1000), np.full(1000, Reason.USED, np.uint8), facts)
+    assert (blended(still, still, still, at, 100.0, kernel_s) is not still) == gains
 
 
 def test_where_pitch_is_missing_the_speed_is_not_used() -> None:

@@ -29,7 +29,8 @@ from wheelsoil.report.drawing import Plane, beyond
 from wheelsoil.report.figures import by_load
 from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
-from wheelsoil.report.sections.glance import glance
+from wheelsoil.report.sections.evidence import gain
+from wheelsoil.report.sections.glance import LoadShift, _samples, data_tile, glance
 from wheelsoil.to_json import to_json
 from wheelsoil.wording.mending import step_of
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -131,6 +132,7 @@ def test_what_would_fit_almost_as_well_can_be_judged(plain_material):
     found = diagnosis()
     report = built(plain_material, replace(found, grounds=replace(found.grounds, confounded=("bulldozing",))))
     assert section(report, "evidence").numbers["members"] == ["vasilev", "bulldozing"]
+    assert [row[0] for row in section(report, "causes").blocks[-1].rows] == ["slip sinkage", "bulldozing", "slope"]
     assert (
         "Bulldozing (3.0 %) has a similar signature, but is separable in these data."
         in section(report, "causes").blocks[-1].note
@@ -237,6 +239,35 @@ def test_where_no_cause_was_chosen_there_is_nothing_to_gain(plain_material):
     report = built(plain_material, replace(found, gain=replace(found.gain, chosen=((), ()))))
     assert "there is no gain" in text(report, "gain")
     assert figures(report, "gain") == []
+
+
+@pytest.mark.parametrize(("nats", "level"), [(0.5, "good"), (-0.5, "warning")])
+def test_any_gain_is_good_and_any_loss_a_warning(nats: float, level: str) -> None:
+    found = diagnosis()
+    assert found.gain is not None
+    worth = replace(found, gain=replace(found.gain, log_likelihood_gain=nats))
+    (said, *_), _ = gain.contents(cast(ReportInputs, SimpleNamespace(diagnosis=worth)))
+    assert isinstance(said, Text) and said.kind == level
+
+
+def test_without_a_usable_sample_there_is_no_range_of_slip() -> None:
+    tile = data_tile(cast(ReportInputs, SimpleNamespace(tables=(), runs=())), {})
+    assert (tile.value, tile.note) == ("0", "no sample can be used")
+
+
+def test_the_samples_of_a_figure_are_those_used_in_driving_in_the_unit_of_the_page() -> None:
+    used = np.array([True, True, True, False])
+    run = SimpleNamespace(slip=np.array([0.1, -0.1, 0.2, 0.3]), vertical_load_n=np.full(4, 1e3), used=used)
+    run.sinkage_m = np.array([0.01, 0.02, 0.03, 0.04])
+    shift = cast(LoadShift, SimpleNamespace(of=lambda _, load: 1e-5 * load))
+    slip, values = _samples(cast(ReportInputs, SimpleNamespace(runs=[run])), "z", shift) or (None, None)
+    np.testing.assert_allclose((slip, values), ([0.1, 0.2], [20.0, 40.0]))
+
+
+@pytest.mark.parametrize(("median", "shown"), [(0.1, 6.0), (6.0, 6.6)])
+def test_an_axis_in_sigmas_shows_six_of_them_and_every_median(median: float, shown: float) -> None:
+    panel = {"run": None, "lower": np.array([-median, np.nan]), "upper": np.array([0.0, 0.0])}
+    assert misfit._sigmas_shown([panel]) == pytest.approx(shown)
 
 
 def test_a_few_samples_do_not_break_a_figure(plain_material):

@@ -7,10 +7,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from daq.series import write_whole
+from wheelsoil.console import printable_addresses
 
 PRINTING = """
 import sys
@@ -43,7 +45,8 @@ def test_a_result_that_cannot_be_written_leaves_the_one_before(tmp_path: Path) -
     limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); import signal; "
     limited += "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); from pathlib import Path; "
     limited += "from daq.series import write_whole; write_whole(Path(sys.argv[1]), 'x' * 5000)"
-    done = subprocess.run([sys.executable, "-c", limited, str(path)], capture_output=True, check=False)
+    command = [sys.executable, "-B", "-c", limited, str(path)]  # its bytecode would be cut off, too
+    done = subprocess.run(command, capture_output=True, check=False)
     assert b"File too large" in done.stderr
     assert path.read_text() == "as it was"
     assert list(tmp_path.iterdir()) == [path]
@@ -57,3 +60,14 @@ def test_half_a_character_of_a_name_is_no_reason_to_fail(tmp_path: Path) -> None
     write_whole(numbers, json.dumps({"folder": name}, ensure_ascii=False), "backslashreplace")
     assert page.read_text(encoding="utf-8") == "<p>acker?</p>"
     assert json.loads(numbers.read_text(encoding="utf-8")) == {"folder": name}
+
+
+@pytest.mark.parametrize(
+    ("token", "terminal", "shown"), [("t", True, True), ("t", False, False), (None, False, True), (None, True, True)]
+)
+def test_a_token_that_was_given_is_printed_on_a_terminal_only(
+    monkeypatch: pytest.MonkeyPatch, token: str | None, terminal: bool, shown: bool
+) -> None:
+    monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: terminal))
+    addresses = printable_addresses(["http://127.0.0.1:8000/#t"], token)
+    assert addresses == ("http://127.0.0.1:8000/" + "#t" * shown,)

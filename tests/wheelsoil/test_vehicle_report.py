@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -19,7 +20,7 @@ from shared_results import made_once
 from daq import Fault, FloatArray
 from daq.errors import ConfigError, DataError
 from model.simulation import whole
-from processing import LOOK, ProcessedRun, ProcessOptions
+from processing import LOOK, ProcessedRun, ProcessOptions, Reason
 from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.vehicle import verdict_of_all
@@ -83,6 +84,12 @@ def test_a_doubt_stands_in_the_json_of_all_wheels_together(capsys: pytest.Captur
     assert own == [{"wheel": "FL"}, {"wheel": "FR"}] and of_all["doubts"][0]["what"] == "FL is late"
 
 
+def test_the_texts_of_wheels_stand_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    per_wheel = PerWheel({"FL": [], "FR": []}, json=False)
+    per_wheel.each(lambda _: per_wheel.show(dict, lambda: print("text"), "sentence"))
+    assert capsys.readouterr().out.startswith("wheel FL\ntext\n\nwheel FR\ntext\n\n")
+
+
 def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> None:
     """In a curve to the left, half a metre inside and outside of it."""
     rng = np.random.default_rng(2)
@@ -108,6 +115,13 @@ def test_wheels_that_are_exchanged_are_said(processed: dict[str, Processed]) -> 
     wrong = {"FL": as_wheel("FL", right), "FR": as_wheel("FR", left)} | others
     [doubt] = doubts_of_wheels(wrong)
     assert doubt.what == "in curves to the left wheel FL rolls faster than wheel FR"
+
+    def mostly_excluded(run: Any, done: ProcessedRun) -> tuple[Any, ProcessedRun]:
+        out = np.arange(len(done)) % 8 != 0
+        speed = done.wheel_speed_radps - np.where(out, 5.0 * done.extras["yaw_rate_radps"], 0.0)
+        return run, replace(done, wheel_speed_radps=speed, reason=np.where(out, Reason.GAP, done.reason))
+
+    assert doubts_of_wheels(sound | {"FR": [mostly_excluded(*each) for each in sound["FR"]]}) == []
 
 
 @pytest.fixture(scope="module")

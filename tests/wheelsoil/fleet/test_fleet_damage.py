@@ -6,13 +6,15 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import pyarrow as pa
 import pytest
 from cli_support import invoke, ok
 from fleet_support import differing
 
-from wheelsoil.fleet import ask, open_store
+from wheelsoil.fleet import Damage, ask, open_store
+from wheelsoil.wording.store_text import damage_lines
 
 Damaging = Callable[[Path, str], None]
 
@@ -201,3 +203,18 @@ def test_a_file_that_is_not_asked_for_stops_no_query(store: Path, tmp_path: Path
     assert len(ask(open_store(str(own)), OF_ALL).damaged) == 0
     found = ask(open_store(str(own)), "select count(distinct campaign) as n from samples")
     assert found.rows.to_pylist() == [{"n": 5}] and [one.what for one in found.damaged] == ["size"]
+
+
+@pytest.mark.parametrize(("count", "more"), [(40, []), (42, ["  and 2 more files"])])
+def test_of_many_damaged_files_the_first_are_listed_and_the_rest_counted(count: int, more: list[str]) -> None:
+    damaged = [Damage(f"day {i}", f"rows/{i}.parquet", "size", f"manifests/{i}") for i in range(count)]
+    first, *listed, step = damage_lines("s", damaged)
+    assert first.startswith(f"{count} campaigns") and step.startswith("next:")
+    assert listed[40:] == more and listed[39] == "  day 39: the file is not as long as it was (rows/39.parquet)"
+
+
+def test_what_is_asked_anew_is_not_answered_from_a_cache(tmp_path: Path) -> None:
+    store = open_store(str(tmp_path / "s"), create=True)
+    with patch.object(store.files, "invalidate_cache") as forget:
+        assert not store._holds("none") and not forget.called
+        assert not store._holds("none", anew=True) and forget.called

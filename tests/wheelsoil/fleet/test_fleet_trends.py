@@ -14,13 +14,13 @@ import pytest
 from cli_support import ok
 from fleet_support import rows_of
 
-from model.diagnosis.pooling import Point, Trend
+from model.diagnosis.pooling import Passport, Point, Trend
 from wheelsoil.fleet import Change, Store, holdings_of, open_store, overview_of, pool
 from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.pooled import _observations
 from wheelsoil.fleet.tables import schema_of
 from wheelsoil.fleet.trend_figures import averaged
-from wheelsoil.wording.passport_text import trend_lines
+from wheelsoil.wording.passport_text import passport_line, trend_lines
 
 BEGIN = datetime(2026, 5, 4, 8, tzinfo=UTC)
 
@@ -154,3 +154,13 @@ def test_a_trend_has_a_slope_where_there_are_two_dates(years: tuple[float, ...],
     [line] = trend_lines(SimpleNamespace(trends={"torque_gain": trend}))  # type: ignore[arg-type]
     said, _, behind = line.partition(" on ")
     assert said == "torque gain: 2.00 % (1.80 % to 2.20 %)" and behind.startswith("2024-") and behind[10:] == slope
+
+
+@pytest.mark.parametrize(
+    ("probability", "said"), [(0.5, ""), (0.8, "; all campaigns share what is not the transducer's: slope (80 %)")]
+)
+def test_a_passport_says_what_is_shared_and_who_disagrees(probability: float, said: str) -> None:
+    shared = (SimpleNamespace(effect="slope", probability=probability),)
+    one = Passport("7", ("a", "b"), "nothing", (), 0.2, (), {}, 0.0, {"b": 0.001}, shared)  # type: ignore[arg-type]
+    expected = f"7: 2 campaigns, May to June: nothing detectable{said}; not as the others: b"
+    assert passport_line(one, "May", "June") == expected
