@@ -210,7 +210,7 @@ def residual_figure(
     caption = f"{'Driving' if (slip > 0).any() else 'Braking'}, {CALIBRATED}. Grey: 95 % of {grey}. Points: {points}."
     if channel in first and not of_rows:
         size = f"{number(first[channel].size)} {ROLES[first[channel].channel].unit_text}"
-        caption += f" In short's {size} is that shape alone, with the soil fitted anew."
+        caption += f" {size} in the appendix is that shape alone, with the soil fitted anew."
     return drawn(key, title, caption, plane, curves, samples=None if of_rows else cloud, wide=wide)
 
 

@@ -228,7 +228,8 @@ def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     if not len(bins.median) or not len(noise):
         return ""
     ruler = float(np.median(noise))
-    beyond = _off(bins, np.full(len(bins.median), ruler)) & (bins.count >= _LEAST_SAMPLES)
+    error = _ERROR_OF_MEDIAN * (bins.upper - bins.lower) / _QUARTILES_APART / np.sqrt(bins.count)
+    beyond = (np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _LEAST_SAMPLES)
     if not beyond.any():
         return ""
     factor, unit = page_unit(channel)
@@ -298,9 +299,8 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
 
 
 def _off(bins: Bins, ruler: FloatArray) -> BoolArray:
-    """Return which medians are beyond a size, one sigma of a sample, by two of their own standard errors."""
-    scatter = np.maximum((bins.upper - bins.lower) / _QUARTILES_APART, ruler)
-    error = _ERROR_OF_MEDIAN * scatter / np.sqrt(bins.count)
+    """Return which medians are beyond the noise of a sample by two of the standard errors that it gives them."""
+    error = _ERROR_OF_MEDIAN * ruler / np.sqrt(bins.count)
     return np.asarray((np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _FEWEST_SAMPLES))
 
 
