@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Signals, Values
-from model.wheel_soil import Conditions, value_of, where
+from model.wheel_soil import Conditions, Reaction, WheelState, value_of, where
 
 STANDSTILL_MPS = 0.05
 """Below it a receiver holds its speed at zero, so that no bias shows."""
@@ -41,8 +41,8 @@ class WheelRadius(Effect):
 class SpeedLatency(Effect):
     """The speed shown at t is that of t - L: V(t) = V_m + L a + L^2/2 da/dt; L > 0 where it is late.
 
-    The series stands for the shift as long as L is short against the changes of the acceleration. Where the conditions
-    hold the speed of a later moment, it is only for what is left of L.
+    Where the conditions know the speed of other moments, or hold that of a later one, the series is only for what is
+    left of L, and for derivatives; else it stands for the shift while L is short against changes of the acceleration.
     """
 
     name = "speed_latency"
@@ -61,15 +61,24 @@ class SpeedLatency(Effect):
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with ground speed and acceleration of the moment itself."""
+        conditions = conditions.at_delay(values["extra_delay_s"])
         delay = values["extra_delay_s"] - conditions.ground_speed_shift_s
         a, jerk = conditions.ground_acceleration_mps2, conditions.ground_jerk_mps3
         speed = conditions.ground_speed_mps + delay * a + 0.5 * delay * delay * jerk
         return replace(conditions.with_ground_speed(speed), ground_acceleration_mps2=a + delay * jerk)
 
+    def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
+        """Return the drawbar pull as it was compensated, by the acceleration of the late speed."""
+        return replace(reaction, drawbar_pull=reaction.drawbar_pull + state.conditions.miscompensated_n)
+
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
         """Return the ground speed of an earlier moment; before the first sample it is constant."""
         shown = np.interp(signals.time_s - values["extra_delay_s"], signals.time_s, signals.ground_speed_mps)
         return replace(signals, ground_speed_mps=shown)
+
+
+DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
+"""Name of the ground speed's delay among the parameters of a model."""
 
 
 class SpeedBias(Effect):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.run_conditions import RunConditions, joined_conditions
 from processing import ProcessedRun
 
 
@@ -45,8 +46,8 @@ class Observations(Measured):
     names : of the runs.
     readings : whether sinkage is of rut readings: at single samples, independent of each other.
     independent : whether samples are independent of each other (rows of a bench table), or a time series.
-    more : mapping name -> array
-        Further fields of `Conditions`, for effects that ask for them.
+    given : Conditions, optional
+        Where effects ask for more than slip and load.
     drives : tuple of int
         Which drive each run is of: wheels that are driven together have a run each. Empty: no two are.
     """
@@ -59,12 +60,12 @@ class Observations(Measured):
     names: tuple[str, ...]
     independent: bool = False
     readings: bool = False
-    more: dict[str, FloatArray] = field(default_factory=dict)
+    given: Conditions | None = None
     drives: tuple[int, ...] = ()
 
     def __getitem__(self, rows: BoolArray | slice) -> Observations:
         arrays: dict[str, Any] = {n: value[rows] for n, value in vars(self).items() if isinstance(value, np.ndarray)}
-        return replace(self, **arrays, more={name: values[rows] for name, values in self.more.items()})
+        return replace(self, **arrays, given=self.given and self.given.rows(rows))
 
     @property
     def drive(self) -> IndexArray:
@@ -74,11 +75,11 @@ class Observations(Measured):
     @property
     def conditions(self) -> Conditions:
         """What the wheel was put through, as a model takes it."""
-        return Conditions(self.slip, self.vertical_load_n, **self.more)
+        return self.given or Conditions(self.slip, self.vertical_load_n)
 
 
 def observations_of(
-    runs: Sequence[ProcessedRun], *, conditions: Sequence[Conditions] = (), drives: Sequence[int] = ()
+    runs: Sequence[ProcessedRun], *, conditions: Sequence[RunConditions] = (), drives: Sequence[int] = ()
 ) -> Observations:
     """Collect the usable samples of processed runs, thinned.
 
@@ -87,7 +88,7 @@ def observations_of(
 
     Parameters
     ----------
-    conditions : sequence of Conditions, optional
+    conditions : sequence of RunConditions, optional
         Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
         than slip and load.
     drives : sequence of int, optional
@@ -101,11 +102,6 @@ def observations_of(
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
 
-    more = {
-        name: np.concatenate([getattr(c, name)[rows] for c, rows in zip(conditions, chosen, strict=True)])
-        for name in (Conditions.__dataclass_fields__ if conditions else ())
-        if name not in ("slip", "vertical_load_n")
-    }
     return Observations(
         slip=joined("slip"),
         vertical_load_n=joined("vertical_load_n"),
@@ -118,7 +114,7 @@ def observations_of(
         run=place,
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
         readings=any(run.run.rut for run in runs),
-        more=more,
+        given=joined_conditions(conditions, chosen) if conditions else None,
         drives=tuple(drives),
     )
 

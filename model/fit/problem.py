@@ -18,6 +18,7 @@ import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray
 from model.averaged import AveragedModel
+from model.effects.speed_errors import DELAY
 from model.fit.observations import Observations
 from model.wheel_soil import SOIL_PARAMETERS, Prediction, SoilPrior, WheelSoilModel
 
@@ -120,11 +121,17 @@ class FitProblem:
         return {**self.fixed, **dict(zip(self.names, x.tolist(), strict=True))}
 
     def without_idle_parameters(self, at: Literal["start", "neutral"]) -> FitProblem:
-        """Return the problem with those parameters fixed, at their start or neutral, that nothing fitted shows."""
+        """Return the problem with those parameters fixed, at their start or neutral, that nothing fitted shows.
+
+        So is the delay of a model file: where the forces are steep in slip, weights and noise confirm any delay.
+        """
         x = self.answered_start()
         slopes = self.predict(x, self.names).sensitivities
         fields = [OUTPUTS[channel].field for channel in self.channels]
-        shown = [any(np.any(getattr(slopes[name], field) != 0.0) for field in fields) for name in self.names]
+        shown = [
+            (at == "neutral" or name != DELAY) and any(np.any(getattr(slopes[name], field) != 0.0) for field in fields)
+            for name in self.names
+        ]
         kept = tuple(f for f, seen in zip(self.free, shown, strict=True) if seen or f.name in SOIL_PARAMETERS)
         idle = {f.name: float(getattr(f, at)) for f in self.free if f not in kept}
         return replace(self, free=kept, fixed={**self.fixed, **idle})

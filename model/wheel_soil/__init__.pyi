@@ -12,6 +12,7 @@ from .dual import Number as Number
 from .dual import value_of as value_of
 from .dual import where as where
 from .run_conditions import conditions_of as conditions_of
+from .run_conditions import joined_conditions as joined_conditions
 from .soils import LABORATORY_SPREAD as LABORATORY_SPREAD
 from .soils import SOIL_PARAMETERS as SOIL_PARAMETERS
 from .soils import SOILS as SOILS

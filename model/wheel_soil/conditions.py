@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 
-from daq import IndexArray
+from daq import BoolArray, IndexArray
 from model.wheel_soil import Number, SoilState, value_of, where
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
@@ -52,6 +53,7 @@ class Conditions:
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration, by the ground speed, was added to the measured drawbar pull
     compensated_inertia_kgm2 : outboard inertia whose acceleration was taken off the measured torque
+    miscompensated_n : added to the measured drawbar pull, since the acceleration was not that of the moment
     body_pitch_rad : of the body under acceleration, positive nose up; NaN where pitch is not measured
     outboard_mass_kg : between transducer and soil; NaN where an accelerometer took its weight along a slope off
     """
@@ -75,6 +77,7 @@ class Conditions:
     compensated_inertia_kgm2: Number = 0.0
     outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
     body_pitch_rad: Number = np.nan
+    miscompensated_n: Number = 0.0
 
     @property
     def driving_slip(self) -> Number:
@@ -86,23 +89,27 @@ class Conditions:
         """min(s, 0): for laws of a braked wheel."""
         return where(value_of(self.slip) < 0.0, self.slip, 0.0)
 
-    def with_ground_speed(self, ground_speed_mps: Number) -> Conditions:
+    def with_ground_speed(self, ground_speed_mps: Number) -> Self:
         """Return the conditions with another ground speed, and the slip that belongs to it."""
         return replace(
             self.with_speed_ratio_times(ground_speed_mps / self.ground_speed_mps), ground_speed_mps=ground_speed_mps
         )
 
-    def with_speed_ratio_times(self, factor: Number) -> Conditions:
+    def with_speed_ratio_times(self, factor: Number) -> Self:
         """Return the conditions with V/(r omega), and so the slip, changed by a factor."""
         return replace(self, slip=slip_of_ratio(speed_ratio(self.slip) * factor))
 
-    def rows(self, rows: slice | IndexArray) -> Conditions:
+    def at_delay(self, delay_s: Number) -> Conditions:
+        """Return the conditions with the ground speed measured so much later; as they are where it is not known."""
+        return self
+
+    def rows(self, rows: slice | IndexArray | BoolArray) -> Self:
         """Return the conditions of some samples."""
         return self.map(lambda x: x[rows] if np.ndim(x) else x)
 
-    def map(self, function: Callable[[Number], Number]) -> Conditions:
-        """Return the conditions with `function` applied to every field."""
-        return Conditions(*(function(getattr(self, f.name)) for f in fields(self)))
+    def map(self, function: Callable[[Number], Number]) -> Self:
+        """Return the conditions with `function` applied to every field of a sample."""
+        return replace(self, **{f.name: function(getattr(self, f.name)) for f in fields(self) if f.name != "histories"})
 
 
 @dataclass(frozen=True)

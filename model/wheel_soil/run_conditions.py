@@ -3,16 +3,104 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from daq import EARTH_RADIUS_M, ROLES, FloatArray, Note
+from daq import EARTH_RADIUS_M, ROLES, BoolArray, FloatArray, IndexArray, Note
 from model.notes import DiagnosisCode
 from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Conditions
+from model.wheel_soil.dual import Number, value_of, where
 from processing import ProcessedRun
 
 _LEAST_FIXES = 20
 _LEAST_LENGTH_M = 5.0
+LEAST_SPEED_MPS = 0.05  # of the ground at another moment
+
+
+@dataclass(frozen=True)
+class SpeedHistory:
+    """Ground speed of a run, its acceleration and its jerk at any moment: in holes lines, beyond the ends the last.
+
+    Attributes
+    ----------
+    measured : tuple of three arrays, shape (n,)
+        NaN in holes.
+    """
+
+    measured: tuple[FloatArray, ...]
+    rate_hz: float
+
+    @cached_property
+    def _joined(self) -> FloatArray:
+        return np.stack([joined_across_holes(x) for x in self.measured])
+
+    @cached_property
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicSpline
+
+        beyond = np.pad(self._joined, ((0, 0), (1, 1)), mode="edge")
+        return CubicSpline(np.arange(-1, beyond.shape[1] - 1), beyond, axis=1)
+
+    def at(self, rows: IndexArray) -> FloatArray:
+        """Return the three at samples, shape (3, *rows.shape)."""
+        return np.asarray(np.take(self._joined, rows, axis=1, mode="clip"))
+
+    def changes(self, rows: IndexArray, delay_s: float) -> FloatArray:
+        """Return by how much the three change until so much later, and how fast then; shape (2, 3, *rows.shape)."""
+        exact = rows + delay_s * self.rate_hz
+        at = np.clip(exact, 0, self._joined.shape[1] - 1)
+        rates = np.where(at == exact, self._spline(at, 1) * self.rate_hz, 0.0)
+        return np.stack([self._spline(at) - self.at(rows), rates])
+
+
+def joined_across_holes(x: FloatArray) -> FloatArray:
+    """Return a history with lines in its holes; zeros of one that is nowhere known."""
+    known = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
+
+
+@dataclass(frozen=True)
+class RunConditions(Conditions):
+    """Conditions of samples of runs, which know the ground speed of every other moment.
+
+    Attributes
+    ----------
+    run, row : of each sample: index of its history, and its place there
+    histories : tuple of SpeedHistory
+    """
+
+    run: Number = np.nan
+    row: Number = np.nan
+    histories: tuple[SpeedHistory, ...] = ()
+
+    def at_delay(self, delay_s: Number) -> RunConditions:
+        """Return the conditions with the ground speed that was measured so much later, and its derivatives."""
+        run, row, shift_s = np.asarray(self.run), np.asarray(self.row, np.intp), float(value_of(delay_s))
+        changes = np.zeros((2, 3, *row.shape))
+        for i in np.unique(run):
+            changes[..., run == i] = self.histories[int(i)].changes(row[run == i], shift_s)
+        speed, acceleration, jerk = (x + (delay_s - shift_s) * rate for x, rate in zip(*changes, strict=True))
+        speed = self.ground_speed_mps + speed
+        return replace(
+            self.with_ground_speed(where(value_of(speed) > LEAST_SPEED_MPS, speed, LEAST_SPEED_MPS)),
+            ground_acceleration_mps2=self.ground_acceleration_mps2 + acceleration,
+            ground_jerk_mps3=self.ground_jerk_mps3 + jerk,
+            ground_speed_shift_s=delay_s,
+            miscompensated_n=-self.compensated_mass_kg * acceleration,
+        )
+
+
+def joined_conditions(conditions: Sequence[RunConditions], rows: Sequence[BoolArray | IndexArray]) -> RunConditions:
+    """Return the conditions of some samples of each run of `conditions_of`, one after the other."""
+    names = [field.name for field in fields(RunConditions) if field.name != "histories"]
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(of_run, name)[own] for of_run, own in zip(conditions, rows, strict=True)])
+        for name in names
+    }
+    return replace(conditions[0], **joined)
 
 
 def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], tuple[Note, ...]]:
@@ -114,7 +202,7 @@ def _plane(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], list[FloatAr
     return east, [np.radians(run.latitude_deg - lat0) * EARTH_RADIUS_M for run in runs]
 
 
-def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list[Conditions]:
+def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list[RunConditions]:
     """Return the conditions of every sample of every run of one campaign; every field has shape (n,).
 
     The slip is NaN where a sample is not usable, so that a model has no answer there.
@@ -125,9 +213,16 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
     """
     positions, _ = line_positions(runs)
     clocks = campaign_times(runs)
-    return [
+    found = [
         _of_run(run, position, clock, unit_weight_n_m3)
         for run, position, clock in zip(runs, positions, clocks, strict=True)
+    ]
+    histories = tuple(
+        SpeedHistory((run.ground_speed_mps, run.ground_acceleration_mps2, np.asarray(c.ground_jerk_mps3)), run.rate_hz)
+        for run, c in zip(runs, found, strict=True)
+    )
+    return [
+        replace(c, run=np.broadcast_to(float(i), np.shape(c.row)), histories=histories) for i, c in enumerate(found)
     ]
 
 
@@ -149,14 +244,14 @@ def body_pitch(run: ProcessedRun) -> FloatArray:
     return np.asarray(pitch - line @ found[:2])
 
 
-def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> Conditions:
+def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> RunConditions:
     def everywhere(value: float) -> FloatArray:
         return np.broadcast_to(np.float64(value), len(run))
 
     def slope(x: FloatArray) -> FloatArray:
         return np.gradient(x) * run.rate_hz if len(run) > 1 else everywhere(0.0)
 
-    return Conditions(
+    return RunConditions(
         slip=np.where(run.used, run.slip, np.nan),
         vertical_load_n=run.vertical_load_n,
         ground_speed_mps=run.ground_speed_mps,
@@ -178,4 +273,6 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
             np.nan if run.has_accelerometer else run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG
         ),
         body_pitch_rad=body_pitch(run),
+        row=np.arange(len(run), dtype=np.int32),
+        miscompensated_n=everywhere(0.0),
     )

@@ -23,7 +23,7 @@ from processing.processed_run import QualityReport
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs" / "effects"
 CONDITIONS = full_conditions()
-ALWAYS = ("slip", "vertical_load_n", "ground_speed_shift_s")
+ALWAYS = ("slip", "vertical_load_n", "ground_speed_shift_s", "miscompensated_n")
 OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ALWAYS)
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
 SENSORS = [key for key, effect in EFFECTS.items() if effect.kind == "measurement"]

@@ -13,13 +13,19 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 from property_settings import examples
+from short_campaign import driven, looked
 
 from daq.errors import ConfigError
 from model.averaged import AveragedModel
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.diagnosis.findings.set_problem import set_problem
 from model.effects.catalogue import EFFECTS
+from model.effects.speed_errors import DELAY
 from model.extended import ExtendedEffect, ExtendedModel, ModelSet, extended_model
+from model.fit import FitOptions, fit_models
+from model.wheel_soil import conditions_of
 from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.run_conditions import SpeedHistory
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
@@ -138,6 +144,83 @@ def test_the_physical_part_leaves_out_what_belongs_to_the_sensors() -> None:
     everything, soil_only = extended.predict(conditions), extended.predict(conditions, "physical")
     np.testing.assert_allclose(everything.driving_torque_nm - soil_only.driving_torque_nm, 30.0, rtol=1e-9)
     np.testing.assert_allclose(soil_only.driving_torque_nm, digging.predict(conditions).driving_torque_nm)
+
+
+def late(delay_s: float, soil: str = "clay") -> ExtendedModel:
+    """Return the model of a late ground speed."""
+    return ExtendedModel(
+        WHEEL,
+        SOILS[soil],
+        (ExtendedEffect("speed_latency", (ParameterEstimate("extra_delay_s", "s", delay_s, (NAN, NAN), NAN),)),),
+    )
+
+
+@examples(20, gate=4, deadline=None)
+@given(st.sampled_from(("clay", "sandy")), st.floats(-0.3, 0.3))
+def test_a_late_speed_is_shifted_as_the_diagnosis_does(soil: str, delay_s: float) -> None:
+    """Its forces are those of the diagnosis to a tenth of the noise; a series is off by 6 to 10 times it at 0.3 s."""
+    campaign = driven(soil=soil)
+    seen = looked(campaign, "speed_latency")
+    [part] = set_problem(seen.campaigns, seen.grams, ("speed_latency",)).parts
+    samples, at = part.data.samples, np.zeros(len(part.simulation.space))
+    diagnosed = part.at_measured_slip(replace(part.data.linear.point, soil=at, causes={DELAY: delay_s}))
+    model, step = late(delay_s, soil), round(samples.block_s * campaign.runs[0].rate_hz)
+    conditions = conditions_of(campaign.runs, campaign.soil.unit_weight_n_m3)
+    predicted = np.full(diagnosed.shape, np.nan)
+    for i, (run, of_run) in enumerate(zip(campaign.runs, conditions, strict=True)):
+        own = samples.run == i
+        first = np.searchsorted(run.time_s, samples.time_s[own] - 0.5 * samples.block_s)
+        found, rows = model.predict(of_run), first[:, None] + np.arange(step)
+        lacking = of_run.at_delay(delay_s).miscompensated_n[rows].mean(axis=1)
+        predicted[0, own] = found.drawbar_pull_n[rows].mean(axis=1) - lacking
+        predicted[1, own] = found.driving_torque_nm[rows].mean(axis=1)
+    both = np.isfinite(predicted) & np.isfinite(diagnosed)
+    assert both.mean() > 0.9
+    error = np.where(both, predicted - diagnosed, 0.0) / np.sqrt(part.noise_variance)
+    assert (np.sqrt((error**2).mean(axis=1)) < 0.1).all()
+
+
+def test_the_derivative_by_a_delay_is_that_of_the_forces() -> None:
+    """A fit ended without progress where the slopes were those of another filter."""
+    campaign = driven(soil="sandy")
+    conditions = conditions_of(campaign.runs, 16_500.0)[1]
+    key, step, model = DELAY, 1e-5, late(0.2, "sandy").model()
+    by_delay = model.predict(conditions, {key: 0.2}, wrt=[key]).sensitivities[key]
+    after, before = (model.predict(conditions, {key: 0.2 + side * step}) for side in (1.0, -1.0))
+    for name in ("drawbar_pull_n", "driving_torque_nm"):
+        slope, change = getattr(by_delay, name), getattr(after, name) - getattr(before, name)
+        np.testing.assert_allclose(slope, change / (2 * step), atol=1e-4 * np.nanmax(np.abs(slope)))
+
+
+def test_a_late_speed_makes_the_compensation_late() -> None:
+    """What is added for the outboard mass is by the acceleration that is measured, not by that of the moment."""
+    conditions = conditions_of(driven().runs, 16_500.0)[0]
+    heavy, light = (replace(conditions, compensated_mass_kg=np.full(len(conditions.slip), m)) for m in (80.0, 0.0))
+    pull, true = (late(0.25).predict(one).drawbar_pull_n for one in (heavy, light))
+    rate = np.asarray(conditions.ground_acceleration_mps2)
+    shifted = np.interp(np.arange(len(rate)) + 25.0, np.arange(len(rate)), rate)
+    known = np.isfinite(pull) & np.isfinite(shifted)
+    assert known.sum() > 500 and np.abs(shifted - rate)[known].max() > 0.2
+    np.testing.assert_allclose((pull - true)[known], 80.0 * (rate - shifted)[known], atol=1e-6)
+
+
+def test_beyond_its_ends_and_in_holes_the_speed_is_joined() -> None:
+    speed = np.array([1.0, 2.0, np.nan, 4.0, 5.0, 5.0])
+    history = SpeedHistory((speed, np.zeros(6), np.full(6, np.nan)), 10.0)
+    np.testing.assert_allclose(history.at(np.array([-3, 2, 9]))[0], [1.0, 3.0, 5.0])
+    change, rate = history.changes(np.array([0, 1, 4, 5]), 0.1)
+    np.testing.assert_allclose(change, [[1.0, 1.0, 0.0, 0.0], [0.0] * 4, [0.0] * 4], atol=1e-12)
+    assert rate[0, 0] > 5.0 and rate[0, 3] == 0.0
+    assert not SpeedHistory((speed[:1],) * 3, 10.0).changes(np.array([0]), -0.2).any()
+
+
+def test_a_fit_holds_the_delay_of_the_file_and_follows_the_pull_with_it() -> None:
+    """By a series the pull was followed no better than by Wong's model."""
+    campaign = driven("speed_latency:extra_delay_s=0.25", "sandy")
+    options = FitOptions(models=("wong",), extended=late(0.24, "sandy"))
+    wong, extended = fit_models(campaign.runs, campaign.wheel, campaign.soil, options).models
+    assert extended.values == {DELAY: 0.24} and not extended.estimates
+    assert extended.criteria["dp"].R0_N < 0.9 * wong.criteria["dp"].R0_N
 
 
 def test_every_fault_of_a_file_is_listed_at_once() -> None:

@@ -20,7 +20,7 @@ from model import AveragedModel
 from model.diagnosis import Diagnosis
 from model.effects import EFFECTS
 from model.fit import CampaignFit, ModelFit
-from model.wheel_soil import Conditions, Prediction, conditions_of
+from model.wheel_soil import Conditions, Prediction, conditions_of, joined_conditions
 from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
@@ -57,7 +57,7 @@ def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, di
     used = [run.used for run in runs]
     slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
     rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
-    conditions = _chosen(runs, fit.soil.unit_weight_n_m3, rows)
+    conditions = joined_conditions(conditions_of(runs, fit.soil.unit_weight_n_m3), used).rows(rows)
     found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in REACTIONS}
     for model in fit.models:
         for channel, sigma in _of_model(fit, model, conditions).items():
@@ -105,17 +105,6 @@ def _rows(slip: FloatArray, run: IntArray) -> IntArray:
     sizes = np.diff(starts, append=len(order))
     picks = starts[:, None] + (np.arange(_PER_BIN)[None, :] * sizes[:, None]) // _PER_BIN
     return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
-
-
-def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: IntArray) -> Conditions:
-    """Return the conditions of some of the used samples."""
-    conditions = conditions_of(runs, unit_weight_n_m3)
-
-    def of_field(name: str) -> FloatArray:
-        pieces = [getattr(c, name)[run.used] for c, run in zip(conditions, runs, strict=True)]
-        return np.concatenate(pieces)[rows]
-
-    return Conditions(**{name: of_field(name) for name in Conditions.__dataclass_fields__})
 
 
 @dataclass(frozen=True)

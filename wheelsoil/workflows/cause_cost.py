@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, nan
 from typing import NamedTuple
 
@@ -265,11 +265,11 @@ def _residual(model: ExtendedModel, runs: Sequence[ProcessedRun]) -> PullAtSlip 
     residuals = []
     for run, conditions in zip(runs, conditions_of(runs, model.soil.unit_weight_n_m3), strict=True):
         rows = np.flatnonzero(run.used & near_usual_slip(run.slip))
-        own = {field.name: getattr(conditions, field.name) for field in fields(Conditions)}
-        chosen = replace(conditions, **{name: x[rows] for name, x in own.items() if np.ndim(x)})
         residual = np.full(len(run), nan)
         if len(rows):
-            residual[rows] = run.drawbar_pull_n[rows] - np.asarray(model.predict(chosen).drawbar_pull_n, np.float64)
+            residual[rows] = run.drawbar_pull_n[rows] - np.asarray(
+                model.predict(conditions.rows(rows)).drawbar_pull_n, np.float64
+            )
         residuals.append(residual)
     return median_of_passes(runs, residuals)
 

@@ -20,7 +20,7 @@ from model.cores import in_parallel
 from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.diagnosis.time_series.standstills import AT_REST, Standstills
 from model.effects.base import Effect
-from model.effects.speed_errors import SpeedLatency
+from model.effects.speed_errors import DELAY as DELAY
 from model.wheel_soil.conditions import Conditions, Reaction, Wheel
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
@@ -115,8 +115,6 @@ def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
 _SPEED, _LOAD, _RATE, _SPIN = "measured speed", "measured load", "measured acceleration", "measured spin"
 _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
-DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
-"""Name of the ground speed's delay among a point's causes."""
 SECANT_SHARE = 0.25
 """Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
 

@@ -21,7 +21,14 @@ from daq import CHANNELS, OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray,
 from model.diagnosis.core.campaign import BLOCK_S, Campaign, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
-from model.wheel_soil.run_conditions import body_pitch, campaign_times, line_positions
+from model.wheel_soil.run_conditions import (
+    LEAST_SPEED_MPS,
+    SpeedHistory,
+    body_pitch,
+    campaign_times,
+    joined_across_holes,
+    line_positions,
+)
 from processing import ProcessedRun, Reason
 from processing.pipeline import kernel_sigma_s, slip_of
 
@@ -30,7 +37,6 @@ FEWEST = 50
 LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
-_LEAST_SPEED_MPS = 0.05
 _CALMING_OF_JERK_S = 0.4
 """One-sigma of the kernel that the change of the acceleration passes: its noise goes against that of the speed itself,
 so that any latency seems right."""
@@ -134,7 +140,7 @@ class Samples:
         from scipy.interpolate import CubicSpline
 
         *speeds, acceleration, jerk = CubicSpline(SHIFTS_S, self.moments)(np.clip(delay_s, *SHIFTS_S[[0, -1]]))
-        at = np.maximum(np.stack(speeds), _LEAST_SPEED_MPS)
+        at = np.maximum(np.stack(speeds), LEAST_SPEED_MPS)
         mean, radius = np.array(STENCIL) @ at, self.wheel_radius_m
         conditions = replace(
             self.conditions,
@@ -304,6 +310,7 @@ def _blocks(
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),
+        ("miscompensated_n", 0.0),
         ("least_speed_mps", run.least_speed_mps),
         ("compensated_mass_kg", compensated_kg),
         ("compensated_inertia_kgm2", campaign.outboard_inertia_kgm2),
@@ -340,7 +347,7 @@ def _calmed(x: FloatArray, sigma: float) -> FloatArray:
 
 def _across_block(run: ProcessedRun, step: int) -> FloatArray:
     """Return the acceleration by the speeds a block later and a block before: what its noise is, the model knows."""
-    speed, at = _joined_across_holes(run.ground_speed_mps), np.arange(len(run))
+    speed, at = joined_across_holes(run.ground_speed_mps), np.arange(len(run))
     later, before = (speed[np.clip(at + way * step, 0, max(len(run) - 1, 0))] for way in (1, -1))
     found = (later - before) * run.rate_hz / (2.0 * step)
     return np.where(np.isfinite(run.ground_acceleration_mps2), found, np.nan)
@@ -390,22 +397,16 @@ def _reach(run: ProcessedRun, step: int) -> int:
 def _moments(
     run: ProcessedRun, starts: IndexArray, step: int, acceleration: FloatArray, jerk: FloatArray
 ) -> FloatArray:
-    """Return `Samples.moments`; in holes lines, beyond the run's ends its last values."""
-    histories = [_joined_across_holes(x) for x in (run.ground_speed_mps, acceleration, jerk)]
+    """Return `Samples.moments`."""
+    history = SpeedHistory((run.ground_speed_mps, acceleration, jerk), run.rate_hz)
     reach, weights = np.array([[-1], [0], [1]]) * _reach(run, step), np.array(STENCIL)
     out = np.empty((len(SHIFTS_S), 5, len(starts)))
     for found, shift in zip(out, SHIFTS_S, strict=True):
         first = starts + round(shift * run.rate_hz)
-        rows = np.clip(first[:, None] + np.arange(step), 0, len(run) - 1)
-        mean, *rates = (x[rows].mean(axis=1) for x in histories)
-        at = histories[0][np.clip(first + step // 2 + reach, 0, len(run) - 1)]
+        mean, *rates = history.at(first[:, None] + np.arange(step)).mean(axis=2)
+        at = history.at(first + step // 2 + reach)[0]
         found[:] = [*(at + mean - weights @ at), *rates]
     return out
-
-
-def _joined_across_holes(x: FloatArray) -> FloatArray:
-    known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
 
 def _kept(run: ProcessedRun, found: dict[str, FloatArray], excluded: Counter[str]) -> BoolArray:

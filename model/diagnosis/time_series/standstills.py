@@ -125,6 +125,7 @@ def standstills_of(
         wheel_acceleration_radps2=nothing,
         wheel_jerk_radps3=nothing,
         ground_speed_shift_s=nothing,
+        miscompensated_n=nothing,
         line_position=table["x"],
         campaign_time=table["clock"],
         direction=table["direction"],
