@@ -296,3 +296,12 @@ def test_simulate_drives_one_set_which_its_seed_draws(tmp_path):
         assert one.effects == ({"vasilev": {"H_m": 0.02}} if has_law else {}), "no error of a sensor is driven"
     words = shlex.split(drawn[0].command)
     assert words[words.index("--seed") + 1] == "0" and str(model) in words, "the command draws the same set again"
+
+
+@pytest.mark.parametrize("command", ["fit", "report"])
+def test_a_file_of_another_wheel_is_refused_with_both_sizes(campaign, tmp_path, command):
+    path = written(tmp_path, wheel=Wheel(0.058, 0.05))
+    to = ("-o", tmp_path / "r.html", "--no-diagnosis") if command == "report" else ()
+    result = invoke(command, campaign, "--model", path, *to)
+    assert result.code == 2 and "another wheel" in result.err
+    assert "radius 0.058 m, width 0.05 m" in result.err and "radius 0.47 m" in result.err

@@ -40,6 +40,8 @@ def answers(inputs: ReportInputs) -> dict[str, str]:
     report = build_report(inputs)
     assert not report.left_out
     [section] = [section for section in report.sections if section.key == "answers"]
+    keys = {section.key for section in report.sections}
+    assert all(not link or link.removeprefix("#") in keys for _, _, link in section.blocks[0].lines)
     return {question: text for question, text, _ in section.blocks[0].lines}
 
 
@@ -151,3 +153,17 @@ def test_two_soils_are_one_story_on_the_page(material: ReportInputs) -> None:
     assert "ask" in found["What is wrong?"] and "another soil" in found["Which runs are bad?"]
     assert "not judged" in found["Can the transducer be trusted?"]
     assert "folder" in found["What next?"]
+
+
+def test_what_is_beyond_what_is_plausible_is_not_shown_by_the_runs() -> None:
+    sizes = {"load_gain": Detectable("relative", 0.93, "1"), "load_zero": Detectable("offset_n", 300.0, "N")}
+    weighed = (Candidate("none", 0.9), Candidate("load_gain", 0.05), Candidate("load_zero", 0.05))
+    null = replace(diagnosis("nothing_detectable"), minimum_detectable=sizes, candidates=weighed)
+    [load] = [text for text in transducer_words(null) if text.startswith("Vertical load")]
+    assert "load zero from 300 N on would show; these runs do not show load gain" in load
+
+
+def test_both_errors_are_labelled_where_no_cause_is_named(material: ReportInputs) -> None:
+    text = answers(replace(material, diagnosed=diagnosis("one_of")))["How good is the model elsewhere?"]
+    assert "120 N and driving torque 40.0 N m without a cause, drawbar pull 66.0 N" in text
+    assert "with the most probable" in text

@@ -380,5 +380,5 @@ def test_the_last_report_of_a_vehicle_is_that_of_the_wheel(reported: tuple[Resul
     assert load_last(folder / "report.json", "RR").name == "report-RR.json"
     assert load_last(folder, "FL").name == "report-FL.json"
     for wheel in ("", "XX"):
-        with pytest.raises(ConfigError, match="wheelsoil/vehicle/1"):
+        with pytest.raises(ConfigError, match="of all wheels of a vehicle"):
             load_last(folder / "report.json", wheel)

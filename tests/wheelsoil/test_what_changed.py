@@ -186,3 +186,10 @@ def test_what_is_no_report_is_refused_with_a_next_step(tmp_path: Path, text: str
     (tmp_path / "other.json").write_text(text)
     with pytest.raises(ConfigError, match=r"cannot be read|no report of wheelsoil|is damaged"):
         load_last(tmp_path / "other.json")
+
+
+def test_the_report_of_a_vehicle_is_refused_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "four.json"
+    path.write_text(json.dumps({"schema": "wheelsoil/vehicle/1", "wheels": [{"wheel": "FL"}], "sections": {}}))
+    with pytest.raises(ConfigError, match="of all wheels of a vehicle"):
+        load_last(path)

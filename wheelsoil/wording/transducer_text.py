@@ -46,16 +46,16 @@ def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:
         yield f"not known: {likely} may act"
     else:
         yield "no error is found"
-    hidden = [name for name in found.not_identifiable if parted(name)[0] in own]
-    seen = [
-        f"{plain_name(name)} from {_size(d)} on"
-        for name, d in detectable_by_family(found).items()
-        if parted(name)[0] in own and name not in hidden and name not in stated
-    ]
+    shown = {name: size for name, size in detectable_by_family(found).items() if parted(name)[0] in own}
+    weighed = [name for name in (*chances, *found.not_identifiable) if parted(name)[0] in own]
+    hidden = [name for name in dict.fromkeys(weighed) if name in found.not_identifiable or name not in shown]
+    hidden = [name for name in hidden if name not in stated]
+    seen = [f"{plain_name(n)} from {_size(d)} on" for n, d in shown.items() if n not in hidden and n not in stated]
     if seen:
         yield f"{listed(seen)} would show"
     if hidden:
-        yield f"these runs do not show {listed([plain_name(name) for name in hidden])}"
+        rows = "rows" if found.grounds.table_channels else "runs"
+        yield f"these {rows} do not show {listed([plain_name(name) for name in hidden])}"
     if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*stated, *hidden)]:
         yield f"not excluded: {listed(open_ones)}"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ NOT_AT_AN_END = (
 
 _FEW_SAMPLES = 1_000_000
 """Of all runs, whose predictions by every model take 200 MB."""
+_SAME_SIZE = 0.01
+"""Share by which the wheel of a model file may differ from that of the runs."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,9 @@ def fit_runs(
     whole = [(run.path, done) for run, done in processed if whole_runs([done])]
     paths = [path for path, _ in whole]
     drives = tuple(map(paths.index, paths))
-    given = (tuple(done for _, done in whole), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    wheel = wheel_of(first.vehicle, first.vehicle_source)
+    _refuse_another_wheel(choices.extended, wheel, first.vehicle_source)
+    given = (tuple(done for _, done in whole), wheel, soil, options)
 
     def compute() -> CampaignFit:
         from model.fit import fit_models
@@ -187,6 +192,23 @@ def fit_runs(
     if not lacking:
         return fit
     return replace(fit, notes=(Note(FitCode.RUNS_LACK_SIGNALS, values={"signals": lacking}), *fit.notes))
+
+
+def _refuse_another_wheel(extended: ExtendedModel | None, wheel: Wheel, where: str) -> None:
+    """Raise ConfigError where a model file is of a wheel of another size."""
+    if extended is None or all(
+        isclose(getattr(extended.wheel, name), getattr(wheel, name), rel_tol=_SAME_SIZE)
+        for name in ("radius_m", "width_m")
+    ):
+        return
+    sizes = [f"radius {each.radius_m:g} m, width {each.width_m:g} m" for each in (extended.wheel, wheel)]
+    raise ConfigError.of(
+        "the model file is of another wheel",
+        where,
+        found=f"a file of {sizes[0]}",
+        expected=sizes[1],
+        next_step="give the model that `wheelsoil diagnose` left of this wheel, or correct [wheel] of vehicle.toml",
+    )
 
 
 def whole_runs(runs: Iterable[ProcessedRun]) -> tuple[ProcessedRun, ...]:
@@ -217,6 +239,7 @@ def fit_table(
     ConfigError, DataError
         See `model.fit.fit.fit_observations`.
     """
+    _refuse_another_wheel(choices.extended, wheel, table.name)
     given = (observations_of_table(table), wheel, soil, choices.options(soil, terrain))
 
     def compute() -> CampaignFit:

@@ -135,6 +135,9 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
     except (OSError, ValueError) as error:
         step = "give the JSON file that `wheelsoil report` wrote beside its page"
         raise ConfigError.of("the last report cannot be read", file, str(error)[:200], "report.json", step) from None
+    if isinstance(raw, dict) and raw.get("wheels"):
+        step = "give that of one wheel beside it (REPORT-ID.json), or report all wheels against this one"
+        raise ConfigError.of("the last report is of all wheels of a vehicle", file, next_step=step)
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA or "sections" not in raw:
         found = str(raw.get("schema", "no schema")) if isinstance(raw, dict) else type(raw).__name__
         raise ConfigError.of(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import nan
 from typing import NamedTuple
 
 import numpy as np
 
 from daq import OUTPUTS, TRANSDUCER_ROLES
-from model.diagnosis import Diagnosis
+from model.diagnosis import Diagnosis, Scores
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, Soil, Wheel
 from wheelsoil.report.content import Contents, Links, section
@@ -61,8 +61,8 @@ def answers(inputs: ReportInputs) -> Contents:
         ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
         ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
         ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
-        ("Can the transducer be trusted?", _transducer(inputs), "#causes"),
-        ("How good is the model elsewhere?", _elsewhere(inputs), "#fit"),
+        ("Can the transducer be trusted?", _transducer(inputs), "#detectable"),
+        ("How good is the model elsewhere?", _elsewhere(inputs), "#gain"),
     ]
     return [Links("What a test engineer asks", lines)], {}
 
@@ -185,6 +185,15 @@ def _at_the_ends(costs: Sequence[Cost]) -> str:
     return "; ".join(text for slip in ends if (text := cost_sentence(costs, slip)))
 
 
+def _errors(scores: Mapping[str, Scores]) -> str:
+    errors = [
+        f"{OUTPUTS[channel].name} {number(factor * score.R0)} {text}"
+        for channel, score in scores.items()
+        for factor, text in [page_unit(channel)]
+    ]
+    return listed(errors)
+
+
 def _elsewhere(inputs: ReportInputs) -> str:
     found, recommendation = inputs.diagnosis, inputs.recommendation
     if _rests_on_nothing(inputs):
@@ -198,13 +207,9 @@ def _elsewhere(inputs: ReportInputs) -> str:
     slips = [signed(end, ".2f") for end in ends_of_slip(inputs)]
     tested = f"Tested at {low} to {high} {unit}, slip {' to '.join(slips)}"
     if found.gain is not None:
-        scores = found.gain.extended if found.verdict == "named" else found.gain.base
-        errors = [
-            f"{OUTPUTS[channel].name} {number(factor * score.R0)} {text}"
-            for channel, score in scores.items()
-            for factor, text in [page_unit(channel)]
-        ]
-        tested += f": error on held-out data {listed(errors)}"
+        without, whole = _errors(found.gain.base), _errors(found.gain.extended)
+        tested += f": error on held-out data {whole if found.verdict == 'named' else without}"
+        tested += f" without a cause, {whole} with the most probable" if found.verdict == "one_of" else ""
     wheel, soil, reading, driving = _ground(inputs)
     load_n, pull, read = pull_beyond(found, max(loads), wheel, soil, reading, driving)
     model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")
