@@ -148,6 +148,9 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
         'zero_file = "zero-FL.toml"',
     ]
     assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nradius_m = 0.5100"
+    lugs = Cause("grouser", "", "physical", "grouser", 0.6, 1.0, (replace(size, name="height_m", unit="m"),))
+    undeclared = next_steps(replace(diagnosis("one_of"), causes=(lugs,)), vehicle)
+    assert undeclared[0].paste == '[[wheel]]  # of wheel FL\ntyre = "smooth"'
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
     two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})

@@ -60,7 +60,8 @@ def next_steps(
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [parting_step(found) if groups_of_runs(found) else residual_step(found)]
     if found.verdict == "one_of" and any(EFFECTS[c.key].needs.lugs for c in found.causes if c.key in EFFECTS):
-        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [_TREAD]
+        tread = replace(_TREAD, paste=_of_wheel(_TREAD.paste, vehicle))
+        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [tread]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [step_of(found)]
