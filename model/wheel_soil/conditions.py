@@ -107,9 +107,14 @@ class Conditions:
         """Return the conditions of some samples."""
         return self.map(lambda x: x[rows] if np.ndim(x) else x)
 
+    @classmethod
+    def of_a_sample(cls) -> list[str]:
+        """Return the fields that each sample has."""
+        return [field.name for field in fields(cls)]
+
     def map(self, function: Callable[[Number], Number]) -> Self:
         """Return the conditions with `function` applied to every field of a sample."""
-        return replace(self, **{f.name: function(getattr(self, f.name)) for f in fields(self) if f.name != "histories"})
+        return replace(self, **{name: function(getattr(self, name)) for name in self.of_a_sample()})
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -76,6 +76,11 @@ class RunConditions(Conditions):
     row: Number = np.nan
     histories: tuple[SpeedHistory, ...] = ()
 
+    @classmethod
+    def of_a_sample(cls) -> list[str]:
+        """Return the fields that each sample has: all but what is of the runs."""
+        return [name for name in super().of_a_sample() if name != "histories"]
+
     def at_delay(self, delay_s: Number) -> RunConditions:
         """Return the conditions with the ground speed that was measured so much later, and its derivatives."""
         run, row, shift_s = np.asarray(self.run), np.asarray(self.row, np.intp), float(value_of(delay_s))
@@ -95,10 +100,9 @@ class RunConditions(Conditions):
 
 def joined_conditions(conditions: Sequence[RunConditions], rows: Sequence[BoolArray | IndexArray]) -> RunConditions:
     """Return the conditions of some samples of each run of `conditions_of`, one after the other."""
-    names = [field.name for field in fields(RunConditions) if field.name != "histories"]
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(of_run, name)[own] for of_run, own in zip(conditions, rows, strict=True)])
-        for name in names
+        for name in RunConditions.of_a_sample()
     }
     return replace(conditions[0], **joined)
 

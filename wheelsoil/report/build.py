@@ -39,9 +39,11 @@ from wheelsoil.report.sections import GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIO
 from wheelsoil.report.sections.glance import header_facts
 from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
+from wheelsoil.wording.change_text import of_the_same
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.names import upper
 from wheelsoil.wording.numbers import typeset, unbroken
+from wheelsoil.wording.verdict import groups_of_runs
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -307,9 +309,9 @@ def _change_of(sections: Sequence[Section]) -> tuple[str, tuple[str, str, str]]:
     if found is None:
         return "", (question, "Not known: no earlier report was given (report FOLDER --against LAST).", "")
     said, other = found["differing"], found["another_thing"]
-    whole = f"{upper(said)}." if said else "Nothing beyond the intervals."
+    whole = of_the_same(f"{upper(said)}." if said else "Nothing beyond the intervals.", other)
     lead = f"Since last time{f' ({other})' if other else ''}: {said}." if said else ""
-    return lead, (question, f"Not the same thing: {other}. {whole}" if other else whole, "#against")
+    return lead, (question, whole, "#against")
 
 
 def _told(section: Section, sentence: str, line: tuple[str, str, str]) -> Section:
@@ -354,7 +356,7 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
         return None
     usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
     level = "good" if usable == given else "fair" if usable else "poor"
-    apart = inputs.several_terrains is not None or inputs.two_soils
+    apart = inputs.several_terrains is not None or groups_of_runs(inputs.diagnosed) is not None
     level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
     how = "used" if usable == len(levels) < given else "usable"

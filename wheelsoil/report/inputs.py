@@ -29,7 +29,7 @@ from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.verdict import groups_of_runs, runs_apart, several_terrains
+from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of, runs_to_check, short_runs
@@ -201,11 +201,6 @@ class ReportInputs:
     def several_terrains(self) -> Note | None:
         """What says that the diagnosed runs are probably not of one soil; None where they may be."""
         return None if self.diagnosed is None else several_terrains(self.diagnosed)
-
-    @property
-    def two_soils(self) -> bool:
-        """Whether two groups of unexplained runs ask for a soil each."""
-        return self.diagnosed is not None and groups_of_runs(self.diagnosed) is not None
 
     @property
     def diagnosis(self) -> Diagnosis:

@@ -228,8 +228,7 @@ def unconfirmed(recommendation: Recommendation, channel: str) -> str:
     if not len(bins.median) or not len(noise):
         return ""
     ruler = float(np.median(noise))
-    error = _ERROR_OF_MEDIAN * (bins.upper - bins.lower) / _QUARTILES_APART / np.sqrt(bins.count)
-    beyond = (np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _LEAST_SAMPLES)
+    beyond = _beyond(bins, ruler, (bins.upper - bins.lower) / _QUARTILES_APART, _LEAST_SAMPLES)
     if not beyond.any():
         return ""
     factor, unit = page_unit(channel)
@@ -294,18 +293,19 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
         and same >= _SAME_SIDE
         and float(np.nanmedian(np.abs(median.median) / sigma)) > _HALF_NOISE
     )
-    chosen = np.ones(len(sides), np.bool_) if everywhere else _worst_stretch(median, _off(median, sigma), sigma)
+    chosen = np.ones(len(sides), np.bool_) if everywhere else _off_most(median, sigma)
     return _range(channel, median, chosen, sigma, driving=driving) if chosen.any() else None
 
 
-def _off(bins: Bins, ruler: FloatArray) -> BoolArray:
-    """Return which medians are beyond the noise of a sample by two of the standard errors that it gives them."""
-    error = _ERROR_OF_MEDIAN * ruler / np.sqrt(bins.count)
-    return np.asarray((np.abs(bins.median) > ruler + 2 * error) & (bins.count >= _FEWEST_SAMPLES))
+def _beyond(bins: Bins, ruler: FloatArray | float, scatter: FloatArray, fewest: int) -> BoolArray:
+    """Return which medians are beyond a ruler by two of the standard errors that the scatter of samples gives them."""
+    error = _ERROR_OF_MEDIAN * scatter / np.sqrt(bins.count)
+    return np.asarray((np.abs(bins.median) > ruler + 2 * error) & (bins.count >= fewest))
 
 
-def _worst_stretch(median: Bins, off: BoolArray, sigma: FloatArray) -> BoolArray:
-    """Return of the bins that are off the neighbours on one side of zero whose residuals are the largest together."""
+def _off_most(median: Bins, sigma: FloatArray) -> BoolArray:
+    """Return the neighbours on one side of zero that are beyond the noise, whose residuals are largest together."""
+    off = _beyond(median, sigma, sigma, _FEWEST_SAMPLES)
     sides = np.where(off, np.sign(median.median), 0.0)
     apart = np.diff(median.centre, prepend=np.nan) > 1.5 * (EDGES[1] - EDGES[0])
     stretch = np.cumsum((np.diff(sides, prepend=np.nan) != 0) | apart)

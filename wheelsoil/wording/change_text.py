@@ -36,8 +36,12 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
     name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
     summary += f" Last time: {name}, {_when(last)}."
-    other = of_another_thing(last, subject)
-    return f"Not the same thing: {other}. {summary}" if other else summary
+    return of_the_same(summary, of_another_thing(last, subject))
+
+
+def of_the_same(text: str, other: str) -> str:
+    """Return a text of what differs behind what `of_another_thing` says; the text alone where it says nothing."""
+    return f"Not the same thing: {other}. {text}" if other else text
 
 
 def of_another_thing(last: LastReport, subject: Mapping[str, str]) -> str:

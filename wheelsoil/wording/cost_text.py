@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from wheelsoil.workflows.cause_cost import CausesCost, Cost, Driving
 
-KILO = 1e3
 COST_HEAD = ("quantity", "slip", "without", "with", "difference", "95 % interval", "unit")
 _QUANTITIES = {
     "drawbar_pull": ("drawbar pull", 1.0),
@@ -54,7 +53,7 @@ def cost_meaning(found: CausesCost) -> str:
 
 def driving_text(driving: Driving) -> str:
     """Return for which driving a cost holds."""
-    load = f"{driving.load_n / 1e3:.1f} kN" if driving.load_n >= KILO else f"{driving.load_n:.0f} N"
+    load = f"{driving.load_n / 1e3:.1f} kN" if driving.load_n >= 1e3 else f"{driving.load_n:.0f} N"
     speed = f" and {driving.speed_mps:.1f} m/s" if isfinite(driving.speed_mps) else ""
     passage = f", passage {driving.passage:.0f} over the soil" if driving.passage > 1 else ""
     return f"Steady driving at {load}{speed}{passage}"

@@ -204,8 +204,7 @@ def _headline_has_size(found: Diagnosis) -> bool:
 
 def several_terrains(found: Diagnosis) -> Note | None:
     """Return the note that runs are probably not of one soil; None where they may be."""
-    cautions = found.grounds.cautions
-    return next((note for note in cautions if note.code == DiagnosisCode.SEVERAL_TERRAINS), None)
+    return _caution(found, DiagnosisCode.SEVERAL_TERRAINS)
 
 
 def runs_apart(found: Diagnosis | None) -> dict[str, Note]:
@@ -216,7 +215,11 @@ def runs_apart(found: Diagnosis | None) -> dict[str, Note]:
 
 def doubt_of_the_peak(found: Diagnosis) -> Note | None:
     """Return how much less probable a name is where the stress peak usually lies ahead; None where it stays."""
-    return next((note for note in found.grounds.cautions if note.code == DiagnosisCode.LESS_BESIDE_USUAL), None)
+    return _caution(found, DiagnosisCode.LESS_BESIDE_USUAL)
+
+
+def _caution(found: Diagnosis, code: DiagnosisCode) -> Note | None:
+    return next((note for note in found.grounds.cautions if note.code == code), None)
 
 
 class Groups(NamedTuple):
@@ -229,8 +232,10 @@ class Groups(NamedTuple):
     runs: tuple[Sequence[str], Sequence[str]]
 
 
-def groups_of_runs(found: Diagnosis) -> Groups | None:
+def groups_of_runs(found: Diagnosis | None) -> Groups | None:
     """Return the runs of the one soil and of the other; None where they are not known."""
+    if found is None:
+        return None
     note, soils = several_terrains(found), found.grounds.terrains
     if note is not None:
         groups, order = note.values.get("groups", ()), note.values.get("runs", ())

@@ -91,24 +91,19 @@ def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
 def _rows(inputs: ReportInputs) -> str:
     recommendation = inputs.recommendation
     checks = [rows_check(recommendation, channel) for channel in recommendation.measured]
-    told = (
-        "No more rows are off than scatter explains."
-        if all(well for well, _ in checks)
-        else "More rows are off than scatter explains."
-    )
-    return " ".join([told, *(text for _, text in checks)])
+    more = "No more" if all(well for well, _ in checks) else "More"
+    return " ".join([f"{more} rows are off than scatter explains.", *(text for _, text in checks)])
 
 
 def _transducer(inputs: ReportInputs) -> str:
-    faults = {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
-    return " ".join(transducer_words(inputs.diagnosis, faults))
+    return " ".join(transducer_words(inputs.diagnosis, {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}))
 
 
 def _rests_on_nothing(inputs: ReportInputs) -> bool:
     """Return whether no model of these runs or rows may be relied on."""
     found = inputs.diagnosis
-    known = found.verdict in ("named", "one_of", "nothing_detectable") and found.grounds.undecided is None
-    return not known or inputs.several_terrains is not None
+    undecided = found.verdict == "unexplained" or found.grounds.undecided is not None
+    return undecided or inputs.several_terrains is not None
 
 
 def _size(inputs: ReportInputs) -> str:
@@ -150,8 +145,7 @@ def _ground(inputs: ReportInputs) -> _Ground:
     if inputs.tables:
         table, load_n = inputs.tables[0], float(np.median(inputs.recommendation.vertical_load_n))
         return _Ground(table.wheel, table.soil, "balanced", Driving(load_n, nan))
-    fit = inputs.fit
-    wheel = wheel_of(inputs.vehicle, "vehicle.toml")
+    wheel, fit = wheel_of(inputs.vehicle, "vehicle.toml"), inputs.fit
     return _Ground(wheel, fit.soil, fit.options.reading, usual_driving(inputs.fitted))
 
 
@@ -162,20 +156,18 @@ def _cost(inputs: ReportInputs) -> str:
     if not found.causes:
         return "Nothing that these data show: no cause is detected."
     wheel, soil, reading, driving = _ground(inputs)
-    if found.verdict == "named" and inputs.runs:
+    named = found.verdict == "named"
+    if named and inputs.runs:
         whole = cost_of_verdict(found, inputs.fitted, wheel, soil, reading)
         said = _at_the_ends(whole.costs)
         error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
         return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)
-    texts = []
+    texts, highest = [], ends_of_slip(inputs)[1] if named else nan
     for cause in found.causes[:_MOST_CAUSES]:
-        highest = ends_of_slip(inputs)[1] if found.verdict == "named" else nan
         costs, _ = costs_of([cause], wheel, soil, found.soils[0], driving, reading, highest_slip=highest)
         reads = " (an error of the reading)" if cause.kind == "measurement" else ""
         texts.append(f"{plain_name(cause.name)}{reads}: {_at_the_ends(costs) or 'nothing in steady driving'}")
-    doubt = (
-        "" if found.verdict == "named" else "No cause is named. If one acts alone, against the same soil without it: "
-    )
+    doubt = "" if named else "No cause is named. If one acts alone, against the same soil without it: "
     return f"{doubt}{driving_text(driving)}, {'; '.join(texts)}."
 
 
@@ -186,24 +178,23 @@ def _at_the_ends(costs: Sequence[Cost]) -> str:
 
 
 def _errors(scores: Mapping[str, Scores]) -> str:
-    errors = [
-        f"{OUTPUTS[channel].name} {number(factor * score.R0)} {text}"
-        for channel, score in scores.items()
-        for factor, text in [page_unit(channel)]
-    ]
-    return listed(errors)
+    return listed(
+        [
+            f"{OUTPUTS[channel].name} {number(factor * score.R0)} {text}"
+            for channel, score in scores.items()
+            for factor, text in [page_unit(channel)]
+        ]
+    )
 
 
 def _elsewhere(inputs: ReportInputs) -> str:
     found, recommendation = inputs.diagnosis, inputs.recommendation
     if _rests_on_nothing(inputs):
         return "Rely on no model of these data."
-    loads = [float(np.median(recommendation.vertical_load_n[recommendation.run == i])) for i in set(recommendation.run)]
-    if inputs.tables:
-        loads = [float(x) for x in recommendation.vertical_load_n]
-    kilo = 1e3 if max(loads) >= 1e3 else 1.0
-    unit = "kN" if kilo > 1 else "N"
-    low, high = (f"{end / kilo:.{1 if kilo > 1 else 0}f}" for end in (min(loads), max(loads)))
+    load_n, runs = recommendation.vertical_load_n, set(recommendation.run)
+    loads = load_n.tolist() if inputs.tables else [float(np.median(load_n[recommendation.run == i])) for i in runs]
+    kilo, unit, digits = (1e3, "kN", 1) if max(loads) >= 1e3 else (1.0, "N", 0)
+    low, high = (f"{end / kilo:.{digits}f}" for end in (min(loads), max(loads)))
     slips = [signed(end, ".2f") for end in ends_of_slip(inputs)]
     tested = f"Tested at {low} to {high} {unit}, slip {' to '.join(slips)}"
     if found.gain is not None:
@@ -211,12 +202,11 @@ def _elsewhere(inputs: ReportInputs) -> str:
         tested += f": error on held-out data {whole if found.verdict == 'named' else without}"
         tested += f" without a cause, {whole} with the most probable" if found.verdict == "one_of" else ""
     wheel, soil, reading, driving = _ground(inputs)
-    load_n, pull, read = pull_beyond(found, max(loads), wheel, soil, reading, driving)
+    beyond_n, pull, read = pull_beyond(found, max(loads), wheel, soil, reading, driving)
     model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")
     physical = f", without the cause {number(pull.without)} N" if pull.with_causes != pull.without else ""
     reads = f"; the transducer as it is would read {number(read)} N" if abs(read - pull.with_causes) > 0 else ""
     passage = f" on passage {driving.passage:.0f}" if driving.passage > 1 else ""
-    at = f"at {load_n / kilo:.3g} {unit} and slip {pull.slip:g}{passage}"
+    at = f"at {beyond_n / kilo:.3g} {unit} and slip {pull.slip:g}{passage}"
     says = f"the {model} says {number(pull.with_causes)} N of pull{physical}{reads}"
-    beyond = f"Not tested beyond, nor on another soil: {at} {says}."
-    return " ".join([f"{tested}.", *only_driving(inputs), beyond])
+    return " ".join([f"{tested}.", *only_driving(inputs), f"Not tested beyond, nor on another soil: {at} {says}."])

@@ -64,7 +64,7 @@ def glance(inputs: ReportInputs) -> Contents:
     steps = Steps(
         steps_of_report(inputs, grades), runs_again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)]
     )
-    headline, details = headline_and_details(inputs, sentences)
+    headline, details = _headline(inputs, sentences)
     # The channel whose fall the headline tells; None where it tells of none.
     channel_of_headline = (
         falling_channel(inputs.diagnosed)
@@ -106,7 +106,7 @@ def only_driving(inputs: ReportInputs) -> list[str]:
     return ["Confirmed for driving only."] if braked and not any(bias.driving for bias in off) else []
 
 
-def headline_and_details(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
+def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str]]:
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
         driving = only_driving(inputs) if inputs.diagnosed.verdict == "named" else []
@@ -277,7 +277,7 @@ def hero(inputs: ReportInputs) -> Drawing:
     channel = recommendation.main_channel
     driven = recommendation.slip > 0
     found = inputs.diagnosed
-    if found is not None and inputs.runs and (groups := groups_of_runs(found)):
+    if inputs.runs and (groups := groups_of_runs(found)):
         return _of_two_terrains(inputs, groups)
     if found is not None and found.verdict == "unexplained" and found.what_is_wrong:
         return residual_figure(recommendation, found, "hero", (720, 340, 14))
@@ -465,7 +465,7 @@ def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
         runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
         return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
-    if not poor and inputs.diagnosed is not None and (groups := groups_of_runs(inputs.diagnosed)):
+    if not poor and (groups := groups_of_runs(inputs.diagnosed)):
         return f"none is broken, but {groups.first} ask for another soil than {groups.second}."
     if not poor:
         return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."

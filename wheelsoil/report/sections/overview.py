@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError
+from daq import OUTPUTS, ROLES, DataError, FloatArray
 from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import EDGES, binned, by_slip, parted_at_zero, repeated
+from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -142,12 +142,7 @@ def fit(inputs: ReportInputs) -> Contents:
         "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
         "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
         "residual": {
-            c: {
-                name: (repeated if inputs.tables else by_slip)(
-                    recommendation.slip, recommendation.residual(c, base=name == "baseline")
-                )
-                for name in ("baseline", "recommended")
-            }
+            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip)
             for c in recommendation.measured
         },
     }
@@ -186,6 +181,15 @@ def _noise(recommendation: Recommendation, channel: str, *, driving_only: bool) 
     )
 
 
+def _residual_numbers(
+    recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]
+) -> dict[str, Bins]:
+    names = {"baseline": True, "recommended": False}
+    return {
+        name: summary(recommendation.slip, recommendation.residual(channel, base=base)) for name, base in names.items()
+    }
+
+
 def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     """Return the residual of every row of tables; a line joins the medians of repeats."""
     factor, text = page_unit(channel)
@@ -196,10 +200,7 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
     for base, name, look in [*looks, (False, recommendation.title, "model")]:
         left = factor * recommendation.residual(channel, base=base)
         line = repeated(slip, left)
-        curves += [
-            Curve(_SHORT.get(name, name), line.centre, line.median, look),
-            Curve("", slip, left, look, points=True),
-        ]
+        curves += [Curve(_short(name), line.centre, line.median, look), Curve("", slip, left, look, points=True)]
     edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     plane = Plane(
         slips_of_rows(recommendation),
@@ -218,11 +219,9 @@ def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
     if not recommendation.is_base:
         below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
-        curves.append(
-            Curve(_SHORT.get(recommendation.base_name, recommendation.base_name), below.centre, below.median, "base")
-        )
+        curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
     above = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel), EDGES))
-    curves.append(Curve(_SHORT.get(recommendation.title, recommendation.title), above.centre, above.median, "model"))
+    curves.append(Curve(_short(recommendation.title), above.centre, above.median, "model"))
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = (1.3 * end for end in reach(*driving, *edges))
@@ -236,6 +235,10 @@ def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
     return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=_WIDE)
+
+
+def _short(name: str) -> str:
+    return _SHORT.get(name, name)
 
 
 def _adequacy(found: Diagnosis | None) -> list[Check]:
