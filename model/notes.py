@@ -36,6 +36,8 @@ class LackCode(StrEnum):
     NOT_CHECKED = "not_checked"
     NOT_SURE = "not_sure"
     """family, probability by the runs as they are, least"""
+    UNLISTED_MAY_ACT = "unlisted_may_act"
+    """probability"""
     NO_BETTER = "no_better"
     """nats, least"""
     CHANNEL_WORSE = "channel_worse"

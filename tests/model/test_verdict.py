@@ -276,7 +276,8 @@ def test_what_did_not_converge_is_not_explained(grams: Grams) -> None:
 def test_a_name_is_as_sure_as_that_nothing_unlisted_acts(grams: Grams, unlisted: float, named: bool) -> None:
     judged = Adequacy(unlisted, 0.5, ok=True, measure="probability")
     said = judgement(made(grams, {("a",): 0.95, (): 0.05}), judged, gain(9.0))
-    assert said.verdict == ("named" if named else "one_of")
+    why = Note(LackCode.UNLISTED_MAY_ACT, values={"probability": pytest.approx(unlisted)})
+    assert said.verdict == ("named" if named else "one_of") and said.kept_back == (() if named else (("a", why),))
     assert judgement(made(grams, {("a",): 0.95, (): 0.05}), replace(judged, measure="lack of fit"), gain(9.0)).families
 
 

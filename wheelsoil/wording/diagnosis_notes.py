@@ -257,6 +257,7 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.NOT_SURE: lambda v: (
         f"its probability stays below {100 * v['least']:g} % where it is not averaged over resampled runs"
     ),
+    LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
     LackCode.NO_BETTER: (
         "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "
         "{least:g}, and no error falls for certain"

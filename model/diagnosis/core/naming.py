@@ -122,17 +122,21 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         left = _more_than_noise(gain)
         return Judgement("unexplained" if left else "nothing_detectable", barred=left)
-    sure = [family for family, p in found.families().items() if p * judged.listed > name_at]
-    barred = _barred(found, gain) or cancelling
     likely = tuple(family for family, p in found.families().items() if p > name_at)
+    sure = [family for family in likely if found.families()[family] * judged.listed > name_at]
+    doubted = _each(
+        [x for x in likely if x not in sure],
+        Note(LackCode.UNLISTED_MAY_ACT, values={"probability": 1.0 - judged.listed}),
+    )
+    barred = _barred(found, gain) or cancelling
     if barred:
-        return one_of(found, barred if sure else None, likely, _each(sure, barred))
+        return one_of(found, barred if sure else None, likely, (*_each(sure, barred), *doubted))
     unsure = _unsure(found, sure, sure_at) | dict(not_identifiable or {})
     lacking = tuple((family, unsure[family]) for family in sure if family in unsure)
     named = tuple(family for family in sure if family not in dict(lacking))
     if named:
-        return Judgement("named", named, short_set(found, named), kept_back=lacking)
-    return one_of(found, lacking[0][1] if lacking else None, likely, lacking)
+        return Judgement("named", named, short_set(found, named), kept_back=(*lacking, *doubted))
+    return one_of(found, lacking[0][1] if lacking else None, likely, (*lacking, *doubted))
 
 
 def _unsure(found: Posterior, families: Sequence[str], sure_at: float) -> dict[str, Note]:
