@@ -234,6 +234,26 @@ def right_verdict(line: Line) -> bool:
     ]
 
 
+RIGHT = {
+    "nothing": ("nothing",),
+    "maybe": ("nothing", "one_of right"),
+    "one of": ("one_of right", "named right"),
+    "named": ("named right",),
+}
+"""Verdicts of the oracle that are right for what the data can tell."""
+
+
+def oracle_verdict(line: Line) -> float:
+    """Return how often the oracle's verdict is right for what the data can tell."""
+    tells = tellable(line["members"][0]) if line["members"] else "nothing"
+    return float(sum(line["oracle"]["verdicts"][verdict] for verdict in RIGHT[tells]))
+
+
+def most_probable_set(line: Line) -> list[str]:
+    """Return the families of the most probable set, in order; none where no set is kept."""
+    return sorted(line["sets"][0]["causes"]) if line["sets"] else []
+
+
 def loose_verdict(line: Line) -> bool:
     """Return the same, where a right name is never wrong."""
     return right_verdict(line) or (bool(line["members"]) and said(line) == families(line))

@@ -207,10 +207,14 @@ class Oracle:
     ----------
     right, right_forced : float
         Share of noise draws in which the true family comes first; forced: "none" is no answer.
+    verdicts : mapping (verdict, holds the truth) -> float
+        Share of noise draws with this verdict, by the engine's levels: "none" above .2 is nothing, a family above .9
+        is named, else the shortest set of families of 95 %.
     """
 
     right: float
     right_forced: float
+    verdicts: Mapping[str, float]
 
 
 def oracle(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], seed: int = 0) -> Oracle:
@@ -240,7 +244,31 @@ def oracle(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], seed: int 
     best = np.argmax(score, axis=0)
     said = np.where(score.max(axis=0) > none, best, -1)
     true = FAMILIES.index(ALL[hidden[0][0]].family) if hidden and ALL[hidden[0][0]].family else -1
-    return Oracle(float(np.mean(said == true)), float(np.mean(best == true)))
+    return Oracle(float(np.mean(said == true)), float(np.mean(best == true)), _verdicts(score, none, true))
+
+
+def _verdicts(score: FloatArray, none: float, true: int) -> dict[str, float]:
+    """Return how often each verdict comes, `right` and `wrong` by whether it holds the true family."""
+    log_odds = np.vstack([score, np.full(score.shape[1], none)])
+    chance = np.exp(log_odds - logsumexp(log_odds, axis=0))
+    families = chance[:-1]
+    order = np.argsort(-families, axis=0)
+    before = np.cumsum(np.take_along_axis(families, order, axis=0), axis=0) - np.take_along_axis(
+        families, order, axis=0
+    )
+    short = np.zeros(families.shape, dtype=bool)
+    np.put_along_axis(short, order, before < 0.95 * families.sum(axis=0), axis=0)
+    nothing, top = chance[-1] >= 0.2, families.max(axis=0)
+    named = ~nothing & (top > 0.9)
+    holds = short[true] if true >= 0 else np.zeros(len(nothing), dtype=bool)
+    first = order[0] == true
+    return {
+        "nothing": float(np.mean(nothing)),
+        "named right": float(np.mean(named & first)),
+        "named wrong": float(np.mean(named & ~first)),
+        "one_of right": float(np.mean(~nothing & ~named & holds)),
+        "one_of wrong": float(np.mean(~nothing & ~named & ~holds)),
+    }
 
 
 def _evidence(match: FloatArray, norm: float) -> FloatArray:

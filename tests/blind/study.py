@@ -34,7 +34,7 @@ APART = 5.0
 def truth_of(case: Case) -> dict[str, Any]:
     """Return what is hidden in a case, how large it is, and what the data can tell of it."""
     told = {"members": [], "left_by_three": 0.0, "oracle": None, "tries": 0}
-    if case.kind in ("single", "pair", "outside", "left_out"):
+    if case.kind in ("null", "single", "pair", "outside", "left_out"):
         told |= _measured_truth(case)
     elif case.kind == "foreign":
         told["members"] = [{"key": case.hidden[0][0]}]
@@ -84,7 +84,7 @@ def _measured_truth(case: Case) -> dict[str, Any]:
     return {
         "members": members,
         "left_by_three": left_by_three(yardstick, sized, case.without),
-        "oracle": asdict(oracle(yardstick, sized)) if case.kind == "single" else None,
+        "oracle": asdict(oracle(yardstick, sized)) if case.kind in ("null", "single") else None,
         "tries": tries,
     }
 

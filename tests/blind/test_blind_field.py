@@ -179,9 +179,13 @@ def test_what_can_be_told_grows_with_the_size_and_the_oracle_with_it(yardstick: 
     small, large = (told(yardstick, [("vasilev", size)]) for size in (0.005, 0.05))
     assert small.detectability < large.detectability
     assert large.separability <= large.detectability
-    assert oracle(yardstick, [("vasilev", 0.05)]).right > 0.95
-    assert oracle(yardstick, [("interface_friction", -0.005)]).right < 0.2
-    assert oracle(yardstick, []).right > 0.9
+    loud, faint, silent = (
+        oracle(yardstick, hidden) for hidden in ([("vasilev", 0.05)], [("interface_friction", -0.005)], [])
+    )
+    assert loud.right > 0.95 and loud.verdicts["named right"] > 0.95
+    assert faint.right < 0.2 and faint.verdicts["nothing"] > 0.8
+    assert silent.right > 0.9 and silent.verdicts["nothing"] > 0.95
+    assert all(sum(x.verdicts.values()) == pytest.approx(1.0) for x in (loud, faint, silent))
 
 
 def test_a_rival_that_may_have_one_sign_only_explains_nothing_of_the_other(yardstick: Yardstick) -> None:

@@ -22,6 +22,7 @@ from blind.figures import (
     clopper_pearson,
     intervals,
     named_causes,
+    oracle_verdict,
     reliability,
     right_foreign_verdict,
     right_verdict,
@@ -147,6 +148,9 @@ def line(
     }
 
 
+VERDICTS = ("nothing", "named right", "named wrong", "one_of right", "one_of wrong")
+
+
 @pytest.mark.parametrize(
     ("verdict", "name", "d", "d_sep", "right"),
     [
@@ -164,7 +168,11 @@ def line(
 def test_a_verdict_is_held_against_what_the_data_can_tell(
     verdict: str, name: str, d: float, d_sep: float, right: bool
 ) -> None:
-    assert right_verdict(line(verdict, name, 0.95, d=d, d_sep=d_sep)) is right
+    said = line(verdict, name, 0.95, d=d, d_sep=d_sep)
+    assert right_verdict(said) is right
+    of_oracle = verdict.removesuffix("_detectable")
+    of_oracle += f" {'right' if name == 'torque_zero' else 'wrong'}" if of_oracle in ("named", "one_of") else ""
+    assert oracle_verdict(said | {"oracle": {"verdicts": dict.fromkeys(VERDICTS, 0.0) | {of_oracle: 1.0}}}) == right
 
 
 def test_names_candidates_and_intervals_are_read_from_an_answer() -> None:
