@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, processed_of
@@ -32,7 +33,7 @@ from wheelsoil.wording.figures import figure_value
 from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
-from wheelsoil.workflows.traction import traction_of
+from wheelsoil.workflows.traction import pull_at, traction_of
 
 GATE = ("named", "nothing_detectable")
 GROUND = {"pull_at_slip_0.2", "drawbar_coefficient_at_slip_0.2", "drawbar_coefficient"}
@@ -208,6 +209,16 @@ def test_a_run_that_lies_apart_is_fair_in_the_report_and_in_the_fleet(material: 
         (grade.level, "; ".join(grade.reasons)) for grade in grades
     ]
     assert ["torque zero is +90 N m off" in "".join(grade.reasons) for grade in grades] == [False, True]
+
+
+@pytest.mark.parametrize("bend", [0.09, 0.12, 0.16])
+def test_the_measured_pull_near_slip_0_2_is_right_where_the_curve_is_bent(bend: float) -> None:
+    slip = np.tile(0.02 + 0.6 * np.linspace(0, 1, 400) ** 2, 4)
+    run = np.repeat(np.arange(4), 400)
+    pull = 3000.0 * -np.expm1(-slip / bend) - 300.0
+    found = pull_at(slip, pull, np.full(1600, 9000.0), np.tile(np.arange(400) / 100, 4), run)
+    assert found is not None and found.passes == 4
+    assert found.pull_n == pytest.approx(3000.0 * -np.expm1(-0.2 / bend) - 300.0, rel=0.015)
 
 
 def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) -> None:

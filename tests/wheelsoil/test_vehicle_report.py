@@ -155,7 +155,7 @@ def test_sums_and_efficiency_are_those_of_the_simulation(vehicle: Vehicle, truth
     near = np.abs(slip - 0.2) < 0.1
 
     def at(values: FloatArray) -> float:
-        return float(np.polyval(np.polyfit(slip[near], values[near], 1), 0.2))
+        return float(np.polyval(np.polyfit(slip[near], values[near], 3), 0.2))
 
     name = "vehicle.{}_at_mean_slip_0.2".format
     assert found[name("pull")].value == pytest.approx(at(pull), rel=0.01)

@@ -482,7 +482,7 @@ def runs(inputs: ReportInputs) -> Contents:
     ]
     shown = _shown_runs([grade.level for grade in inputs.grades])
     more = f"{len(shown)} of {len(rows)}, the worst; the others are in the appendix. " if len(shown) < len(rows) else ""
-    below = f"{more}Usable: share of the samples in motion. Measured pull: of a straight line through slip 0.1 to 0.3."
+    below = f"{more}Usable: share of the samples in motion. Measured pull: of a cubic through slip 0 to 0.4."
     listed_rows = [*(_set_aside_row(run, len(head)) for run in inputs.set_aside), *(rows[i] for i in shown)]
     return [Table("Go or drive again", head, listed_rows, below, left=2, words=("reason",))], numbers
 
