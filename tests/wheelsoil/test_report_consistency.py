@@ -186,6 +186,9 @@ def test_what_differs_from_the_last_report_is_on_the_first_screen(material):
     for stated, said in ((last, True), (replace(last, stated=()), False)):
         sections = build_report(replace(material, diagnosed=diagnosis("nothing_detectable"), last=stated)).sections
         assert ("Since last time: torque zero, offset was 80.0 N m last time" in text(sections[0])) == said
+    of_sand = replace(last, subject={"soil": "sand"})
+    found = build_report(replace(material, diagnosed=diagnosis("nothing_detectable"), last=of_sand)).sections
+    assert "The last report is of soil sand, not clay. Since then: torque zero, offset was" in text(found[0])
 
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):

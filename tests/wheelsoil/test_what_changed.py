@@ -129,6 +129,25 @@ def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
     assert named["torque_zero.offset_nm"].last == 78.0, "its size was known, though no name was given"
 
 
+def test_a_cause_that_a_rule_bars_in_both_is_compared(tmp_path: Path) -> None:
+    last, now = sections(0.25, (78.0, 5.0), 700.0), sections(0.25, (120.0, 5.0), 700.0)
+    for each in (last, now):
+        each["causes"]["barred"] = ["torque_zero"]
+    found = {one.name: one for one in changes_since(load_last(write(tmp_path / "last.json", last)), now)}
+    assert found["torque_zero.offset_nm"].beyond and found["torque_zero.offset_nm"].now == 120.0
+    last["causes"]["causes"][0]["probability"] = 0.01
+    assert len(changes_since(load_last(write(tmp_path / "last.json", last)), now)) == len(found) - 1
+
+
+def test_a_size_at_its_bound_is_compared_by_the_whole_of_its_interval(tmp_path: Path) -> None:
+    last, now = sections(0.25, None, 700.0), sections(0.25, None, 700.0)
+    for report, value, ends in ((last, 0.0, [0.0, 0.038]), (now, 0.03, [0.025, 0.035])):
+        size = {"name": "height_m", "unit": "m", "value": value, "interval95": ends}
+        report["causes"] = {"causes": [{"name": "grouser", "probability": 0.4, "parameters": [size]}]}
+    [lugs, *_] = (one for one in changes_since(load_last(write(tmp_path / "last.json", last)), now) if one.kind == "cause")
+    assert not lugs.beyond and (lugs.last_half95, lugs.now_half95) == pytest.approx((0.038, 0.005))
+
+
 def slip_sinkage(p: float, *, m1: float, probability: float = 0.99) -> dict[str, Any]:
     sizes = [{"name": "p", "unit": "1", "value": p, "interval95": [p - 0.04, p + 0.04]}]
     sizes += [{"name": "m1", "unit": "1", "value": m1, "interval95": [None, None]}]
@@ -143,6 +162,7 @@ def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_pat
     now["causes"] = {"causes": [slip_sinkage(0.62, m1=0.59)]}
     path = write(tmp_path / "last.json", last)
     dated = json.loads(path.read_text()) | {
+        "title": "Clay",
         "head": {"facts": [["", "16 June 2026, 08:00 to 08:53 UTC"], ["Runs", "6"]]}
     }
     path.write_text(json.dumps(dated))
@@ -152,7 +172,7 @@ def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_pat
     assert said.startswith(
         "Slip sinkage, p = m₁ + m₂ went from 0.320 to 0.620 and pull at slip 0.2 went from 822 to 753 N."
     )
-    assert said.endswith("Last time: report last.json, driven 16 June 2026, 08:00 to 08:53 UTC.")
+    assert said.endswith("Last time: Clay, driven 16 June 2026, 08:00 to 08:53 UTC (report last.json).")
     rows = {row[0]: row for row in map(change_row, found)}
     assert rows["usable share of the samples in motion"][1:4] == ["90.0", "90.0", "0"]
     assert rows["usable share of the samples in motion"][5] == "%"

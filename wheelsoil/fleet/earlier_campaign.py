@@ -14,7 +14,7 @@ from wheelsoil.fleet.holdings import Holdings, read
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
-from wheelsoil.workflows.last_report import LEAST_COMPARED, LastReport, Stated, sizes_with_interval
+from wheelsoil.workflows.last_report import LEAST_COMPARED, LastReport, Stated, half_interval, sizes_with_interval
 
 _PULL = ("pull_at_slip_0_2_n", "pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
 _CAMPAIGN = ("wheel", "state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
@@ -104,7 +104,8 @@ def causes_stated(rows: Iterable[Mapping[str, Any]]) -> Iterator[Stated]:
             unit = "" if cause["unit"] == "1" else cause["unit"] or ""
             size = _of_estimate("cause", f"{cause['family']}.{cause['parameter']}", cause, unit)
             probable = cause["probability"] is None or cause["probability"] >= LEAST_COMPARED
-            size = replace(size, compared=probable and cause["role"] != "barred")
+            barred = cause["role"] == "barred"
+            size = replace(size, compared=probable and not barred, barred=probable and barred)
             sizes.setdefault(cause["family"], []).append(size)
     for each in sizes.values():
         yield from sizes_with_interval(each)
@@ -119,4 +120,4 @@ def _rows(holdings: Holdings, table: str, of: Mapping[str, Any], columns: Iterab
 
 def _of_estimate(kind: str, name: str, row: Mapping[str, Any], unit: str) -> Stated:
     value, low, high = (nan if row[key] is None else float(row[key]) for key in ("value", "lower95", "upper95"))
-    return Stated(kind, name, value, (high - low) / 2, unit)
+    return Stated(kind, name, value, half_interval(value, low, high), unit)

@@ -310,7 +310,7 @@ def _change_of(sections: Sequence[Section]) -> tuple[str, tuple[str, str, str]]:
         return "", (question, "Not known: no earlier report was given (report FOLDER --against LAST).", "")
     said, other = found["differing"], found["another_thing"]
     whole = of_the_same(f"{upper(said)}." if said else "Nothing beyond the intervals.", other)
-    lead = f"Since last time{f' ({other})' if other else ''}: {said}." if said else ""
+    lead = f"{f'{upper(other)}. Since then' if other else 'Since last time'}: {said}." if said else ""
     return lead, (question, whole, "#against")
 
 

@@ -35,7 +35,7 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
     else:
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
     name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
-    summary += f" Last time: {name}, {_when(last)}."
+    summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({name})."
     return of_the_same(summary, of_another_thing(last, subject))
 
 

@@ -30,6 +30,8 @@ class Stated:
     ----------
     compared : bool
         False of a cause that a rule bars or that is improbable: it is compared only with one that is neither.
+    barred : bool
+        Of a probable cause that a rule bars: it is compared with one that is barred, too.
     """
 
     kind: str
@@ -38,6 +40,7 @@ class Stated:
     half95: float
     unit: str
     compared: bool = True
+    barred: bool = False
 
 
 @dataclass(frozen=True)
@@ -195,16 +198,17 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
             yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
     barred = frozenset(causes.get("barred") or ())
     for cause in causes.get("causes") or ():
-        compared = cause["name"] not in barred and _float(cause.get("probability", 1.0)) >= LEAST_COMPARED
+        probable, is_barred = _float(cause.get("probability", 1.0)) >= LEAST_COMPARED, cause["name"] in barred
         sizes = [(each, *map(_float, each["interval95"])) for each in cause["parameters"]]
         yield from sizes_with_interval(
             Stated(
                 "cause",
                 f"{cause['name']}.{each['name']}",
                 _float(each["value"]),
-                (high - low) / 2,
+                half_interval(_float(each["value"]), low, high),
                 "" if each["unit"] == "1" else each["unit"],
-                compared,
+                probable and not is_barred,
+                probable and is_barred,
             )
             for each, low, high in sizes
         )
@@ -225,6 +229,11 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         yield Stated("data", "used_share", used / samples, nan, "")
 
 
+def half_interval(value: float, low: float, high: float) -> float:
+    """Return half of an interval; all of it where the value is at an end, as that of a parameter at its bound is."""
+    return (high - low) / (1 if value in (low, high) else 2)
+
+
 def sizes_with_interval(sizes: Iterable[Stated]) -> list[Stated]:
     """Return those of a cause's parameters that have an interval, all where none has.
 
@@ -238,7 +247,7 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
     """Return what differs between an earlier report and the sections of this one, beyond their intervals first.
 
     Causes come before the pull and the soil. Of the quality of the data only what both have, of causes those that one
-    of the two compares.
+    of the two compares, or that a rule bars in both.
     """
     return changes_between(last.stated, tuple(stated_in(sections)))
 
@@ -247,6 +256,7 @@ def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[
     """Return what differs between two reports or campaigns; see `changes_since`."""
     of_both = (tuple(earlier), tuple(later))
     families = {_family(each) for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
+    families |= set.intersection(*({_family(each) for each in of_one if each.barred} for of_one in of_both))
     before, now = (
         {each.name: each for each in of_one if each.kind != "cause" or _family(each) in families} for of_one in of_both
     )

@@ -47,7 +47,8 @@ def against(inputs: ReportInputs) -> Contents:
         raise DataError("no earlier report was given (--against)")
     changes = changes_since(inputs.last, _sections(inputs))
     differs = any(change.beyond for change in changes)
-    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too."
+    note = "Beyond: by more than both 95 % intervals together; a cause that only one of the two has, too. Of a "
+    note += "size at its bound ± is the whole interval."
     summary = change_summary(inputs.last, changes, dict(inputs.facts))
     blocks: list[Block] = [Text(summary, "warning" if differs else "good")]
     rows = [change_row(change) for change in changes]
