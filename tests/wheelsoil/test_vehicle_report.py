@@ -243,6 +243,8 @@ def test_each_wheel_has_a_report_and_the_vehicle_a_page_that_leads_to_them(repor
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'<dt><a href="([^"]+)">', page) == [f"report-{wheel}.html" for wheel in IDS]
     assert 'id="plotly"' not in page and 'href="#appendix"' not in page, "all of its figures are drawings"
+    of_one = (folder / "report-FL.html").read_text(encoding="utf-8")
+    assert "Of wheel FL alone: where others are instrumented, all together decide (wheelsoil report FOLDER)." in of_one
     headline = re.search(r"<h1>(.*?)</h1>", page)
     assert headline is not None and headline[1] == "RR: slip sinkage; FL, FR and RL: no cause is detected."
     assert re.search("wheel RR +Slip sinkage", result.out) and str(folder / "report-RR.html") in result.out
@@ -305,6 +307,9 @@ def test_a_joint_diagnosis_takes_the_headline() -> None:
     alone = [WheelReport("FL", diagnosed=Diagnosed(diagnosis("nothing_detectable"))), WheelReport("FR")]
     headline, details = verdict_of_all(joint, alone)
     assert headline == headline_of(joint) and details[0] == "All wheels together, on one soil."
+    assert details[-1] == "By itself another verdict: FL; a wheel alone knows less, so this page holds."
+    at_another = replace(joint, causes=(replace(joint.causes[0], name="torque_gain@FR"),))
+    assert "another verdict" not in " ".join(verdict_of_all(at_another, alone)[1])
     assert verdict_of_all(None, alone)[0] == "FL: no cause is detected; FR: not diagnosed."
 
 

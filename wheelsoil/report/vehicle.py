@@ -11,6 +11,7 @@ import numpy as np
 
 from daq import DataError, Fault, FloatArray, VehicleConfig
 from model.diagnosis import Diagnosis
+from model.effects import parted
 from processing import SLIP_ROLES
 from wheelsoil.report.build import Head, Report
 from wheelsoil.report.cause_figure import driven_slips
@@ -155,14 +156,26 @@ def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tu
 
     The joint diagnosis of all wheels gives them, where there is one; else the wheels' own findings side by side.
     """
-    if joint is not None:
-        return headline_of(joint), ["All wheels together, on one soil.", *details_of(joint)]
     found = {wheel.wheel: wheel.diagnosed.diagnosis for wheel in wheels}
+    if joint is not None:
+        apart = [name for name, own in found.items() if own and _verdict_at(name, own) != _verdict_at(name, joint)]
+        by_itself = f"By itself another verdict: {listed(apart)}; a wheel alone knows less, so this page holds."
+        return headline_of(joint), [
+            "All wheels together, on one soil.",
+            *details_of(joint),
+            *([by_itself] if apart else []),
+        ]
     findings = dict.fromkeys(
         map(_finding, sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict if each else "")))
     )
     parts = [f"{listed([name for name, each in found.items() if _finding(each) == said])}: {said}" for said in findings]
     return f"{'; '.join(parts)}.", []
+
+
+def _verdict_at(wheel: str, found: Diagnosis) -> tuple[str, frozenset[str]]:
+    """Return the verdict at a wheel and the families that it is of; no cause is detected where they act elsewhere."""
+    causes = frozenset(family for family, at in (parted(cause.name) for cause in found.causes) if at in ("", wheel))
+    return found.verdict if causes or not found.causes else "nothing_detectable", causes
 
 
 def _finding(found: Diagnosis | None) -> str:
