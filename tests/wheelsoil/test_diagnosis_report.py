@@ -14,6 +14,7 @@ import pytest
 from diagnosis_samples import SENTENCES, diagnosis, seen
 from report_support import cells_of
 
+from daq.config import VehicleConfig
 from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
@@ -32,7 +33,7 @@ from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overvi
 from wheelsoil.report.sections.evidence import gain
 from wheelsoil.report.sections.glance import LoadShift, _samples, data_tile, glance
 from wheelsoil.to_json import to_json
-from wheelsoil.wording.mending import step_of
+from wheelsoil.wording.mending import next_steps, step_of
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 from wheelsoil.workflows.tables import BenchFiles
@@ -187,7 +188,11 @@ def test_each_step_says_the_odds_that_it_is_expected_to_give(plain_material):
     steps = section(built(plain_material, replace(found, next_run=(found.next_run[0], weaker))), "glance")
     first, second = steps.numbers["steps"]
     assert first.why.startswith("Separates slip sinkage and bulldozing; expected odds 545 : 1. Write added_load_kg in")
-    assert "expected odds 1.9 : 1; takes about as long as 2 runs." in second.why
+    assert "expected odds 1.9 : 1; as long as 2 runs." in second.why
+    [decided] = next_steps(replace(found, next_run=(replace(weaker, naming_chance=0.26),)), VehicleConfig())
+    assert decided.why.startswith(
+        "Separates slip sinkage and bulldozing: the right name in about 25 % of such cases, else none;"
+    )
 
 
 def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):

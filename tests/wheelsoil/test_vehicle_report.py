@@ -307,7 +307,7 @@ def test_a_joint_diagnosis_takes_the_headline() -> None:
     alone = [WheelReport("FL", diagnosed=Diagnosed(diagnosis("nothing_detectable"))), WheelReport("FR")]
     headline, details = verdict_of_all(joint, alone)
     assert headline == headline_of(joint) and details[0] == "All wheels together, on one soil."
-    assert details[-1] == "By itself another verdict: FL; a wheel alone knows less, so this page holds."
+    assert details[-1] == "Another verdict alone: FL; all together know more, so this page holds."
     at_another = replace(joint, causes=(replace(joint.causes[0], name="torque_gain@FR"),))
     assert "another verdict" not in " ".join(verdict_of_all(at_another, alone)[1])
     assert verdict_of_all(None, alone)[0] == "FL: no cause is detected; FR: not diagnosed."

@@ -44,6 +44,7 @@ from wheelsoil.wording.verdict import (
     finding_of,
     gain_words,
     headline_of,
+    model_title,
     named_words,
     one_of_words,
     sentence_of,
@@ -144,6 +145,19 @@ def test_other_places_take_the_parts_of_a_verdict_that_they_show_by_themselves()
     open_one = replace(BARE, verdict="one_of", causes=causes("slope", "bulldozing"), next_run=(doubtful,))
     assert [one.about for one in statements_of(open_one)][-2:] == ["", "next"]
     assert "No single run decides." in details_of(open_one)
+
+
+def test_the_first_cause_is_most_probable_where_it_is_twice_as_probable_as_the_next() -> None:
+    pair = causes("slope", "bulldozing")
+    titles = [
+        model_title(replace(BARE, verdict="one_of", causes=(replace(pair[0], probability=first), pair[1])))
+        for first in (0.35, 2.1 * pair[1].probability)
+    ]
+    assert titles == ["Possible", "Most probable"]
+    assert [model_title(replace(BARE, verdict=v, causes=pair[:1])) for v in ("named", "one_of")] == [
+        "Recommended",
+        "Most probable",
+    ]
 
 
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:

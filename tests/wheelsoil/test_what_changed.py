@@ -144,7 +144,9 @@ def test_a_size_at_its_bound_is_compared_by_the_whole_of_its_interval(tmp_path: 
     for report, value, ends in ((last, 0.0, [0.0, 0.038]), (now, 0.03, [0.025, 0.035])):
         size = {"name": "height_m", "unit": "m", "value": value, "interval95": ends}
         report["causes"] = {"causes": [{"name": "grouser", "probability": 0.4, "parameters": [size]}]}
-    [lugs, *_] = (one for one in changes_since(load_last(write(tmp_path / "last.json", last)), now) if one.kind == "cause")
+    [lugs, *_] = (
+        one for one in changes_since(load_last(write(tmp_path / "last.json", last)), now) if one.kind == "cause"
+    )
     assert not lugs.beyond and (lugs.last_half95, lugs.now_half95) == pytest.approx((0.038, 0.005))
 
 
@@ -163,7 +165,7 @@ def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_pat
     path = write(tmp_path / "last.json", last)
     dated = json.loads(path.read_text()) | {
         "title": "Clay",
-        "head": {"facts": [["", "16 June 2026, 08:00 to 08:53 UTC"], ["Runs", "6"]]}
+        "head": {"facts": [["", "16 June 2026, 08:00 to 08:53 UTC"], ["Runs", "6"]]},
     }
     path.write_text(json.dumps(dated))
     found = changes_since(load_last(path), now)

@@ -15,6 +15,7 @@ from model.fit import CampaignFit
 from wheelsoil.report.figures import EDGES, Bins, binned, style
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
+from wheelsoil.wording.verdict import model_title
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES, _FEWEST_SAMPLES = 10, 4
@@ -45,8 +46,8 @@ class Recommendation:
 
     Attributes
     ----------
-    title : "Recommended", "Most probable" or that of the base
-        What the model is called: only a named cause is recommended.
+    title : str
+        What the model is called, see `wheelsoil.wording.verdict.model_title`, or the base.
     name, base_name : str
         Of the model and of the one beside it, in words.
     is_base : bool
@@ -134,7 +135,7 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
     is_base = found.verdict not in ("named", "one_of") or not found.causes
     with_cause = " and ".join(plain_name(cause.name) for cause in recommended_causes(found))
     return Recommendation(
-        title=CALIBRATED if is_base else "Recommended" if found.verdict == "named" else "Most probable",
+        title=CALIBRATED if is_base else model_title(found),
         name=CALIBRATED if is_base else f"with {with_cause}",
         base_name=CALIBRATED,
         is_base=is_base,

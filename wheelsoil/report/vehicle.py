@@ -159,7 +159,7 @@ def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tu
     found = {wheel.wheel: wheel.diagnosed.diagnosis for wheel in wheels}
     if joint is not None:
         apart = [name for name, own in found.items() if own and _verdict_at(name, own) != _verdict_at(name, joint)]
-        by_itself = f"By itself another verdict: {listed(apart)}; a wheel alone knows less, so this page holds."
+        by_itself = f"Another verdict alone: {listed(apart)}; all together know more, so this page holds."
         return headline_of(joint), [
             "All wheels together, on one soil.",
             *details_of(joint),

@@ -30,6 +30,7 @@ from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import (
     falling_channel,
     finding_of,
+    model_title,
     reduction_in,
     refusal_words,
     several_terrains,
@@ -218,6 +219,7 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
             " ".join(statement.text for statement in others if statement.about not in ("next", "as_if"))
         ),
         "next": typeset(next((statement.text for statement in others if statement.about == "next"), "")),
+        "model_title": model_title(diagnosis).lower(),
         "refused": typeset(refusal_words(diagnosis)),
         "main_channel": diagnosis.main_channel,
         "change_percent": None

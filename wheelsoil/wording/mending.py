@@ -146,11 +146,11 @@ def step_of(found: Diagnosis) -> Step:
 
 def _step_of_run(run: NextRun) -> Step:
     parted = listed([plain_name(name) for name in run.separates])
-    tells = f"expected odds {odds_text(run.expected_log_bayes_factor)}"
+    tells = f"; expected odds {odds_text(run.expected_log_bayes_factor)}"
     if named := naming_text(run):
-        tells = f"names the right cause in {named} of such cases"
-    cost = f"; takes about as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
-    reason = [f"Separates {parted}; {tells}{cost}."] if parted else []
+        tells = f": the right name in {named} of such cases, else none"
+    cost = f"; as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
+    reason = [f"Separates {parted}{tells}{cost}."] if parted else []
     lifted = run.step.code == StepCode.LIFTED_ZERO
     written = [f"Write {key}."] if (key := key_text(run)) and not lifted else []
     what = step_text(run) if run.campaign else upper(step_text(run))

@@ -118,6 +118,14 @@ def headline_of(found: Diagnosis) -> str:
     return in_few_words(f"{sentence}. With the first, {fall}." if fall else f"{sentence}.", f"{sentence}.")
 
 
+def model_title(found: Diagnosis) -> str:
+    """Return what the model with the first cause is called: most probable if it is twice as probable as the next."""
+    if found.verdict == "named":
+        return "Recommended"
+    chances = [cause.probability for cause in found.causes[:2]]
+    return "Most probable" if len(chances) < 2 or chances[0] >= 2 * chances[1] else "Possible"
+
+
 def in_few_words(whole: str, short: str) -> str:
     """Return a whole headline where it is of at most 25 words, or else a short one."""
     return whole if len(whole.split()) <= MOST_WORDS else short

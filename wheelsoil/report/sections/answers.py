@@ -200,7 +200,9 @@ def _elsewhere(inputs: ReportInputs) -> str:
     if found.gain is not None:
         without, whole = _errors(found.gain.base), _errors(found.gain.extended)
         tested += f": error on held-out data {whole if found.verdict == 'named' else without}"
-        tested += f" without a cause, {whole} with the most probable" if found.verdict == "one_of" else ""
+        tested += (
+            f" without a cause, {whole} with {plain_name(found.causes[0].name)}" if found.verdict == "one_of" else ""
+        )
     wheel, soil, reading, driving = _ground(inputs)
     beyond_n, pull, read = pull_beyond(found, max(loads), wheel, soil, reading, driving)
     model = {"named": "recommended model", "one_of": "calibrated soil without a cause"}.get(found.verdict, "model")

@@ -72,7 +72,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.verdict import not_corrected, refusal_words, several_terrains
+from wheelsoil.wording.verdict import model_title, not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -283,7 +283,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
         else "the soil listed is that of the fit without a cause, the line has its own"
     )
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
-    title = {"named": "Recommended model", "one_of": "Most probable model"}.get(found.verdict, CALIBRATED)
+    title = f"{model_title(found)} model" if causes else CALIBRATED
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
 
 

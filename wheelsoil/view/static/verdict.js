@@ -118,7 +118,7 @@ function showErrors(diagnosis) {
     const cells = key === "R0" && diagnosis.figures[figures[1]] ? figures.map((each) => figure(diagnosis, each)) : [fixed(before, digits), fixed(after, digits)];
     return [words, ...cells, key === "R2" ? `${after < before ? "" : "+"}${fixed(after - before, digits)}` : `${after > before ? "+" : ""}${fixed((100 * (after - before)) / before, 0)} %`];
   });
-  fillTable(get("error-table"), ["", "calibrated soil", diagnosis.verdict === "named" ? "recommended" : "most probable", "difference"], rows);
+  fillTable(get("error-table"), ["", "calibrated soil", diagnosis.model_title, "difference"], rows);
 }
 
 /** What the named causes cost, with and without them, in the words and numbers of the report. */
