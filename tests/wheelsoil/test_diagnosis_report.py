@@ -195,6 +195,20 @@ def test_each_step_says_the_odds_that_it_is_expected_to_give(plain_material):
     )
 
 
+def test_the_noise_is_that_of_the_same_samples_in_every_figure(plain_material):
+    of = seen()
+    odd = np.arange(len(of.slip)) % 2 == 0
+    wide = {c: np.where(odd, 4 * sigma, sigma) for c, sigma in of.base_sigma.items()}
+    data = replace(of, measured={c: np.where(odd, np.nan, y) for c, y in of.measured.items()}, base_sigma=wide)
+    drawn = built(plain_material, replace(diagnosis("nothing_detectable"), plot_data=(data,))).numbers()["drawings"]
+    halves = []
+    for name, look in (("hero", "model"), ("residual-dp", "noise")):
+        [band] = [curve for curve in drawn[name]["curves"] if curve["look"] == look]
+        upper, middle = (np.array(band[key], np.float64) for key in ("upper", "y"))
+        halves.append(float(np.nanmedian(upper - middle)))
+    assert halves[0] == pytest.approx(halves[1], rel=1e-3)
+
+
 def test_what_turns_with_the_wheel_is_drawn_by_order(plain_material):
     orders = WheelOrders(np.array([0.95, 1.0, 1.05]), np.array([4.0, 26.0, 5.0]), np.array([7.0, 7.1, 7.2]))
     found = replace(diagnosis(), plot_data=(replace(seen(), wheel_orders={"dp": orders}),))

@@ -211,6 +211,15 @@ def test_a_run_that_lies_apart_is_fair_in_the_report_and_in_the_fleet(material: 
     assert ["torque zero is +90 N m off" in "".join(grade.reasons) for grade in grades] == [False, True]
 
 
+def test_an_efficiency_is_measured_where_the_slip_is_known(material: ReportInputs) -> None:
+    run = material.fitted[0]
+    best = traction_of((run,)).efficiency_at_slip
+    unsure = replace(run, slip_sigma=np.where(run.slip < best + 0.05, 0.3, run.slip_sigma))
+    assert 0 < best < best + 0.04 < traction_of((unsure,)).efficiency_at_slip
+    unknown = replace(run, slip_sigma=np.full(len(run), np.nan))
+    assert np.isfinite(traction_of((unknown,)).efficiency)
+
+
 @pytest.mark.parametrize("bend", [0.09, 0.12, 0.16])
 def test_the_measured_pull_near_slip_0_2_is_right_where_the_curve_is_bent(bend: float) -> None:
     slip = np.tile(0.02 + 0.6 * np.linspace(0, 1, 400) ** 2, 4)

@@ -15,6 +15,8 @@ from processing import ProcessedRun
 _AT, _WITHIN = 0.2, 0.1
 _REACH = 0.2
 """Of slip to either side of 0.2 for a curve: its error, 0.03 to 0.05 at that speed, hardly selects samples then."""
+_SURE = 2.0
+"""Sigmas of the slip below which the error of the slip makes the efficiency seem higher than any is."""
 _LONGEST_STEP_S = 1.0
 _FEWEST_PASSES = 3
 _WIDTH, _LEAST = 0.05, 20
@@ -44,7 +46,8 @@ class Traction:
     drawbar_coefficient, at_slip : float
         The highest Dp/W (median in bins of slip), and the slip there; NaN without drawbar pull or load.
     efficiency, efficiency_at_slip : float
-        The highest tractive efficiency Dp v / (T omega) = Dp r (1 - s) / T, and the slip there; NaN without torque.
+        The highest tractive efficiency Dp v / (T omega) = Dp r (1 - s) / T, and the slip there; NaN without torque. If
+        measured, of samples whose slip is more than twice its error.
     model : "", "recommended", "calibrated_soil" or "laboratory_soil"
         What the pull is of: "" is measured, with the loads and speeds as driven; with a soil it is measured, and taken
         to one load and speed by Wong's model with it. The rest is the recommended model's or measured.
@@ -77,6 +80,7 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
     with np.errstate(divide="ignore", invalid="ignore"):
         coefficient = np.where(load > 0, pull / load, np.nan)
         efficiency = pull * radius * (1 - slip) / pooled("driving_torque_nm")
+    efficiency[slip <= _SURE * pooled("slip_sigma")] = np.nan
     return Traction(
         pull_at(slip, pull, load, pooled("time_s"), number), *highest(slip, coefficient), *highest(slip, efficiency)
     )

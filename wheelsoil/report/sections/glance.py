@@ -297,16 +297,10 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
     left, off = (recommendation.residual(channel, base=base) for base in (False, True))
     rows = driven & np.isfinite(left) & np.isfinite(off)
     added = shift.of(recommendation.slip, recommendation.vertical_load_n)
-    slip, measured, noise_at = (
-        values[rows]
-        for values in (
-            recommendation.slip,
-            factor * (recommendation.measured[channel] + added),
-            factor * recommendation.noise[channel],
-        )
-    )
+    slip, measured = recommendation.slip[rows], factor * (recommendation.measured[channel] + added)[rows]
     above = binned(slip, factor * (recommendation.recommended[channel] + added)[rows], EDGES)
-    off_by, noise = binned(slip, factor * left[rows], EDGES), binned(slip, noise_at, EDGES)
+    off_by = binned(slip, factor * left[rows], EDGES)
+    noise = binned(recommendation.slip, factor * recommendation.noise[channel], EDGES)  # as Fit has it
     # the line and the residual, so that figures of both agree
     middle, lower, upper = (above.median + part for part in (off_by.median, off_by.lower, off_by.upper))
     half = Z95 * matched(above.centre, noise)

@@ -322,7 +322,8 @@ def _traction_tiles(traction: Traction, found: Diagnosis | None) -> list[Tile]:
         tiles.append(_tile(f"Highest {measured}Dp/W", figures["drawbar_coefficient"], note))
     if isfinite(traction.efficiency):
         errors = not_corrected(found, "driving_torque", "drawbar_pull", "ground_speed") if measured else ""
-        note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω){errors and f'; {errors}'}"
+        known = " where slip exceeds twice its error" if measured else ""
+        note = f"at slip {traction.efficiency_at_slip:.2f}; Dp v / (T ω){known}{errors and f'; {errors}'}"
         tiles.append(_tile(f"Highest {measured}tractive efficiency", figures["tractive_efficiency"], note))
     return tiles
 
