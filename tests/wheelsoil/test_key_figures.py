@@ -30,7 +30,7 @@ from wheelsoil.wording.cost_text import cost_meaning, cost_rows
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict
+from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, highest_slip_of, usual_driving
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
 from wheelsoil.workflows.traction import pull_at, traction_of
@@ -70,7 +70,14 @@ def material(campaign) -> ReportInputs:
 def cost(material: ReportInputs) -> CausesCost:
     """Return what the named cause costs on the material's runs."""
     fit = material.fit
-    return cost_of_verdict(diagnosis(), material.fitted, wheel_of(material.vehicle), fit.soil, fit.options.reading)
+    return cost_of_verdict(
+        diagnosis(),
+        usual_driving(material.fitted),
+        wheel_of(material.vehicle),
+        fit.soil,
+        fit.options.reading,
+        highest_slip=highest_slip_of(material.fitted),
+    )
 
 
 def required(verdict: str) -> set[str]:
@@ -235,7 +242,8 @@ def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) 
     zero = Cause("drawbar_pull_zero", "", "measurement", "drawbar_pull_zero", 0.99, 1.0, (size,))
     inputs, fit = replace(material, diagnosed=replace(diagnosis(), causes=(zero,))), material.fit
     wheel = wheel_of(material.vehicle)
-    found = cost_of_verdict(inputs.diagnosis, material.fitted, wheel, fit.soil, fit.options.reading)
+    driving = usual_driving(material.fitted)
+    found = cost_of_verdict(inputs.diagnosis, driving, wheel, fit.soil, fit.options.reading, highest_slip=0.9)
     with_it = inputs.traction.pull
     assert with_it is not None and with_it.pull_n == found.costs[0].without
     assert found.costs[0].difference == pytest.approx(80.0)

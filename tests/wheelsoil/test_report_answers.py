@@ -11,10 +11,12 @@ from diagnosis_samples import diagnosis, seen
 from report_support import material_of, processed_of
 
 from daq.notes import Note
+from daq.runs import SetAsideRun
 from model.diagnosis.core.result import Candidate, Cause, Detectable, Grounds, LackOfFit, ParameterEstimate, Verdict
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.report.build import build_report
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import headline_of
 
@@ -166,4 +168,19 @@ def test_what_is_beyond_what_is_plausible_is_not_shown_by_the_runs() -> None:
 def test_both_errors_are_labelled_where_no_cause_is_named(material: ReportInputs) -> None:
     text = answers(replace(material, diagnosed=diagnosis("one_of")))["How good is the model elsewhere?"]
     assert "120 N and driving torque 40.0 N m without a cause, drawbar pull 66.0 N" in text
-    assert "with the most probable" in text
+    assert text.count("with slip sinkage") == 1 and "most probable" not in text
+
+
+def test_runs_are_counted_as_the_badge_counts_them(material: ReportInputs) -> None:
+    aside = SetAsideRun("run-8", "switched_off", "switched off in choice.toml", "say use = true")
+    inputs = replace(material, diagnosed=diagnosis("nothing_detectable"), set_aside=(aside,))
+    badge = build_report(inputs).head.badge
+    assert badge is not None and answers(inputs)["Are the data good?"].startswith(f"{badge[1][2:]}; ")
+
+
+def test_loads_are_written_by_one_rule() -> None:
+    assert (load_text(8000.0, 11150.0), load_text(9180.0), load_text(120.0, 210.0)) == (
+        "8.0 to 11.2 kN",
+        "9.2 kN",
+        "120 to 210 N",
+    )

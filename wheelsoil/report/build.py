@@ -354,14 +354,13 @@ def _badge(inputs: ReportInputs) -> tuple[str, str] | None:
     levels = [grade.level for grade in inputs.grades]
     if not levels:
         return None
-    usable, given = sum(level != "poor" for level in levels), len(levels) + len(inputs.set_aside)
-    level = "good" if usable == given else "fair" if usable else "poor"
+    poor = levels.count("poor")
+    level = "good" if not poor and not inputs.set_aside else "fair" if poor < len(levels) else "poor"
     apart = inputs.several_terrains is not None or groups_of_runs(inputs.diagnosed) is not None
     level = "fair" if (apart or inputs.to_check) and level == "good" else level
     sign = {"good": "✓", "fair": "▲", "poor": "✕"}[level]
-    how = "used" if usable == len(levels) < given else "usable"
     doubt = ", probably not of one soil" if apart else f", {len(inputs.to_check)} to check" if inputs.to_check else ""
-    return level, f"{sign} {usable} of {given} runs {how}{doubt}"
+    return level, f"{sign} {inputs.usable_runs}{doubt}"
 
 
 def _subtitle(inputs: ReportInputs) -> str:

@@ -267,6 +267,12 @@ class ReportInputs:
         )
 
     @property
+    def usable_runs(self) -> str:
+        """How many of the given runs can be used, in words."""
+        usable, given = sum(grade.level != "poor" for grade in self.grades), len(self.grades) + len(self.set_aside)
+        return f"{usable} of {given} runs {'used' if usable == len(self.grades) < given else 'usable'}"
+
+    @property
     def to_check(self) -> dict[str, str]:
         """Runs that can be used but lie apart, are short, or of which much is excluded, and why."""
         return runs_to_check(self.runs, self.grades) | dict.fromkeys(runs_apart(self.diagnosed), "lies apart")

@@ -37,7 +37,13 @@ from wheelsoil.wording.verdict import (
     size_text,
     statements_of,
 )
-from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, steady_traction
+from wheelsoil.workflows.cause_cost import (
+    CausesCost,
+    cost_of_verdict,
+    highest_slip_of,
+    steady_traction,
+    usual_driving,
+)
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -202,7 +208,8 @@ def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: Fit
     """Return what the causes cost; None where none is named, or the model has no answer."""
     runs = whole_runs(run for _, run in taken)
     try:
-        return cost_of_verdict(diagnosis, runs, *_ground_of(taken, soil), choices.reading)
+        ground, highest = _ground_of(taken, soil), highest_slip_of(runs)
+        return cost_of_verdict(diagnosis, usual_driving(runs), *ground, choices.reading, highest_slip=highest)
     except DataError:
         return None
 

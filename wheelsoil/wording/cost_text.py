@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.names import listed, plain_name
-from wheelsoil.wording.numbers import number
+from wheelsoil.wording.numbers import load_text, number
 from wheelsoil.workflows.cause_cost import USUAL_SLIP
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost
 
@@ -53,10 +53,9 @@ def cost_meaning(found: CausesCost) -> str:
 
 def driving_text(driving: Driving) -> str:
     """Return for which driving a cost holds."""
-    load = f"{driving.load_n / 1e3:.1f} kN" if driving.load_n >= 1e3 else f"{driving.load_n:.0f} N"
     speed = f" and {driving.speed_mps:.1f} m/s" if isfinite(driving.speed_mps) else ""
     passage = f", passage {driving.passage:.0f} over the soil" if driving.passage > 1 else ""
-    return f"Steady driving at {load}{speed}{passage}"
+    return f"Steady driving at {load_text(driving.load_n)}{speed}{passage}"
 
 
 def cost_note(found: CausesCost) -> str:

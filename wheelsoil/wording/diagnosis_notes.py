@@ -222,11 +222,10 @@ SENTENCES: dict[str, Sentence] = {
     StepCode.TORQUE: "a run with the torque channel",
     StepCode.LIFTED_ZERO: "the zero with the wheel lifted, at standstill",
     StepCode.KNOWN_PULL: lambda v: (
-        f"a static calibration with a known pull: about {v['pull_n'] / 1e3:.2g} kN on the lifted wheel, by a load cell"
+        f"a known pull on the lifted wheel: about {v['pull_n'] / 1e3:.2g} kN, by a load cell"
     ),
     StepCode.KNOWN_TORQUE: lambda v: (
-        f"a static calibration with a known torque: about {v['torque_nm'] / 1e3:.2g} kN m on the lifted wheel, "
-        "by a lever and a weight"
+        f"a known torque on the lifted wheel: about {v['torque_nm'] / 1e3:.2g} kN m, by lever and weight"
     ),
     StepCode.HARD_GROUND: "coasting on hard ground for {duration_s:.0f} s, speeding up and slowing down",
     StepCode.TABLE: _tests,

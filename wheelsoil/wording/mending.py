@@ -51,22 +51,22 @@ def next_steps(
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    steps = [_apart_step(note) for note in runs_apart(found).values()]
+    steps = [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
+    at = {cause.name: (wheels or {}).get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
-        mending_of(cause, (wheels or {}).get(parted(cause.name)[1], vehicle))
+        (mending_of(cause, at[cause.name]), at[cause.name])
         for cause in named
         if parted(cause.name)[0] in MENDED or cause.kind == "measurement"
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
-        steps += [parting_step(found) if groups_of_runs(found) else residual_step(found)]
+        steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
     if found.verdict == "one_of" and any(EFFECTS[c.key].needs.lugs for c in found.causes if c.key in EFFECTS):
-        tread = replace(_TREAD, paste=_of_wheel(_TREAD.paste, vehicle))
-        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [tread]
+        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [(_TREAD, vehicle)]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
-        steps = [step_of(found)]
-    steps += [missing] if missing is not None else []
-    return [*steps, *(replace(step, paste=_of_wheel(step.paste, vehicle)) for step in map(_step_of_run, runs))]
+        steps = [(step_of(found), vehicle)]
+    steps += [(step, vehicle) for step in ([missing] if missing else []) + [_step_of_run(run, found) for run in runs]]
+    return [replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps]
 
 
 def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
@@ -144,8 +144,9 @@ def step_of(found: Diagnosis) -> Step:
     return Step("No further run is asked for; see the minimum detectable effect.")
 
 
-def _step_of_run(run: NextRun) -> Step:
-    parted = listed([plain_name(name) for name in run.separates])
+def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
+    open_ones = {cause.name for cause in found.causes} if found.verdict == "one_of" else {""}
+    parted = "them" if open_ones <= set(run.separates) else listed([plain_name(name) for name in run.separates])
     tells = f"; expected odds {odds_text(run.expected_log_bayes_factor)}"
     if named := naming_text(run):
         tells = f": the right name in {named} of such cases, else none"
@@ -169,7 +170,6 @@ def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
     rule = _RULES.get(family)
     value = cause.parameters[0].value if cause.parameters else 0.0
     step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
-    step = replace(step, paste=_of_wheel(step.paste, vehicle))
     return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 
@@ -220,9 +220,7 @@ def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
     return lambda _value, _vehicle: Step(what, paste=paste)
 
 
-_TREAD = Step(
-    "Look at the tyre: if it has no lugs, declare that, and they are no cause.", paste='[wheel]\ntyre = "smooth"'
-)
+_TREAD = Step("Look at the tyre: if it has no lugs, declare that.", paste='[wheel]\ntyre = "smooth"')
 _ZERO = _step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", _LIFTED)
 
 

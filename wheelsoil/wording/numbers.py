@@ -77,6 +77,12 @@ def signed(value: float, form: str) -> str:
     return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("+-")
 
 
+def load_text(*ends_n: float) -> str:
+    """Return a load, or from where to where loads go, in kN; in N where all are below 1 kN, as on a test rig."""
+    factor, name, form = (1e-3, "kN", ".1f") if max(ends_n) >= 1e3 else (1.0, "N", ".0f")
+    return f"{' to '.join(dict.fromkeys(f'{factor * end:{form}}' for end in ends_n))} {name}"
+
+
 def estimate(value: float, sigma: float, interval95: tuple[float, float], unit: str = "") -> str:
     """Return a value with its 95 % interval in brackets and its unit, all with the digits of `measured`."""
     low, high = interval95

@@ -67,9 +67,9 @@ class CausesCost:
 
 
 def cost_of_verdict(
-    found: Diagnosis, runs: Sequence[ProcessedRun], wheel: Wheel, laboratory: Soil, reading: Reading
+    found: Diagnosis, driving: Driving, wheel: Wheel, laboratory: Soil, reading: Reading, *, highest_slip: float
 ) -> CausesCost:
-    """Return what the named causes cost in the usual driving of the runs.
+    """Return what the named causes cost in a driving, up to the highest slip that was driven.
 
     Raises
     ------
@@ -78,16 +78,8 @@ def cost_of_verdict(
     """
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
-    driving = usual_driving(runs)
-    highest = max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs)
     costs, best_slip = costs_of(
-        found.causes,
-        wheel,
-        laboratory,
-        found.soils[0],
-        driving,
-        reading,
-        highest_slip=highest,
+        found.causes, wheel, laboratory, found.soils[0], driving, reading, highest_slip=highest_slip
     )
     return CausesCost(found.causes, tuple(costs), driving, best_slip)
 
@@ -196,7 +188,7 @@ def steady_traction(
     below, above = _half_widths(np.reshape(moved, (-1, 2)) - pull_of(causes))
     bias = max(abs(low), abs(high))
     ends = (pull_n - hypot(bias, above), pull_n + hypot(bias, below))
-    driven = max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs) >= _SLIPS
+    driven = highest_slip_of(runs) >= _SLIPS
     coefficient, efficiency = (
         _peak(curves[name] / by, driven) for name, by in (("drawbar_pull", load_n), ("tractive_efficiency", 1.0))
     )
@@ -231,6 +223,11 @@ def _at_end(cause: Cause, end: int) -> Cause:
     ]
     moved = (replace(parameter, value=value) for parameter, value in zip(cause.parameters, ends, strict=True))
     return replace(cause, parameters=tuple(moved))
+
+
+def highest_slip_of(runs: Sequence[ProcessedRun]) -> float:
+    """Return the highest slip of the used samples, 0 where none is driven."""
+    return max(float(np.nanmax(run.slip[run.used], initial=0.0)) for run in runs)
 
 
 def usual_driving(runs: Sequence[ProcessedRun]) -> Driving:

@@ -29,6 +29,7 @@ from wheelsoil.wording.cost_text import cost_meaning, cost_sentence, driving_tex
 from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import doubt_of_the_peak, groups_of_runs, headline_of, several_terrains, size_text
 from wheelsoil.workflows.cause_cost import (
@@ -82,10 +83,8 @@ def _sure(found: Diagnosis) -> str:
 
 
 def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
-    usable = sum(grade.level != "poor" for grade in grades.values())
-    counted = f"{usable} of {len(grades) + len(inputs.set_aside)} runs can be used; " if grades else ""
     tile = data_tile(inputs, grades)
-    return f"{upper(counted)}{tile.value} {tile.unit}{'; ' if grades else ' '}{tile.note}."
+    return f"{f'{inputs.usable_runs}; ' if grades else ''}{tile.value} {tile.unit}{'; ' if grades else ' '}{tile.note}."
 
 
 def _rows(inputs: ReportInputs) -> str:
@@ -156,18 +155,17 @@ def _cost(inputs: ReportInputs) -> str:
     if not found.causes:
         return "Nothing that these data show: no cause is detected."
     wheel, soil, reading, driving = _ground(inputs)
-    named = found.verdict == "named"
-    if named and inputs.runs:
-        whole = cost_of_verdict(found, inputs.fitted, wheel, soil, reading)
+    if found.verdict == "named":
+        whole = cost_of_verdict(found, driving, wheel, soil, reading, highest_slip=ends_of_slip(inputs)[1])
         said = _at_the_ends(whole.costs)
         error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
         return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)
-    texts, highest = [], ends_of_slip(inputs)[1] if named else nan
+    texts = []
     for cause in found.causes[:_MOST_CAUSES]:
-        costs, _ = costs_of([cause], wheel, soil, found.soils[0], driving, reading, highest_slip=highest)
+        costs, _ = costs_of([cause], wheel, soil, found.soils[0], driving, reading)
         reads = " (an error of the reading)" if cause.kind == "measurement" else ""
         texts.append(f"{plain_name(cause.name)}{reads}: {_at_the_ends(costs) or 'nothing in steady driving'}")
-    doubt = "" if named else "No cause is named. If one acts alone, against the same soil without it: "
+    doubt = "No cause is named. If one acts alone, against the same soil without it: "
     return f"{doubt}{driving_text(driving)}, {'; '.join(texts)}."
 
 
@@ -193,10 +191,8 @@ def _elsewhere(inputs: ReportInputs) -> str:
         return "Rely on no model of these data."
     load_n, runs = recommendation.vertical_load_n, set(recommendation.run)
     loads = load_n.tolist() if inputs.tables else [float(np.median(load_n[recommendation.run == i])) for i in runs]
-    kilo, unit, digits = (1e3, "kN", 1) if max(loads) >= 1e3 else (1.0, "N", 0)
-    low, high = (f"{end / kilo:.{digits}f}" for end in (min(loads), max(loads)))
     slips = [signed(end, ".2f") for end in ends_of_slip(inputs)]
-    tested = f"Tested at {low} to {high} {unit}, slip {' to '.join(slips)}"
+    tested = f"Tested at {load_text(min(loads), max(loads))}, slip {' to '.join(slips)}"
     if found.gain is not None:
         without, whole = _errors(found.gain.base), _errors(found.gain.extended)
         tested += f": error on held-out data {whole if found.verdict == 'named' else without}"
@@ -209,6 +205,6 @@ def _elsewhere(inputs: ReportInputs) -> str:
     physical = f", without the cause {number(pull.without)} N" if pull.with_causes != pull.without else ""
     reads = f"; the transducer as it is would read {number(read)} N" if abs(read - pull.with_causes) > 0 else ""
     passage = f" on passage {driving.passage:.0f}" if driving.passage > 1 else ""
-    at = f"at {beyond_n / kilo:.3g} {unit} and slip {pull.slip:g}{passage}"
+    at = f"at {load_text(beyond_n)} and slip {pull.slip:g}{passage}"
     says = f"the {model} says {number(pull.with_causes)} N of pull{physical}{reads}"
     return " ".join([f"{tested}.", *only_driving(inputs), f"Not tested beyond, nor on another soil: {at} {says}."])

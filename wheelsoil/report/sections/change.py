@@ -15,7 +15,7 @@ from wheelsoil.report.sections.quality import quality as quality_section
 from wheelsoil.to_json import plain
 from wheelsoil.wording.change_text import CHANGE_HEAD, change_row, change_summary, differing, of_another_thing
 from wheelsoil.wording.cost_text import COST_HEAD, cost_meaning, cost_note, cost_rows, cost_title
-from wheelsoil.workflows.cause_cost import cost_of_verdict
+from wheelsoil.workflows.cause_cost import cost_of_verdict, highest_slip_of, usual_driving
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.last_report import changes_since
 
@@ -25,10 +25,11 @@ def cost(inputs: ReportInputs) -> Contents:
     """Build the section; `DataError` where no cause is named."""
     found = cost_of_verdict(
         inputs.diagnosis,
-        inputs.fitted,
+        usual_driving(inputs.fitted),
         wheel_of(inputs.vehicle, "vehicle.toml"),
         inputs.fit.soil,
         inputs.fit.options.reading,
+        highest_slip=highest_slip_of(inputs.fitted),
     )
     rows = cost_rows(found)
     table = [Table(cost_title(found), COST_HEAD, rows, cost_note(found), words=("unit",))] if rows else []

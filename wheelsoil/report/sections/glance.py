@@ -34,6 +34,7 @@ from wheelsoil.wording.diagnosis_text import covered
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
@@ -501,8 +502,7 @@ def header_facts(inputs: ReportInputs) -> list[tuple[str, str]]:
     found = [("", f"{_dates([run.start_ns for run in inputs.runs])}")] if inputs.runs else []
     loads = [float(np.nanmedian(run.vertical_load_n)) for run in inputs.runs if np.isfinite(run.vertical_load_n).any()]
     if loads:
-        low, high = (f"{end / 1e3:.1f}" for end in (min(loads), max(loads)))
-        found.append(("Load", f"{low} kN" if low == high else f"{low} to {high} kN"))
+        found.append(("Load", load_text(min(loads), max(loads))))
     if inputs.runs:
         found.append(("Runs", str(len(inputs.runs) + len(inputs.set_aside))))
     pressures = sorted({run.run.inflation_kpa for run in inputs.runs if run.run.inflation_kpa})

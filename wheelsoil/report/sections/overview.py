@@ -72,6 +72,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
+from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.verdict import model_title, not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
@@ -335,7 +336,7 @@ def _tile(title: str, figure: KeyFigure, note: str, unit_text: str = "") -> Tile
 def _of_pull(pull: PullAtSlip, traction: Traction) -> str:
     """Return the interval of the pull, and for which driving it holds by which model."""
     interval_text = f"95 % {interval(*pull.interval95)} N; " if isfinite(pull.interval95[0]) else "no interval; "
-    load = f"{pull.load_n / 1e3:.1f} kN"
+    load = load_text(pull.load_n)
     if not traction.model:
         return f"{interval_text}{count(pull.passes)} passes, loads and speeds as driven, {load} on average"
     if traction.model == MODELS["named"]:
