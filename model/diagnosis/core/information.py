@@ -22,7 +22,7 @@ class Information:
     ----------
     soil : tuple of q str
         Coordinates of the soil, each N(0, 1) by the laboratory and counted from its values, and of sensors' errors.
-        Of all wheels of a vehicle together each label stands behind a wheel's name and ": ".
+        Of all wheels of a vehicle together each stands behind a wheel's name, see `linearise.coordinate_of`.
     effects, parameters, units : tuple of k str
         Of the causes' columns: the effect's key, its parameter, the parameter's unit.
     scales, neutrals : tuple of k float

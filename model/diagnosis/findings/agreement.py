@@ -46,7 +46,7 @@ from model.diagnosis.findings.isolability import projected_without_soil as witho
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence, prior_information
 from model.diagnosis.time_series.joining import runs_of as joined_runs
-from model.diagnosis.time_series.linearise import SENSORS
+from model.diagnosis.time_series.linearise import SENSORS, coordinate_of
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import rest_variance
 from model.diagnosis.time_series.standstills import AT_REST
@@ -347,7 +347,7 @@ def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     if count < 2 or not grams.soil:
         return None
     matrices = grams.matrices[:, :columns, :columns]
-    soils = columns - sum(label.rpartition(": ")[2] in SENSORS for label in grams.soil)
+    soils = columns - sum(coordinate_of(label) in SENSORS for label in grams.soil)
     gain, own = max(_groups(matrices, soils), key=lambda found: found[0])
     if gain - float(_evidence(matrices.sum(axis=0))) < LEAST:
         return None

@@ -18,7 +18,7 @@ from scipy.special import chdtrc
 
 from daq import FloatArray
 from model.diagnosis.core.information import Information
-from model.diagnosis.time_series.linearise import SENSORS
+from model.diagnosis.time_series.linearise import SENSORS, coordinate_of
 from model.effects.catalogue import EFFECTS
 
 OF_THE_TRANSDUCER = tuple(key for key, effect in EFFECTS.items() if effect.of_the_transducer())
@@ -147,7 +147,7 @@ def soil_departure(observation: Observation, known: Mapping[str, float] | None =
     :math:`\Lambda + \Lambda^2`; the statistic is :math:`h'(\Lambda + \Lambda^2)^+h`.
     """
     information, first = observation.information, 1 + len(observation.information.soil)
-    names = [label.rpartition(": ")[2] for label in information.soil]
+    names = [coordinate_of(label) for label in information.soil]
     soil = [at for at, name in enumerate(names, 1) if name not in SENSORS]
     others = [at for at in range(1, first) if at not in soil]
     others += [

@@ -26,7 +26,7 @@ from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram, soil_places
-from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.linearise import Linear, labelled
 from model.diagnosis.time_series.noise import constants, processes, rest_variance
 from model.diagnosis.time_series.samples import Places, Samples, places_of
 from model.diagnosis.time_series.start import CampaignData
@@ -145,7 +145,7 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
             causes.setdefault((cause.key, cause.parameter), cause)
     places = soil_places([(part.campaign.of_vehicle, part.columns.soil) for part in parts])
     soil = {
-        int(at): _labelled(part.campaign.name, label, len(parts) > 1)
+        int(at): labelled(part.campaign.name, label) if len(parts) > 1 else label
         for part, own in zip(parts, places, strict=True)
         for at, label in zip(own, part.columns.soil, strict=True)
     }
@@ -188,7 +188,7 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams | None] = ()) -
             grams = (alone[group[0]] if alone else None) or run_grams(*part.whitening)
             found.append(_turned(grams, part.campaign, turns[group[0]], ranks[group[0]], several))
             runs = part.samples.run_names
-        names += [_labelled(part.campaign.ground, run, len(groups) > 1) for run in runs]
+        names += [labelled(part.campaign.ground, run) if len(groups) > 1 else run for run in runs]
     return Grams(
         matrices=np.concatenate([g.matrices for g in found]) if len(found) > 1 else found[0].matrices,
         log_determinants=np.concatenate([g.log_determinants for g in found]),
@@ -244,11 +244,6 @@ def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -
     """Yield shapes with their campaign's name."""
     vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
     yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
-
-
-def _labelled(campaign: str, label: str, several: bool) -> str:
-    """Put the campaign's name before a label."""
-    return f"{campaign}: {label}" if several else label
 
 
 def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:

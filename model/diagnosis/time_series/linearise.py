@@ -42,6 +42,16 @@ _LOGARITHMIC_UP_TO = 0.5
 _NOTHING = 1e-12
 
 
+def labelled(campaign: str, label: str) -> str:
+    """Put the name of a campaign, or of a wheel, before a label; `coordinate_of` takes it off."""
+    return f"{campaign}: {label}"
+
+
+def coordinate_of(label: str) -> str:
+    """Return a coordinate of the soil, or of `SENSORS`, without the campaign or wheel that it is of."""
+    return label.rpartition(": ")[2]
+
+
 @dataclass(frozen=True)
 class SoilSpace:
     """x = mean + R u, or mean exp(R u) where logarithmic; u ~ N(0, I).

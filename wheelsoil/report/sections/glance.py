@@ -111,7 +111,7 @@ def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
         driving = only_driving(inputs) if inputs.diagnosed.verdict == "named" else []
-        others = "where others are instrumented, all together decide (wheelsoil report FOLDER)."
+        others = "all instrumented wheels together decide (wheelsoil report FOLDER)."
         alone = [f"Of wheel {name} alone: {others}" for name in inputs.vehicle.wheel_ids]
         return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *driving, *alone]
     if len(sentences[0].split()) <= MOST_WORDS:
