@@ -151,7 +151,7 @@ def test_the_first_cause_is_most_probable_where_it_is_twice_as_probable_as_the_n
     pair = causes("slope", "bulldozing")
     titles = [
         model_title(replace(BARE, verdict="one_of", causes=(replace(pair[0], probability=first), pair[1])))
-        for first in (0.35, 2.1 * pair[1].probability)
+        for first in (1.1 * pair[1].probability, 2.1 * pair[1].probability)
     ]
     assert titles == ["Possible", "Most probable"]
     assert [model_title(replace(BARE, verdict=v, causes=pair[:1])) for v in ("named", "one_of")] == [
