@@ -67,6 +67,12 @@ class WheelsoilError(Exception):
         """Return the error of one fault; see `Fault`."""
         return cls(Fault(what, str(where), found, expected, next_step))
 
+    @classmethod
+    def stop_if_any(cls, faults: Iterable[Fault]) -> None:
+        """Raise one error of all faults, if there are any."""
+        if listed := tuple(faults):
+            raise cls(*listed)
+
     @property
     def what(self) -> str:
         """What happened, without where it did and what to do."""

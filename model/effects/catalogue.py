@@ -157,8 +157,7 @@ class Library(Mapping[str, type[Effect]]):
                 faults.append(_fault(entry, f"takes the name {key!r}", f"{owner[key]} has an effect of that name"))
             else:
                 known[key], owner[key] = found, _package(entry)
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(faults)
         return known
 
 

@@ -72,8 +72,7 @@ def check_options(options: FitOptions) -> None:
         for key in options.chosen
         if EFFECTS[key].reading not in ("any", options.reading)
     ]
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
 
 
 def driven_samples(observations: Observations, options: FitOptions) -> Observations:
@@ -168,8 +167,7 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
         for name in effect.needs.conditions
         if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
     ]
-    if lacking:
-        raise DataError(*lacking)
+    DataError.stop_if_any(lacking)
 
 
 @one_thread

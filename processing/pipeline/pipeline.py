@@ -307,8 +307,7 @@ def _collect(
     require_roles(seen, options.purpose, rotating=rotating)
     needed = NEEDED_ROLES[options.purpose]
     empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
-    if empty:
-        raise DataError(*(_nothing_received(role, vehicle) for role in empty))
+    DataError.stop_if_any(_nothing_received(role, vehicle) for role in empty)
     return samples
 
 

@@ -126,8 +126,7 @@ def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> Non
         Those that do not.
     """
     beyond = [(first, last) for first, last in keep if first < 0 or first > end_s or last > end_s + _ROUNDED_S]
-    if beyond:
-        raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
+    ConfigError.stop_if_any(_beyond(interval, end_s, where) for interval in beyond)
 
 
 def with_by_hand(reason: NDArray[np.uint8], time_s: FloatArray, keep: Sequence[Interval]) -> NDArray[np.uint8]:

@@ -144,15 +144,10 @@ def _check_there(
     have = {signal.role for signal in signals if len(signal.values)}
     have |= {"wheel_angle"} if angle is not None and len(angle[0]) else set()
     needed = {"vertical_load"} | ({"drawbar_pull", "wheel_angle"} if vehicle.transducer.frame == "wheel" else set())
-    faults = [
-        Fault(
-            f"nothing usable was received of {role}",
-            next_step="check with wheelsoil info that its frames were recorded, and --from and --to",
-        )
-        for role in sorted(needed - have)
-    ]
-    if faults:
-        raise DataError(*faults)
+    step = "check with wheelsoil info that its frames were recorded, and --from and --to"
+    DataError.stop_if_any(
+        Fault(f"nothing usable was received of {role}", next_step=step) for role in sorted(needed - have)
+    )
 
 
 def _load(

@@ -256,13 +256,11 @@ def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str
         One is not of that form.
     """
     parsed = [tuple(text.partition("=")[::2]) for text in texts or ()]
-    faults = [
+    ConfigError.stop_if_any(
         Fault(f"{option} {text} is not understood", expected=form)
         for text, (left, right) in zip(texts or (), parsed, strict=True)
         if not left or not right
-    ]
-    if faults:
-        raise ConfigError(*faults)
+    )
     return [(left, right) for left, right in parsed]
 
 

@@ -170,8 +170,7 @@ def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Ma
     }
     faults += _unfit(values, known, "values")
     faults += _unfit(soil, {name: (low, high) for name, (_, _, low, high, _) in _SOIL.items()}, "soil")
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
     return {**soil, **values}
 
 
