@@ -198,7 +198,7 @@ def process_stream(
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
     cutoff_hz, lowered = choose_cutoff(_of_model(samples), options)
-    notes += lowered + gate.notes() + removal.notes()
+    notes += [*lowered, *gate.notes(), *removal.notes()]
     ready_run = _ReadyRun(vehicle, wheel, run or RunInfo(), cutoff_hz, clock, tuple(notes), missing, gate, removal)
     processed, little = _with_remark(ready_run, samples, options)
     doubts, frozen = plausibility_of(processed, vehicle)
