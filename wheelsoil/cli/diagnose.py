@@ -106,12 +106,11 @@ def diagnose_command(
     if (error_of_form is not None or paired) and not tables:
         option = "--paired" if paired else "--error-of-form"
         raise ConfigError.of(f"{option} is of single-wheel tables", next_step="give --table FILE.csv")
-    paths = runs or []
-    options.refuse_wheel_of_a_table(tables, wheel)
-    if tables and plan:
+    if plan and (tables or zero or choice):
         raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
+    paths = runs or []
+    options.refuse_two_sources(paths, tables, choice, wheel, [*(rename or ()), *(where or ())], "diagnose")
     if tables:
-        options.refuse_two_sources(paths, tables, choice, (), "diagnose")
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         read = read_benches(tables, wheels, rename=rename, where=where)
         options.say_doubted_soils(bench.terrain for bench in read)
@@ -134,13 +133,10 @@ def diagnose_command(
         wheel=wheel,
     )
     if plan:
-        if zero or choice:
-            raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)
         return
-    options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     unreadable: list[SetAsideRun] = []
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
     of_all = per_wheel.several and not apart

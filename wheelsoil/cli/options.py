@@ -427,12 +427,14 @@ def one_file(files: Sequence[str] | None) -> Path | None:
 
 
 def refuse_two_sources(
-    runs: Sequence[Path], table: object, choice: Path | None, columns: Sequence[str], verb: str
+    runs: Sequence[Path], table: object, choice: Path | None, wheel: str | None, columns: Sequence[str], verb: str
 ) -> None:
     """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
 
     Parameters
     ----------
+    wheel : str or None
+        Of runs; rows of a table are chosen with --where.
     columns : sequence of str
         Values of --rename and --where.
     verb : str
@@ -448,10 +450,6 @@ def refuse_two_sources(
         raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
     if not table and columns:
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
-
-
-def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
-    """Check that --wheel is not given with --table, where --where chooses; raises ConfigError."""
     if table and wheel is not None:
         raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
 

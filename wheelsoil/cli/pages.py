@@ -86,8 +86,7 @@ def report_command(
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
-    options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
-    options.refuse_wheel_of_a_table(tables, wheel)
+    options.refuse_two_sources(runs or (), tables, choice, wheel, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
     by_hand = options.chosen(
         choice,

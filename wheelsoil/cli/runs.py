@@ -194,8 +194,7 @@ def fit_command(
     from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
-    options.refuse_wheel_of_a_table(table, wheel)
+    options.refuse_two_sources(runs or (), table, choice, wheel, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(
         choice,
         sinkage=sinkage,
@@ -336,8 +335,7 @@ def sinkage_command(
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
 
-    options.refuse_two_sources(runs or (), table, None, [*(rename or ()), *(where or ())], "evaluate")
-    options.refuse_wheel_of_a_table(table, wheel)
+    options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
         facts = _sinkage_of_table(table, rename, where, vehicle)
         if json:
