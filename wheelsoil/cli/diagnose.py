@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 def diagnose_command(
+    context: typer.Context,
     runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
@@ -68,8 +69,8 @@ def diagnose_command(
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
     min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -92,6 +93,8 @@ def diagnose_command(
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.vehicle import doubts_of_wheels
 
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
         by_hand.fit_choices().reading,

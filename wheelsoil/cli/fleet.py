@@ -44,6 +44,7 @@ class Engine(StrEnum):
 
 @fleet_app.command("run")
 def fleet_run(
+    context: typer.Context,
     roots: Annotated[list[Path], typer.Argument(metavar="ROOT...", help="Folders with campaigns, however deep.")],
     store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://bucket/folder.")],
     engine: Annotated[Engine, typer.Option(help="Processes of this machine, or Dask workers.")] = Engine.local,
@@ -58,7 +59,7 @@ def fleet_run(
     effects: options.Effects = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read all of the store for damage.")] = False,
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,
     json: options.Json = False,
 ) -> None:
     """Take every campaign and single-wheel table through processing, fit and diagnosis into a store.
@@ -72,6 +73,7 @@ def fleet_run(
     from wheelsoil.wording.store_text import OPEN_STORE, PLAIN_SCHEDULER
     from wheelsoil.workflows import diagnosis_options
 
+    options.keep_results(context, no_cache)
     if scheduler and engine is Engine.local:
         raise ConfigError.of("--scheduler is of Dask", next_step="give --engine dask")
     chosen = options.split(effects)

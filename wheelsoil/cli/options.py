@@ -80,17 +80,6 @@ OneWheel = Annotated[
 ]
 
 
-def use_cores(context: typer.Context, jobs: int | None) -> int | None:
-    """Let a command use so many processes while it runs; without a number all cores."""
-    from model import available_cores, can_copy_processes, processes
-
-    count = jobs or available_cores()
-    if count > 1 and not can_copy_processes():
-        say("one core is used: this system cannot copy a process")
-    context.with_resource(processes(count))
-    return jobs
-
-
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -99,26 +88,13 @@ Jobs = Annotated[
         min=1,
         metavar="N",
         envvar="WHEELSOIL_JOBS",
-        callback=use_cores,
         help="Processes at once (default: one for each core).",
     ),
 ]
 
 
-def keep_nothing(context: typer.Context, off: bool) -> bool:
-    """Let a command neither use nor keep results of earlier ones."""
-    from wheelsoil.cache import nothing_kept
-
-    if off:
-        context.with_resource(nothing_kept())
-    return off
-
-
 NoCache = Annotated[
-    bool,
-    typer.Option(
-        "--no-cache", callback=keep_nothing, help="Compute everything anew; keep nothing (see `wheelsoil cache`)."
-    ),
+    bool, typer.Option("--no-cache", help="Compute everything anew; keep nothing (see `wheelsoil cache`).")
 ]
 AcceptImplausible = Annotated[
     bool,
@@ -216,6 +192,24 @@ TokenFile = Annotated[
 PageHost = Annotated[
     str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
 ]
+
+
+def use_cores(context: typer.Context, jobs: int | None) -> None:
+    """Let a command use so many processes until it ends; without a number all cores."""
+    from model import available_cores, can_copy_processes, processes
+
+    count = jobs or available_cores()
+    if count > 1 and not can_copy_processes():
+        say("one core is used: this system cannot copy a process")
+    context.with_resource(processes(count))
+
+
+def keep_results(context: typer.Context, no_cache: bool) -> None:
+    """Let a command neither use nor keep results of earlier ones until it ends, if --no-cache is given."""
+    from wheelsoil.cache import nothing_kept
+
+    if no_cache:
+        context.with_resource(nothing_kept())
 
 
 def configuration(

@@ -29,6 +29,7 @@ class Format(StrEnum):
 
 
 def report_command(
+    context: typer.Context,
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
     ] = None,
@@ -66,8 +67,8 @@ def report_command(
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
     against: options.Against = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -86,6 +87,8 @@ def report_command(
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), tables, choice, wheel, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
     by_hand = options.chosen(
@@ -276,6 +279,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 
 
 def view_command(
+    context: typer.Context,
     runs: options.Runs,
     vehicle: options.Vehicle = None,
     wheel: options.Wheel = None,
@@ -284,7 +288,7 @@ def view_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,
     host: options.PageHost = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
@@ -304,6 +308,7 @@ def view_command(
     from wheelsoil.view.server import serve
     from wheelsoil.workflows import Files, known_soil
 
+    options.keep_results(context, no_cache)
     if soil is not None:
         known_soil(soil, None)
     if against:
