@@ -20,7 +20,7 @@ _SAME_ANGLE_DEG = 5.0
 
 @dataclass(frozen=True)
 class WeightCheck:
-    """What the outboard weight looks like.
+    """Outboard mass and wheel angle by the weight that a spin shows, beside the declared mass.
 
     Attributes
     ----------
