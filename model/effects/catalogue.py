@@ -172,7 +172,7 @@ def _loaded(entry: EntryPoint) -> tuple[type[Effect] | None, list[Fault]]:
     missing = [name for name in _STATED if not getattr(found, name, None)]
     if missing:
         return None, [_fault(entry, "does not state all that an effect states", f"no {', no '.join(missing)}")]
-    wrong = [_fault(entry, *said) for said in _misfits(found)]
+    wrong = [_fault(entry, *misfit) for misfit in _misfits(found)]
     return (None, wrong) if wrong else (found, [])
 
 

@@ -116,7 +116,7 @@ def diagnose_command(
     if tables:
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         read = read_benches(tables, wheels, rename=rename, where=where)
-        options.say_doubted_soils(bench.terrain for bench in read)
+        options.say_doubted_soils(wheel_test.terrain for wheel_test in read)
         benches = tuple(map(bench_of, read))
         if paired:
             _compare(benches, settings, json=json)

@@ -96,7 +96,7 @@ def fleet_run(
     failed = dict(plan.failed)
     for step in _shown(run_fleet(plan, workers), len(plan.todo)):
         if step.state == "failed":
-            failed[step.name] = step.said
+            failed[step.name] = step.outcome
     if json:
         print_json({"store": store, "campaigns": len(plan.found), "done_before": there, "failed": failed})
     if failed:
@@ -123,7 +123,7 @@ def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
         for step in steps:
             left = f", {_duration(step.left_s)} left" if step.finished < step.total else ""
             cost = f", {step.cpu_s:.1f} s of CPU, {step.peak_bytes / 1e6:.0f} MB" if step.cpu_s else ""
-            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.said}{cost}{left}")
+            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.outcome}{cost}{left}")
             yield step
         return
     from rich.console import Console
@@ -141,7 +141,7 @@ def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
         for step in steps:
             bar.update(task, advance=1, description=f"{step.failed} failed" if step.failed else "")
             if step.state == "failed":
-                bar.console.print(f"{step.name}: {step.said}", markup=False, highlight=False)
+                bar.console.print(f"{step.name}: {step.outcome}", markup=False, highlight=False)
             yield step
 
 
@@ -175,7 +175,9 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
     return {
         "campaigns": len(manifests),
         "failed": {manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "failed"},
-        "silent": {one.campaign: one.fault for one in manifests if one.state == "done" and one.fault},
+        "silent": {
+            manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "done" and manifest.fault
+        },
         "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
         "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
         "cpu_s": sum(manifest.cpu_s for manifest in manifests),

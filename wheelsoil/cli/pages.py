@@ -104,7 +104,7 @@ def report_command(
     if tables:
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = read_benches(tables, wheels, rename=rename, where=where)
-        options.say_doubted_soils(bench.terrain for bench in benches)
+        options.say_doubted_soils(wheel_test.terrain for wheel_test in benches)
         choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
