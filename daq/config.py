@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import combinations, pairwise
 from math import degrees, hypot
 from pathlib import Path
@@ -575,30 +575,28 @@ def read_toml(path: Path) -> dict[str, Any]:
     return _toml_mapping(text, str(path))
 
 
-def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> list[Fault]:
-    faults = []
+def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterator[Fault]:
     for item in error.errors()[:MOST_FAULTS]:
         where, location = _place(file, item["loc"])
         message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
             expected, step = nearest(str(item["loc"][-1]), known), "correct the key, or take it out"
-            faults.append(Fault(f"unknown key {location!r}", where, "", expected, step))
+            yield Fault(f"unknown key {location!r}", where, "", expected, step)
         elif item["type"] == "missing":
-            faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
+            yield Fault(f"key {location!r} is missing", where, next_step="add it")
         elif item["type"] == "literal_error":
             what, found = f"{location} has a value that is not known", repr(item["input"])
             expected = item["ctx"]["expected"].replace("'", '"')
-            faults.append(Fault(what, where, found, expected, next_step="write one of these"))
+            yield Fault(what, where, found, expected, next_step="write one of these")
         elif not location:
-            faults.append(Fault(message, where))
+            yield Fault(message, where)
         else:
             found = "" if isinstance(item["input"], Mapping | list) else shortened(repr(item["input"]))
             step = _with_point("=" + found.strip("'"), "correct it")
-            faults.append(Fault(f"{location}: {message}", where, found, next_step=step))
+            yield Fault(f"{location}: {message}", where, found, next_step=step)
     if error.error_count() > MOST_FAULTS:
-        faults.append(Fault(f"{error.error_count() - MOST_FAULTS} more faults", file))
-    return faults
+        yield Fault(f"{error.error_count() - MOST_FAULTS} more faults", file)
 
 
 def _place(file: str, location: tuple[int | str, ...]) -> tuple[str, str]:

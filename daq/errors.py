@@ -67,6 +67,12 @@ class WheelsoilError(Exception):
         """Return the error of one fault; see `Fault`."""
         return cls(Fault(what, str(where), found, expected, next_step))
 
+    @classmethod
+    def stop_if_any(cls, faults: Iterable[Fault]) -> None:
+        """Raise one error of all faults, if there are any."""
+        if listed := tuple(faults):
+            raise cls(*listed)
+
     @property
     def what(self) -> str:
         """What happened, without where it did and what to do."""
@@ -131,8 +137,8 @@ def every_error_as(
 ) -> Iterator[None]:
     """Raise whatever goes wrong in here as an error of ours: the boundary around a reader of foreign files.
 
-    A damaged file makes a reader, ours or a library's, fail in ways that nobody listed. Only a file's outermost reader
-    stands in here; errors of ours pass.
+    A damaged file makes a reader, ours or a library's, fail in ways that nobody listed. Only the outermost reader of a
+    file is called in here; errors of ours are not changed.
 
     Parameters
     ----------

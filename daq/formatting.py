@@ -42,7 +42,7 @@ def without_powers(text: str) -> str:
 
 
 def moment(time_ns: int) -> str:
-    """Return nanoseconds since 1970 as a date in UTC; since another zero of a logger, as seconds."""
+    """Return nanoseconds since 1970 as a date in UTC; of a logger that counts from another moment, as seconds."""
     if time_ns < EARLIEST_DATE_NS:
         return f"{time_ns / 1e9:.3f} s, no date"
     return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"

@@ -75,6 +75,13 @@ class HostClock:
     ----------
     realtime, monotonic : callable
         The two clocks, ns.
+
+    Attributes
+    ----------
+    base_ns : int
+        What is added to monotonic time to have file time.
+    steps : tuple of ClockStep
+        Every step since the session began, by file time when the step was observed.
     """
 
     def __init__(self, realtime: Callable[[], int] = realtime_ns, monotonic: Callable[[], int] = monotonic_ns) -> None:
@@ -85,27 +92,17 @@ class HostClock:
         self._low, self._high = difference - after, difference - before
         self._offsets = [Offset((self._low + self._high) // 2, -_NEVER_NS, _NEVER_NS, after)]
         self._last_observed = before
-        self._base_ns = self._offsets[0].offset_ns
-        self._steps: tuple[ClockStep, ...] = ()
-
-    @property
-    def base_ns(self) -> int:
-        """What is added to monotonic time to have file time."""
-        return self._base_ns
+        self.base_ns = self._offsets[0].offset_ns
+        self.steps: tuple[ClockStep, ...] = ()
 
     @property
     def realtime_minus_monotonic_ns(self) -> int:
         """The difference that was observed last."""
         return self._offsets[-1].offset_ns
 
-    @property
-    def steps(self) -> tuple[ClockStep, ...]:
-        """Every step since the session began, by file time when the step was observed."""
-        return self._steps
-
     def now_ns(self) -> int:
         """Return file time."""
-        return self._monotonic() + self._base_ns
+        return self._monotonic() + self.base_ns
 
     def monotonic_ns(self) -> int:
         """Return monotonic time; file time less `base_ns`."""
@@ -148,7 +145,7 @@ class HostClock:
         self._offsets[-1] = Offset(old.offset_ns, old.from_ns, observed_ns, old.observed_ns)
         self._offsets.append(Offset(offset_ns, self._last_observed, _NEVER_NS, observed_ns))
         step_s = (offset_ns - old.offset_ns) * 1e-9
-        self._steps += (ClockStep(observed_ns + self._base_ns, self._last_observed + self._base_ns, step_s),)
+        self.steps += (ClockStep(observed_ns + self.base_ns, self._last_observed + self.base_ns, step_s),)
 
     def _bracket(self) -> tuple[int, int, int]:
         """Return the narrowest of a few readings: monotonic before, realtime, monotonic after."""

@@ -256,8 +256,8 @@ def contradictions(wheels: Sequence[InstrumentedWheel]) -> Iterator[str]:
     if len(wheels) > 1 and any(wheel.axle is None for wheel in wheels):
         without = ", ".join(wheel.id for wheel in wheels if wheel.axle is None)
         yield f"{without}: axle is missing: with several wheels each needs it, from 1 at the front"
-    for one, other in combinations(wheels, 2):
-        yield from _contradict(one, other)
+    for first, second in combinations(wheels, 2):
+        yield from _contradict(first, second)
 
 
 _SIDES = {
@@ -287,22 +287,22 @@ _ONLY_ONCE: tuple[_OnlyOnce, ...] = (
 )
 
 
-def _contradict(one: InstrumentedWheel, other: InstrumentedWheel) -> Iterator[str]:
-    if one.id == other.id:
-        yield f"two wheels have the id {one.id!r}; give each its own"
+def _contradict(first: InstrumentedWheel, second: InstrumentedWheel) -> Iterator[str]:
+    if first.id == second.id:
+        yield f"two wheels have the id {first.id!r}; give each its own"
         return
-    both = f"wheels {one.id} and {other.id}"
+    both = f"wheels {first.id} and {second.id}"
     for name, value_of in _ONLY_ONCE:
-        if value_of(one) and value_of(one) == value_of(other):
-            yield f"{both} have the same {name} {value_of(one)!r}; correct one of them"
-    for role in one.signals.keys() & other.signals.keys():
-        if one.signals[role].signal == other.signals[role].signal:
-            yield f"{both} have the same signal {one.signals[role].signal!r} for {role}; correct one of them"
-    if one.x_m is not None and (one.x_m, one.y_m) == (other.x_m, other.y_m):
-        yield f"{both} have the same place (x_m = {one.x_m:g}, y_m = {one.y_m:g}); correct one of them"
-    places = sorted((w.axle, w.x_m, w.id) for w in (one, other) if w.axle is not None and w.x_m is not None)
+        if value_of(first) and value_of(first) == value_of(second):
+            yield f"{both} have the same {name} {value_of(first)!r}; correct one of them"
+    for role in first.signals.keys() & second.signals.keys():
+        if first.signals[role].signal == second.signals[role].signal:
+            yield f"{both} have the same signal {first.signals[role].signal!r} for {role}; correct one of them"
+    if first.x_m is not None and (first.x_m, first.y_m) == (second.x_m, second.y_m):
+        yield f"{both} have the same place (x_m = {first.x_m:g}, y_m = {first.y_m:g}); correct one of them"
+    places = sorted((w.axle, w.x_m, w.id) for w in (first, second) if w.axle is not None and w.x_m is not None)
     for (axle, x_m, front), (rear_axle, rear_x_m, rear) in pairwise(places):
-        if axle == rear_axle and rear_x_m - x_m > one.radius_m + other.radius_m:
+        if axle == rear_axle and rear_x_m - x_m > first.radius_m + second.radius_m:
             yield (
                 f"{both} have the same axle = {axle}, but x_m = {x_m:g} and {rear_x_m:g}, one behind the other; "
                 "correct one of them"

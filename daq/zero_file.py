@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -38,11 +37,6 @@ class ChannelZero(Section):
         if len({self.cos is None, self.sin is None, self.rotating_sigma is None}) > 1:
             raise ValueError("cos, sin and rotating_sigma go together")
         return self
-
-    @property
-    def amplitude(self) -> float:
-        """Amplitude of the rotating part, 0 where there is none."""
-        return hypot(self.cos or 0.0, self.sin or 0.0)
 
 
 class Determination(Section):

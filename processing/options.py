@@ -74,8 +74,7 @@ class ProcessOptions:
         known = (*NEEDED_ROLES, LOOK)
         if self.purpose not in known:
             faults.append(Fault(f"no purpose is called {self.purpose!r}", expected=nearest(self.purpose, known)))
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(faults)
 
 
 def require_roles(available: Iterable[str], purpose: str, *, rotating: bool = False, where: str = "[signals]") -> None:
@@ -92,9 +91,7 @@ def require_roles(available: Iterable[str], purpose: str, *, rotating: bool = Fa
     needed = set(NEEDED_ROLES[purpose])
     if rotating and have & set(FORCE_ROLES):
         needed |= {*FORCE_ROLES, "wheel_angle"}
-    missing = sorted(needed - have)
-    if missing:
-        raise ConfigError(*(_missing(role, purpose, sorted(have), where) for role in missing))
+    ConfigError.stop_if_any(_missing(role, purpose, sorted(have), where) for role in sorted(needed - have))
 
 
 def _missing(role: str, purpose: str, have: list[str], where: str) -> Fault:

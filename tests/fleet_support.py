@@ -93,7 +93,7 @@ def differing(url: object, expected: Mapping[str, pa.Table]) -> list[str]:
 
 def contents(url: object) -> dict[str, str]:
     """What the store has of each campaign, by name."""
-    return {name: one.content for name, one in open_store(str(url)).manifests().items()}
+    return {name: one.content for name, one in holdings_of(open_store(str(url))).manifests.items()}
 
 
 @dataclass

@@ -146,9 +146,11 @@ class Decoder:
         named = [(bus, name, m) for bus, ms in messages_by_bus(databases).items() for name, m in ms.items()]
         if wanted is not None:
             known = {f"{name}.{signal.name}" for _, name, message in named for signal in message.signals}
-            missing = [name for name in wanted if name not in known]
-            if missing:
-                raise DatabaseError(*(Fault(f"no DBC has a signal {n!r}", expected=nearest(n, known)) for n in missing))
+            DatabaseError.stop_if_any(
+                Fault(f"no DBC has a signal {name!r}", expected=nearest(name, known))
+                for name in wanted
+                if name not in known
+            )
         self._wanted = wanted is not None
         self._targets: list[tuple[str, str, list[SignalPlan]]] = []
         coded = []
@@ -419,8 +421,7 @@ def _check(message: Message, values: Mapping[str, ArrayLike]) -> None:
         for name in values
         if name in message.by_name and message.by_name[name].end_byte > message.length
     ]
-    if faults:
-        raise DatabaseError(*faults)
+    DatabaseError.stop_if_any(faults)
 
 
 def _outer_first(plans: Mapping[str, SignalPlan]) -> list[SignalPlan]:

@@ -417,8 +417,7 @@ def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = Fa
             loaded[name] = load_database(_locate(name, folder), lenient=lenient)
         except DatabaseError as error:
             faults += error.faults
-    if faults:
-        raise DatabaseError(*faults)
+    DatabaseError.stop_if_any(faults)
     databases: dict[str, tuple[Database, ...]] = {}
     for bus in vehicle.bus:
         more = tuple(loaded[name] for name in bus.dbc)
@@ -447,8 +446,7 @@ def messages_by_bus(databases: Mapping[str, Sequence[Database]]) -> dict[str, di
     """
     faults: list[Fault] = []
     merged = {bus: _merge(bus, files, faults) for bus, files in databases.items()}
-    if faults:
-        raise DatabaseError(*faults)
+    DatabaseError.stop_if_any(faults)
     return {bus: _named(list(messages.values())) for bus, messages in merged.items()}
 
 

@@ -253,8 +253,7 @@ def _resolved(
                 faults.append(_of_wheel(reference, role, vehicle))
             else:
                 found[role] = reference
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
     return found
 
 

@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -149,25 +148,28 @@ def log(
     check_logging()
     if not vehicle.bus:
         raise ConfigError.of("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml")
-    known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
+    run, databases = run or RunInfo(), databases or {}
     opener = opener or partial(open_source, buffer_bytes=vehicle.logger.receive_buffer_bytes)
     with ExitStack() as stack:
-        folder, lock, files, sources = _opened(known, opener, stack)
+        folder, lock, files, sources = _opened(vehicle, Path(out), run, opener, stack, wait=wait)
         limits = vehicle.logger
         guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
-        usable, role_remarks = _with_usable_roles(vehicle, known.databases)
-        role_remarks += [str(fault) for fault in unknown_names(vehicle, known.databases)]
+        usable, role_remarks = _with_usable_roles(vehicle, databases)
+        role_remarks += [str(fault) for fault in unknown_names(vehicle, databases)]
         clock = HostClock()
-        inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
+        inspection = Inspection(vehicle, usable, databases, started_ns=clock.now_ns())
         remarks = [*(remark for source in sources for remark in source.remarks), *role_remarks]
-        options = _recorder_options(known, usable, folder, remarks, lock)
+        described = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in vehicle.bus}
+        described |= {f"remark.{number}": text for number, text in enumerate(remarks)}
+        viewed = databases if view and databases else None
+        options = RecorderOptions(usable, folder, attachments or {}, {**described, **(metadata or {})}, viewed, lock)
         caught = stack.enter_context(caught_signals())
         stack.enter_context(quick_switching())
         parts = SessionParts(
             vehicle=vehicle,
             clock=clock,
             sources=sources,
-            recorder=Recorder(options, clock, files, known.run),
+            recorder=Recorder(options, clock, files, run),
             inspector=Inspector(inspection),
             guard=guard,
             panel=panel or NoPanel(),
@@ -180,25 +182,17 @@ def log(
         return Session(parts).record(duration_s)
 
 
-@dataclass(frozen=True)
-class _Known:
-    """Arguments of `log`, checked and loaded."""
-
-    vehicle: VehicleConfig
-    out: Path
-    run: RunInfo
-    attachments: Mapping[str, bytes]
-    databases: Mapping[str, tuple[Database, ...]]
-    metadata: Mapping[str, str]
-    view: bool
-    wait: bool
-
-
 def _opened(
-    known: _Known, opener: Callable[[BusSection], Source], stack: ExitStack
+    vehicle: VehicleConfig,
+    out: Path,
+    run: RunInfo,
+    opener: Callable[[BusSection], Source],
+    stack: ExitStack,
+    *,
+    wait: bool,
 ) -> tuple[Path, FolderLock, RunFiles | None, list[ReconnectingSource]]:
     """Take the folder and open every bus; a folder that is not there is made last."""
-    folder, named = _target(known.out, known.run)
+    folder, named = _target(out, run)
     # See that recordings can be made in a folder, or the folder in one that is there.
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
@@ -206,8 +200,8 @@ def _opened(
     if not os.access(there, os.W_OK | os.X_OK):
         raise ConfigError.of("the folder cannot be written to", there, next_step=_OTHER_FOLDER)
     lock = stack.enter_context(folder_lock(folder)) if folder.is_dir() else None
-    files = _files(folder, named, known)
-    sources = _open_all(list({bus.channel: bus for bus in known.vehicle.bus}.values()), opener, stack)
+    files = _files(folder, named, run, vehicle, wait=wait)
+    sources = _open_all(list({bus.channel: bus for bus in vehicle.bus}.values()), opener, stack)
     if lock is None:
         try:
             make_folder(folder)
@@ -218,15 +212,6 @@ def _opened(
     return folder, lock, files, sources
 
 
-def _recorder_options(
-    known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str], lock: FolderLock
-) -> RecorderOptions:
-    settings = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
-    settings |= {f"remark.{number}": text for number, text in enumerate(remarks)}
-    databases = known.databases if known.view and known.databases else None
-    return RecorderOptions(usable, folder, known.attachments, {**settings, **known.metadata}, databases, lock)
-
-
 def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:
     """Return the folder to record into, and the file if people named one, by the path or by the run's id."""
     if out.suffix.lower() == SUFFIX:
@@ -234,12 +219,12 @@ def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:
     return out, out / f"{safe_name(run.id)}{SUFFIX}" if run.id else None
 
 
-def _files(folder: Path, named: Path | None, known: _Known) -> RunFiles | None:
+def _files(folder: Path, named: Path | None, run: RunInfo, vehicle: VehicleConfig, *, wait: bool) -> RunFiles | None:
     """Return where the first run goes; None: it begins between runs."""
-    if named is not None and not known.wait:
-        return named_run(named, known.run, known.vehicle)
-    unfinished = unfinished_run(folder, known.vehicle)
-    return unfinished or (None if known.wait else new_run(folder, known.run, known.vehicle))
+    if named is not None and not wait:
+        return named_run(named, run, vehicle)
+    unfinished = unfinished_run(folder, vehicle)
+    return unfinished or (None if wait else new_run(folder, run, vehicle))
 
 
 def _with_usable_roles(

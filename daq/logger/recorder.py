@@ -118,6 +118,13 @@ class Recorder:
     base : RunInfo
         What is known of every run that a person starts; its id is that of a run without a name.
 
+    Attributes
+    ----------
+    paths, runs : list
+        All files so far, and the ids of the runs.
+    begun_ns : int
+        File time at which this run began, or the time between runs.
+
     Raises
     ------
     RecordingError
@@ -162,11 +169,6 @@ class Recorder:
     def part(self) -> int:
         """Number of the part that is written."""
         return self._writer.part
-
-    @property
-    def begun_ns(self) -> int:
-        """File time at which this run began, or the time between runs."""
-        return self._begun_ns
 
     @property
     def run_bytes(self) -> int:
@@ -302,7 +304,7 @@ class Recorder:
         if self._options.databases is not None:
             self._view = DecodedWriter(writer, self._options.vehicle, self._options.databases)
         self._time = RunClock(self._clock)
-        self._begun_ns = self.now_ns()
+        self.begun_ns = self.now_ns()
         self._drops_before, self._losses_before = self._drops, self._losses
         self.paths.append(writer.path)
         if run is not None:
@@ -363,7 +365,7 @@ class Recorder:
         metadata = self._time.as_metadata(self._clock_fit) | self._clock_metadata
         if metadata:
             self._writer.add_metadata(CLOCK, metadata)
-        steps = {str(at_ns): step for at_ns, step in self._time.steps() if at_ns >= self._begun_ns}
+        steps = {str(at_ns): step for at_ns, step in self._time.steps() if at_ns >= self.begun_ns}
         if steps:
             self._writer.add_metadata(CLOCK_STEPS, steps)
 

@@ -6,7 +6,7 @@ Everything is a JSON value; a number that is not known is None.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -149,8 +149,8 @@ def snapshot(state: SessionState) -> dict[str, Any]:
         "session_s": (state.session_ns - state.started_ns) * 1e-9,
         "run": asdict(state.run),
         "reasons": [asdict(reason) | {"level": _level(reason.level)} for reason in reasons[:_REASONS]],
-        "buses": _buses(state),
-        "values": _values(state),
+        "buses": list(_buses(state)),
+        "values": list(_values(state)),
         "traces": {role: _trace(samples, state.started_ns) for role, samples in state.traces.items()},
         "setup": _setup(state.vehicle),
         "losses": dict(state.losses),
@@ -169,51 +169,43 @@ def snapshot(state: SessionState) -> dict[str, Any]:
     }
 
 
-def _buses(state: SessionState) -> list[dict[str, Any]]:
-    """Return the buses; what only the report knows is None before the first."""
+def _buses(state: SessionState) -> Iterator[dict[str, Any]]:
+    """Yield the buses; what only the report knows is None before the first."""
     known: dict[str, BusHealth] = {bus.name: bus for bus in state.report.buses} if state.report else {}
-    rows = []
     for name, status in state.host.buses.items():
         health = known.get(name)
-        rows.append(
-            {
-                "name": name,
-                "level": _level(health.level if health else Level.GREEN if status.state == "up" else Level.RED),
-                "state": status.state,
-                "rate_hz": health and _number(health.rate_hz),
-                "load_percent": health and _number(100.0 * health.load),
-                "frames": status.received,
-                "error_frames": health.error_frames if health else 0,
-                "kernel_drops": status.kernel_drops,
-                "queue_drops": status.queue_drops,
-                "unknown_frames": health.unknown_frames if health else 0,
-                "age_s": health and _number(health.age_s),
-                "detail": status.detail,
-            }
-        )
-    return rows
+        yield {
+            "name": name,
+            "level": _level(health.level if health else Level.GREEN if status.state == "up" else Level.RED),
+            "state": status.state,
+            "rate_hz": health and _number(health.rate_hz),
+            "load_percent": health and _number(100.0 * health.load),
+            "frames": status.received,
+            "error_frames": health.error_frames if health else 0,
+            "kernel_drops": status.kernel_drops,
+            "queue_drops": status.queue_drops,
+            "unknown_frames": health.unknown_frames if health else 0,
+            "age_s": health and _number(health.age_s),
+            "detail": status.detail,
+        }
 
 
-def _values(state: SessionState) -> list[dict[str, Any]]:
-    """Return the last value of every role, in the DBC's unit."""
+def _values(state: SessionState) -> Iterator[dict[str, Any]]:
+    """Yield the last value of every role, in the DBC's unit."""
     report = state.report
     signals = {signal.role: signal for signal in report.signals if signal.role} if report else {}
     ages = {(message.bus, message.name): message.age_s for message in report.messages} if report else {}
-    rows = []
     for role, name in state.vehicle.signals.items():
         signal = signals.get(role)
         age_s = ages.get((signal.bus, signal.name.rpartition(".")[0]), math.nan) if signal else math.nan
-        rows.append(
-            {
-                "role": role,
-                "name": str(name),
-                "value": signal and _number(signal.value),
-                "unit": signal.unit if signal else "",
-                "age_s": _number(age_s),
-                "level": _level(signal.level if signal else Level.GREEN),
-            }
-        )
-    return rows
+        yield {
+            "role": role,
+            "name": str(name),
+            "value": signal and _number(signal.value),
+            "unit": signal.unit if signal else "",
+            "age_s": _number(age_s),
+            "level": _level(signal.level if signal else Level.GREEN),
+        }
 
 
 def _trace(samples: Samples, started_ns: int) -> dict[str, list[float | None]]:

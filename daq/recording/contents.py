@@ -10,7 +10,7 @@ import contextlib
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -31,7 +31,7 @@ from mcap.records import (
     Statistics,
 )
 
-from daq.errors import RecordingError
+from daq.errors import RecordingError, WheelsoilError
 from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -122,11 +122,21 @@ def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
         raise DamagedError(f"not a whole record ({error or type(error).__name__})") from None
 
 
-def unreadable(path: Path, error: OSError) -> RecordingError:
-    """Return what to raise where the file is gone, or the disk fails."""
-    return RecordingError.of(
-        "the recording cannot be read", path, error.strerror or str(error), "", "check the path and its permissions"
-    )
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a recording to be read in here; RecordingError if it is not there, or the disk fails."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except WheelsoilError:
+        raise
+    except FileNotFoundError:
+        raise RecordingError.of("no such file", path, next_step="check the path") from None
+    except IsADirectoryError:
+        raise RecordingError.of("a folder, not a recording", path, expected="an .mcap file") from None
+    except OSError as error:
+        found, step = error.strerror or str(error), "check the path and its permissions"
+        raise RecordingError.of("the recording cannot be read", path, found, next_step=step) from None
 
 
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:
@@ -312,27 +322,18 @@ def read_contents(path: Path) -> Contents:
 
     Raises RecordingError if there is no such file, or it is no MCAP file.
     """
-    try:
-        with path.open("rb") as file:
-            contents = Contents(path, file.seek(0, 2))
-            _check_magic(file, contents)
-            try:
-                header = parsed(Header.read, read_record(file, len(MAGIC), None, Opcode.HEADER))
-                contents.profile, contents.library = header.profile, header.library
-            except DamagedError as damage:
-                contents.losses.append(Loss(f"the header: {damage}", len(MAGIC), 0))
-            if not take_summary(file, contents):
-                walk(file, contents)
-            _define_channels(file, contents)
-            return contents
-    except FileNotFoundError:
-        raise RecordingError.of("no such file", path, next_step="check the path") from None
-    except IsADirectoryError:
-        raise RecordingError.of("a folder, not a recording", path, expected="an .mcap file") from None
-    except OSError as error:
-        if isinstance(error, RecordingError):
-            raise
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        contents = Contents(path, file.seek(0, 2))
+        _check_magic(file, contents)
+        try:
+            header = parsed(Header.read, read_record(file, len(MAGIC), None, Opcode.HEADER))
+            contents.profile, contents.library = header.profile, header.library
+        except DamagedError as damage:
+            contents.losses.append(Loss(f"the header: {damage}", len(MAGIC), 0))
+        if not take_summary(file, contents):
+            walk(file, contents)
+        _define_channels(file, contents)
+    return contents
 
 
 def _check_magic(file: BinaryIO, contents: Contents) -> None:

@@ -229,8 +229,7 @@ def _check(message: str, layout: DecodedLayout, time_ns: IntArray, signals: Mapp
         for name, column in signals.items()
         if column.shape != time_ns.shape
     ]
-    if faults:
-        raise DataError(*faults)
+    DataError.stop_if_any(faults)
 
 
 class DecodingWriter(Protocol):

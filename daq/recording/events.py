@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 
 from daq.errors import DataError
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
-from daq.recording.contents import Contents, unreadable
+from daq.recording.contents import Contents, opened
 from daq.recording.format import (
     DEFINITION_RULE,
     HEADER_DEFINITIONS,
@@ -300,18 +300,15 @@ def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, s
         and contents.schemas[channel.schema_id].name == EVENT_SCHEMA
     }
     found: list[Event] = []
-    try:
-        with path.open("rb") as file:
-            for entry in contents.chunks if channels else ():
-                # only a summary is sure to name all channels of a chunk
-                if contents.has_summary and entry.channel_ids is not None and entry.channel_ids.isdisjoint(channels):
-                    continue
-                try:
-                    found += _events(read_chunk(file, entry), channels)
-                except DamagedError as damage:
-                    damaged(entry, str(damage))
-    except OSError as error:
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        for entry in contents.chunks if channels else ():
+            # only a summary is sure to name all channels of a chunk
+            if contents.has_summary and entry.channel_ids is not None and entry.channel_ids.isdisjoint(channels):
+                continue
+            try:
+                found += _events(read_chunk(file, entry), channels)
+            except DamagedError as damage:
+                damaged(entry, str(damage))
     return tuple(found)
 
 

@@ -153,6 +153,11 @@ class PartWriter:
     **options
         Of `RecordingWriter`.
 
+    Attributes
+    ----------
+    part : int
+        Number of the part that is written now.
+
     Raises
     ------
     RecordingError
@@ -198,11 +203,6 @@ class PartWriter:
     def path(self) -> Path:
         """The file that is written now."""
         return self._writer.path
-
-    @property
-    def part(self) -> int:
-        """Number of the part that is written now."""
-        return self._part
 
     @property
     def frame_counts(self) -> dict[str, int]:
@@ -267,7 +267,7 @@ class PartWriter:
         Raises RecordingError or HardwareError if the next file cannot be opened: the run then goes on in the old one.
         """
         self._writer.flush()
-        number = max([self._part, *parts_on_disk(self.first_path)]) + 1
+        number = max([self.part, *parts_on_disk(self.first_path)]) + 1
         following = self._opened(number, self.path.name)
         old = self._writer
         self._frames_before = total([self._frames_before, old.frame_counts])
@@ -329,7 +329,7 @@ class PartWriter:
         )
 
     def _begin(self, number: int, writer: RecordingWriter) -> None:
-        self._part, self._writer = number, writer
+        self.part, self._writer = number, writer
         self._begun_at = self._clock()
         self._retry_at = self._begun_at
         self._begun_bytes = writer.bytes_written
@@ -343,11 +343,11 @@ class PartWriter:
         old = self._rotate_s is not None and now - self._begun_at >= self._rotate_s
         if not (big or old) or now < self._retry_at:
             return
-        part = self._part
+        part = self.part
         try:
             self.rotate()
         except (RecordingError, HardwareError) as error:
-            if self._writer.failed or self._part != part:
+            if self._writer.failed or self.part != part:
                 raise
             self.rotation_fault = error.faults[0]
             self._retry_at = now + _RETRY_AFTER_S

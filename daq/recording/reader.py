@@ -21,7 +21,7 @@ from daq import DataError, RecordingError, RunInfo, every_error_as, nearest
 from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
 from daq.limits import LARGEST_BATCH_BYTES
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
-from daq.recording.contents import Contents, Loss, parsed, read_contents, read_record, unreadable
+from daq.recording.contents import Contents, Loss, opened, parsed, read_contents, read_record
 from daq.recording.events import Event, read_events
 from daq.recording.format import MESSAGE_ENCODING, RAW_DTYPES, RUN_END, RUN_START, checked_metadata, raw_frames
 from daq.recording.series_topics import series_blocks, series_topics
@@ -70,19 +70,16 @@ def raw_batches(
     """
     gathered: dict[int, list[FrameArray]] = {}
     count = held_bytes = 0
-    try:
-        with path.open("rb") as file:
-            for entry in chunks:
-                frames, content_bytes = _gather(file, entry, channels, gathered, damaged)
-                count += frames
-                held_bytes += content_bytes if frames else 0
-                if count >= BATCH_FRAMES or held_bytes >= LARGEST_BATCH_BYTES:
-                    yield _merged(gathered, channels, buses)
-                    gathered, count, held_bytes = {}, 0, 0
-            if count:
+    with opened(path) as file:
+        for entry in chunks:
+            frames, content_bytes = _gather(file, entry, channels, gathered, damaged)
+            count += frames
+            held_bytes += content_bytes if frames else 0
+            if count >= BATCH_FRAMES or held_bytes >= LARGEST_BATCH_BYTES:
                 yield _merged(gathered, channels, buses)
-    except OSError as error:
-        raise unreadable(path, error) from None
+                gathered, count, held_bytes = {}, 0, 0
+        if count:
+            yield _merged(gathered, channels, buses)
 
 
 def chunks_between(
@@ -362,12 +359,10 @@ class Recording:
 
     def _record(self, at: int, size: int, opcode: int, reader: Callable[[bytes], T]) -> T | None:
         try:
-            with self.path.open("rb") as file:
+            with opened(self.path) as file:
                 return reader(read_record(file, at, size, opcode))
         except DamagedError as damage:
             self._damage[at] = Loss(str(damage), at, size)
-        except OSError as error:
-            raise unreadable(self.path, error) from None
         return None
 
     def _no_raw_topics(self) -> RecordingError:

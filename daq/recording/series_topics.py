@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, read_chunk
-from daq.recording.contents import Contents, unreadable
+from daq.recording.contents import Contents, opened
 from daq.recording.decoded_topics import layout_of
 from daq.recording.format import MESSAGE_OPCODE, PACKAGE, SERIES_BUS
 from daq.series.blocks import BLOCK_ROWS, Blocks, SeriesBlock
@@ -66,17 +66,14 @@ def series_blocks(
     """Yield the rows of topics from chunks; `damaged` is called with each that cannot be read, and the reason."""
     gathered: dict[int, list[NDArray[np.void]]] = {}
     count = 0
-    try:
-        with path.open("rb") as file:
-            for entry in chunks:
-                count += _gather(file, entry, topics, gathered, damaged)
-                if count >= BLOCK_ROWS:
-                    yield tuple(topics[key].block(records) for key, records in gathered.items())
-                    gathered, count = {}, 0
-            if count:
+    with opened(path) as file:
+        for entry in chunks:
+            count += _gather(file, entry, topics, gathered, damaged)
+            if count >= BLOCK_ROWS:
                 yield tuple(topics[key].block(records) for key, records in gathered.items())
-    except OSError as error:
-        raise unreadable(path, error) from None
+                gathered, count = {}, 0
+        if count:
+            yield tuple(topics[key].block(records) for key, records in gathered.items())
 
 
 def _gather(

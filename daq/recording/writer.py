@@ -185,6 +185,8 @@ class RecordingWriter:
     ----------
     decoded, host : DecodedTopics, HostTopics
         Write the topics beside the raw ones.
+    counts_hold : bool
+        Whether `frame_counts` are valid: Ctrl-C may have interrupted a write.
 
     Raises
     ------
@@ -219,7 +221,7 @@ class RecordingWriter:
         self.decoded = DecodedTopics(self._sink, chunk_bytes, self.tick, names, decoded_rate_hz)
         self.host = HostTopics(self._sink, chunk_bytes, self.tick)
         self._closed = False
-        self._settled = self._counts_hold = True
+        self._settled = self.counts_hold = True
         self._flushed_at = self._synced_at = clock()
         started = {"created_ns": str(time.time_ns()), **(metadata or {})}
         if run is not None:
@@ -238,11 +240,6 @@ class RecordingWriter:
     def frame_counts(self) -> dict[str, int]:
         """Frames taken so far, per bus; after a failed write, those of them that are in the file."""
         return self._raw.frame_counts
-
-    @property
-    def counts_hold(self) -> bool:
-        """Whether `frame_counts` are valid: Ctrl-C may have interrupted a write."""
-        return self._counts_hold
 
     @property
     def failed(self) -> bool:
@@ -330,7 +327,7 @@ class RecordingWriter:
         try:
             self.flush()
             values = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
-            if self._counts_hold:
+            if self.counts_hold:
                 values |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
             values |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
             self.add_metadata(RUN_END, {**values, "time_steps_back": str(self._raw.steps_back), **(ended or {})})
@@ -367,7 +364,7 @@ class RecordingWriter:
 
     def _begin(self) -> None:
         """Note whether Ctrl-C interrupted the previous write: the counts are not recorded then."""
-        self._counts_hold &= self._settled
+        self.counts_hold &= self._settled
         self._settled = False
 
 

@@ -399,9 +399,8 @@ def _attached_databases(
 ) -> dict[str, tuple[Database, ...]]:
     names = list(dict.fromkeys(name for bus in vehicle.bus for name in bus.dbc))
     missing = [name for name in names if name not in carried]
-    if missing:
-        what, step = "the recording does not carry the DBC", "give a vehicle.toml with its DBCs beside it: --vehicle"
-        raise DatabaseError(*(Fault(f"{what} {n!r}", where, "", nearest(n, carried), step) for n in missing))
+    what, step = "the recording does not carry the DBC", "give a vehicle.toml with its DBCs beside it: --vehicle"
+    DatabaseError.stop_if_any(Fault(f"{what} {n!r}", where, "", nearest(n, carried), step) for n in missing)
     loaded = {name: _load_attached(carried[name], name, lenient=lenient) for name in names}
     databases = {bus.channel: tuple(loaded[name] for name in _names(vehicle, bus.channel)) for bus in vehicle.bus}
     messages_by_bus(databases)

@@ -291,18 +291,12 @@ def replay(
     _check(speed, loops, from_s, to_s)
     opened = _opened(Path(recording))
     names = {bus: bus for bus in opened.buses} if channels is None else dict(channels)
-    if unknown := [bus for bus in names if bus not in opened.buses]:
-        faults = (
-            Fault(
-                f"no bus is called {b!r}",
-                str(recording),
-                "",
-                nearest(b, opened.buses),
-                "`wheelsoil info` lists the buses",
-            )
-            for b in unknown
-        )
-        raise ConfigError(*faults)
+    step = "`wheelsoil info` lists the buses"
+    ConfigError.stop_if_any(
+        Fault(f"no bus is called {bus!r}", str(recording), expected=nearest(bus, opened.buses), next_step=step)
+        for bus in names
+        if bus not in opened.buses
+    )
     low = opened.start_ns + round(from_s * 1e9)
     high = None if to_s is None else opened.start_ns + round(to_s * 1e9)
     rounds = Looping(lambda: _on(opened.between(low, high), names), loops)

@@ -42,7 +42,8 @@ class BusChange:
 class ReconnectingSource:
     """A source that survives its interface; see `daq.sources.can_source.Source`.
 
-    It is read by one thread; `status`, `counters` and `changes` may be asked for by another.
+    It is read by one thread; `status`, `counters` and `changes` may be asked for by another. `fault` is why the bus is
+    not up now.
 
     `opener` opens the bus, as `daq.sources.open_source` does; ConfigError or HardwareError if it cannot the first time.
     """
@@ -56,7 +57,7 @@ class ReconnectingSource:
         self._remarks = dict.fromkeys(self._source.remarks)
         self._before = SourceCounters(0, None, 0, None)
         self._state: BusState = "up"
-        self._fault: Fault | None = None
+        self.fault: Fault | None = None
         self._changes: list[BusChange] = []
         self._reconnects = 0
         self._retry_at = self._look_at = 0.0
@@ -78,14 +79,9 @@ class ReconnectingSource:
         with self._lock:
             return self._before if self._source is None else _added(self._before, self._source.counters)
 
-    @property
-    def fault(self) -> Fault | None:
-        """Why the bus is not up now."""
-        return self._fault
-
     def status(self) -> BusStatus:
         """Return what is known of the bus now."""
-        counters, fault = self.counters, self._fault
+        counters, fault = self.counters, self.fault
         detail = "" if fault is None else _fault_text(fault)
         return BusStatus(self._state, counters.received, counters.dropped, reconnects=self._reconnects, detail=detail)
 
@@ -152,7 +148,7 @@ class ReconnectingSource:
         try:
             source = self._opener(self._bus)
         except Exception as error:  # noqa: BLE001 - as in `read`
-            self._fault = _fault_of(self.name, error)
+            self.fault = _fault_of(self.name, error)
             self._retry_at = time.monotonic() + RETRY_S
             return False
         finally:
@@ -176,7 +172,7 @@ class ReconnectingSource:
         self._retry_at = time.monotonic() + FIRST_RETRY_S
 
     def _go(self, state: BusState, fault: Fault | None) -> None:
-        self._fault = fault
+        self.fault = fault
         if state == self._state:
             return
         now = time.monotonic()

@@ -157,8 +157,7 @@ class Library(Mapping[str, type[Effect]]):
                 faults.append(_fault(entry, f"takes the name {key!r}", f"{owner[key]} has an effect of that name"))
             else:
                 known[key], owner[key] = found, _package(entry)
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(faults)
         return known
 
 
@@ -173,7 +172,7 @@ def _loaded(entry: EntryPoint) -> tuple[type[Effect] | None, list[Fault]]:
     missing = [name for name in _STATED if not getattr(found, name, None)]
     if missing:
         return None, [_fault(entry, "does not state all that an effect states", f"no {', no '.join(missing)}")]
-    wrong = [_fault(entry, *said) for said in _misfits(found)]
+    wrong = [_fault(entry, *misfit) for misfit in _misfits(found)]
     return (None, wrong) if wrong else (found, [])
 
 

@@ -8,28 +8,31 @@ from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil import Conditions, Number, SoilState
 
 
-class Vasilev(Effect):
-    """Z = Z0 + H s for s > 0."""
+class _LawOfSlip(Effect):
+    """A law of the sinkage of a driven wheel: one form of the family."""
 
     name = "slip_sinkage"
-    form = "vasilev"
     own_symbols = True
+    needs = Needs(largest_slip=0.15)
+
+
+class Vasilev(_LawOfSlip):
+    """Z = Z0 + H s for s > 0."""
+
+    form = "vasilev"
     summary = "The wheel digs in with slip: sinkage grows by H metres from no slip to full slip, whatever the load."
     source = "Vasil'ev, Dokycheva, Utkin-Lubovtsov (1969); Yang et al. (2016), Eq. 11"
     parameters = (Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "Yang Tab. 3: .02 clay, .08 sand", side=1),)
-    needs = Needs(largest_slip=0.15)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return Eq. 11."""
         return static_sinkage + values["H_m"] * conditions.driving_slip
 
 
-class Lyasko(Effect):
+class Lyasko(_LawOfSlip):
     """Z = Z0 (1 + m1 s)/(1 - m2 s) for s > 0; a pole at s = 1/m2, so m2 < 1."""
 
-    name = "slip_sinkage"
     form = "lyasko"
-    own_symbols = True
     summary = "The wheel digs in with slip, in proportion to its static sinkage and faster at high slip."
     source = "Lyasko (2010), J. Terramechanics 47:21-31; Yang et al. (2016), Eq. 12"
     parameters = (
@@ -39,7 +42,6 @@ class Lyasko(Effect):
         Parameter("m2", "1", 0.0, 0.05, 0.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand", side=1),
     )
     total = "p"
-    needs = Needs(largest_slip=0.15)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return Eq. 12."""
@@ -47,37 +49,33 @@ class Lyasko(Effect):
         return static_sinkage * (1.0 + values["m1"] * s) / (1.0 - values["m2"] * s)
 
 
-class Ding(Effect):
+class Ding(_LawOfSlip):
     """N = n + n1 s for s > 0, in the stress law and in whatever gives the static sinkage.
 
     k keeps its number: for Z < 1 m a larger exponent is a softer soil (the unit Pa/m^N holds for Z in metres).
     """
 
-    name = "slip_sinkage"
     form = "ding"
-    own_symbols = True
     summary = "The wheel digs in with slip because the sheared soil gets softer: the sinkage exponent grows with slip."
     source = "Ding et al. (2010), J. Cent. South Univ. Technol. 17:129-135; Yang et al. (2016), Eq. 13"
     parameters = (Parameter("n1", "1", 0.0, 0.3, 0.0, 2.0, 0.3, "Yang Tab. 3: .35 clay, .53 sand", side=1),)
-    needs = Needs(largest_slip=0.15)
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil with N of Eq. 13."""
         return replace(soil, exponent=soil.exponent + values["n1"] * conditions.driving_slip)
 
 
-class SecondOrder(Effect):
+class SecondOrder(_LawOfSlip):
     """Z = Z0 + H s + Q s (1 - s) for s > 0; Q > 0 grows early and then less, Q < 0 late."""
 
-    name = "slip_sinkage"
     form = "second_order"
+    own_symbols = False
     summary = "The wheel digs in with slip by H metres at full slip; whether early (Q > 0) or late is left open."
     source = "any law to second order in slip; the published ones of 1969 to 2010 are near it or in it"
     parameters = (
         Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "Yang Tab. 3: .02 clay, .08 sand", side=1),
         Parameter("Q_m", "m", 0.0, 0.01, -0.5, 0.5, 0.05, "as H_m: the law may bend as much as it rises"),
     )
-    needs = Needs(largest_slip=0.15)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return the sinkage of a driven wheel."""

@@ -41,8 +41,9 @@ class WheelRadius(Effect):
 class SpeedLatency(Effect):
     """The speed shown at t is that of t - L: V(t) = V_m + L a + L^2/2 da/dt; L > 0 where it is late.
 
-    Where the conditions know the speed of other moments, or hold that of a later one, the series is only for what is
-    left of L, and for derivatives; else it stands for the shift while L is short against changes of the acceleration.
+    Conditions that know the speed of other moments are shifted by L, others may be by a part of it
+    (`ground_speed_shift_s`). The series is for the rest, and for derivatives: it holds while that rest is short against
+    changes of the acceleration.
     """
 
     name = "speed_latency"

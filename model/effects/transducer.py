@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from daq import ROLES
 from model.effects.base import Effect, Needs, Parameter, Signals, Values
 from model.wheel_soil import Conditions, Reaction, WheelState, value_of, where
-
-_OF_GAINS = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
-_OF_ZEROS = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
 
 
 def _relative(*, start: float, scale: float) -> Parameter:
@@ -22,13 +20,23 @@ def _relative(*, start: float, scale: float) -> Parameter:
     return Parameter("relative", "1", 0.0, start, -0.5, 0.5, scale, source)
 
 
-class DrawbarPullGain(Effect):
+class _Gain(Effect):
+    """Measured = (1 + e) true, of the one channel that it shows in."""
+
+    kind = "measurement"
+    source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
+
+    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
+        """Return the signals with what the transducer makes of them."""
+        field = ROLES[self.shows[0]].field
+        return replace(signals, **{field: getattr(signals, field) * (1.0 + values["relative"])})
+
+
+class DrawbarPullGain(_Gain):
     """Measured Dp = (1 + e)(true Dp - m a) + m a: m a of the outboard mass is added to what the transducer reads."""
 
     name = "drawbar_pull_gain"
-    kind = "measurement"
     summary = "Drawbar pull is scaled by a wrong gain of the transducer."
-    source = _OF_GAINS
     shows = ("drawbar_pull",)
     parameters = (_relative(start=0.05, scale=0.08),)
     needs = Needs(channels=("drawbar_pull",))
@@ -41,18 +49,12 @@ class DrawbarPullGain(Effect):
         read = reaction.drawbar_pull - added
         return replace(reaction, drawbar_pull=reaction.drawbar_pull + values["relative"] * read)
 
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, drawbar_pull_n=signals.drawbar_pull_n * (1.0 + values["relative"]))
 
-
-class TorqueGain(Effect):
+class TorqueGain(_Gain):
     """Measured T = (1 + e)(true T + I a) - I a: I a of the outboard inertia is taken off what the transducer reads."""
 
     name = "torque_gain"
-    kind = "measurement"
     summary = "Driving torque is scaled by a wrong gain of the transducer."
-    source = _OF_GAINS
     shows = ("driving_torque",)
     parameters = (_relative(start=0.04, scale=0.06),)
     needs = Needs(channels=("driving_torque",))
@@ -65,18 +67,12 @@ class TorqueGain(Effect):
         read = reaction.driving_torque + taken_off
         return replace(reaction, driving_torque=reaction.driving_torque + values["relative"] * read)
 
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, driving_torque_nm=signals.driving_torque_nm * (1.0 + values["relative"]))
 
-
-class LoadGain(Effect):
+class LoadGain(_Gain):
     """Measured W = (1 + e) true W."""
 
     name = "load_gain"
-    kind = "measurement"
     summary = "Vertical load is scaled by a wrong gain of the transducer."
-    source = _OF_GAINS
     shows = ("vertical_load",)
     parameters = (_relative(start=0.04, scale=0.06),)
     needs = Needs(two_loads=True)
@@ -85,10 +81,6 @@ class LoadGain(Effect):
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with the true load."""
         return replace(conditions, vertical_load_n=conditions.vertical_load_n / (1.0 + values["relative"]))
-
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, vertical_load_n=signals.vertical_load_n * (1.0 + values["relative"]))
 
 
 class Crosstalk(Effect):
@@ -115,13 +107,24 @@ class Crosstalk(Effect):
         return replace(signals, drawbar_pull_n=pull)
 
 
-class DrawbarPullZero(Effect):
+class _Zero(Effect):
+    """Measured = true + o, of the one channel that it shows in; o is the only parameter."""
+
+    kind = "measurement"
+    source = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
+    stage = 4
+
+    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
+        """Return the signals with what the transducer makes of them."""
+        field = ROLES[self.shows[0]].field
+        return replace(signals, **{field: getattr(signals, field) + values[self.parameters[0].name]})
+
+
+class DrawbarPullZero(_Zero):
     """Measured Dp = true Dp + o, at standstill too."""
 
     name = "drawbar_pull_zero"
-    kind = "measurement"
     summary = "Drawbar pull carries a constant offset."
-    source = _OF_ZEROS
     shows = ("drawbar_pull",)
     parameters = (
         Parameter(
@@ -137,46 +140,32 @@ class DrawbarPullZero(Effect):
     )
     needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True, zero_of="drawbar_pull")
     at_standstill = True
-    stage = 4
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return what the transducer reads."""
         return replace(reaction, drawbar_pull=reaction.drawbar_pull + values["offset_n"])
 
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, drawbar_pull_n=signals.drawbar_pull_n + values["offset_n"])
 
-
-class TorqueZero(Effect):
+class TorqueZero(_Zero):
     """Measured T = true T + o, at standstill too."""
 
     name = "torque_zero"
-    kind = "measurement"
     summary = "Driving torque carries a constant offset."
-    source = _OF_ZEROS
     shows = ("driving_torque",)
     parameters = (Parameter("offset_nm", "N m", 0.0, 40.0, -1000.0, 1000.0, 60.0, "0.5 to 1 % of a 10 kN m range"),)
     needs = Needs(channels=("driving_torque",), standstill=True, zero_of="driving_torque")
     at_standstill = True
-    stage = 4
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return what the transducer reads."""
         return replace(reaction, driving_torque=reaction.driving_torque + values["offset_nm"])
 
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, driving_torque_nm=signals.driving_torque_nm + values["offset_nm"])
 
-
-class LoadZero(Effect):
+class LoadZero(_Zero):
     """Measured W = true W + o."""
 
     name = "load_zero"
-    kind = "measurement"
     summary = "Vertical load carries a constant offset."
-    source = _OF_ZEROS
     shows = ("vertical_load",)
     parameters = (
         Parameter(
@@ -191,15 +180,10 @@ class LoadZero(Effect):
         ),
     )
     needs = Needs(two_loads=True, zero_of="vertical_load")
-    stage = 4
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with the true load."""
         return replace(conditions, vertical_load_n=conditions.vertical_load_n - values["offset_n"])
-
-    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the signals with what the transducer makes of them."""
-        return replace(signals, vertical_load_n=signals.vertical_load_n + values["offset_n"])
 
 
 class ZeroDrift(Effect):

@@ -72,8 +72,7 @@ def check_options(options: FitOptions) -> None:
         for key in options.chosen
         if EFFECTS[key].reading not in ("any", options.reading)
     ]
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
 
 
 def driven_samples(observations: Observations, options: FitOptions) -> Observations:
@@ -81,17 +80,14 @@ def driven_samples(observations: Observations, options: FitOptions) -> Observati
 
     Rut readings beside another channel may be missing: they are at single samples.
     """
-    missing = [c for c in options.channels if not np.isfinite(observations.measured(c)).any()]
-    if missing and len(observations):
-        raise DataError(
-            *(
-                Fault(
-                    f"{OUTPUTS[c].field} was not measured",
-                    next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
-                )
-                for c in missing
-            )
+    DataError.stop_if_any(
+        Fault(
+            f"{OUTPUTS[c].field} was not measured",
+            next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
         )
+        for c in options.channels
+        if len(observations) and not np.isfinite(observations.measured(c)).any()
+    )
     good = (observations.slip > 0) & (observations.slip <= 1) & (observations.vertical_load_n > 0)
     for channel in options.channels:
         if channel != "z" or not observations.readings or len(options.channels) == 1:
@@ -168,8 +164,7 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
         for name in effect.needs.conditions
         if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
     ]
-    if lacking:
-        raise DataError(*lacking)
+    DataError.stop_if_any(lacking)
 
 
 @one_thread
@@ -283,8 +278,9 @@ def fit_observations(
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{key: getattr(p, channel.field) for key, channel in OUTPUTS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
-    banded = (_with_band(fit, model, driven, chosen, threshold) for fit, model in zip(models, forward, strict=True))
-    models = tuple(banded)
+    models = tuple(
+        _with_band(fit, model, driven, chosen, threshold) for fit, model in zip(models, forward, strict=True)
+    )
     notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 

@@ -315,5 +315,4 @@ def _check_options(options: GaussNewtonOptions) -> None:
     faults = [Fault(f"{name} must be positive", found=str(value)) for name, value in positive.items() if not value > 0]
     if not options.cost_tolerance >= 0:
         faults.append(Fault("cost_tolerance must not be negative", found=str(options.cost_tolerance)))
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)

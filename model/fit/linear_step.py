@@ -12,7 +12,7 @@ Source: More (1978), Lecture Notes in Math. 630; Stark & Parker (1995), Computat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -239,27 +239,22 @@ class BoundedProblem:
         )
         labels = tuple(names) if names else tuple(f"x{i}" for i in range(1, x.size + 1))
         problem = BoundedProblem(function, x, low, high, size, labels)
-        faults = problem._faults(scale is not None)
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(problem._faults(scale is not None))
         return problem
 
-    def _faults(self, scaled: bool) -> list[Fault]:
+    def _faults(self, scaled: bool) -> Iterator[Fault]:
         if len(self.names) != self.start.size:
-            return [Fault(f"{self.start.size} parameters but {len(self.names)} names", found=", ".join(self.names))]
-        faults = []
+            yield Fault(f"{self.start.size} parameters but {len(self.names)} names", found=", ".join(self.names))
+            return
         for name, x, low, high, size in zip(self.names, self.start, self.lower, self.upper, self.scale, strict=True):
             if not np.isfinite(x):
-                faults.append(Fault(f"the start of {name} is not a finite number", found=str(x)))
+                yield Fault(f"the start of {name} is not a finite number", found=str(x))
             elif not low <= high:
-                faults.append(Fault(f"the bounds of {name} are the wrong way round", found=f"[{low}, {high}]"))
+                yield Fault(f"the bounds of {name} are the wrong way round", found=f"[{low}, {high}]")
             elif not low <= x <= high:
-                faults.append(
-                    Fault(f"the start of {name} is outside its bounds", found=str(x), expected=f"[{low}, {high}]")
-                )
+                yield Fault(f"the start of {name} is outside its bounds", found=str(x), expected=f"[{low}, {high}]")
             if scaled and not 0 < size < np.inf:
-                faults.append(Fault(f"the scale of {name} must be positive", found=str(size)))
-        return faults
+                yield Fault(f"the scale of {name} must be positive", found=str(size))
 
     def linearised(self, point: Point, unit: FloatArray) -> LinearProblem:
         """Return the linear problem of the free parameters at a point, in steps scaled by `unit`, shape (p,)."""

@@ -52,7 +52,6 @@ class Observations(Measured):
         Which drive each run is of: wheels that are driven together have a run each. Empty: no two are.
     """
 
-    sinkage_m: FloatArray
     slip_sigma: FloatArray
     vertical_load_sigma_n: FloatArray
     time_s: FloatArray

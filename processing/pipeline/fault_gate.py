@@ -111,13 +111,11 @@ class FaultGate:
         sound["ground_speed"] = replace(kept, count=ground_speed.count - len(ground_speed.values) + len(rows))
         return sound
 
-    def notes(self) -> list[Note]:
-        """Return a note for each channel and kind of fault."""
-        notes = []
+    def notes(self) -> Iterator[Note]:
+        """Yield a note for each channel and kind of fault."""
         for (role, kind), tally in self._found.items():
             facts = {"role": role, "kind": kind.value, "value": tally.value, "time_s": tally.time_s}
-            notes.append(Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | {"share": tally.count / self._total[role]}))
-        return notes
+            yield Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | {"share": tally.count / self._total[role]})
 
     def _sound(self, chunks: list[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
         """Yield consecutive chunks without their faults, and remember those."""

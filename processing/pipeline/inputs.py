@@ -190,18 +190,16 @@ class StatusGate:
             if role in roles
         }
 
-    def notes(self) -> list[Note]:
-        """Return notes on what was excluded, and on what the status did not tell."""
-        notes = []
+    def notes(self) -> Iterator[Note]:
+        """Yield notes on what was excluded, and on what the status did not tell."""
         if self._excluded:
             count = max(self._excluded.values())
-            notes.append(Note(RunCode.DISTRUSTED, values={"count": count, "statuses": dict(self.words)}))
+            yield Note(RunCode.DISTRUSTED, values={"count": count, "statuses": dict(self.words)})
         unknown, seen = (max(counts.values(), default=0) for counts in (self._unknown, self._seen))
         if seen and not self._came:
-            notes.append(Note(RunCode.STATUS_NEVER_CAME))
+            yield Note(RunCode.STATUS_NEVER_CAME)
         elif unknown > _NOTABLE_SHARE * seen:
-            notes.append(Note(RunCode.STATUS_UNKNOWN, values={"count": unknown, "total": seen}))
-        return notes
+            yield Note(RunCode.STATUS_UNKNOWN, values={"count": unknown, "total": seen})
 
     def _take(self, status: Channel) -> None:
         time_ns = np.concatenate([self._last[0], status.time_ns])

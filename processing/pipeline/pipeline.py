@@ -198,7 +198,7 @@ def process_stream(
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
     cutoff_hz, lowered = choose_cutoff(_of_model(samples), options)
-    notes += lowered + gate.notes() + removal.notes()
+    notes += [*lowered, *gate.notes(), *removal.notes()]
     ready_run = _ReadyRun(vehicle, wheel, run or RunInfo(), cutoff_hz, clock, tuple(notes), missing, gate, removal)
     processed, little = _with_remark(ready_run, samples, options)
     doubts, frozen = plausibility_of(processed, vehicle)
@@ -307,8 +307,7 @@ def _collect(
     require_roles(seen, options.purpose, rotating=rotating)
     needed = NEEDED_ROLES[options.purpose]
     empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
-    if empty:
-        raise DataError(*(_nothing_received(role, vehicle) for role in empty))
+    DataError.stop_if_any(_nothing_received(role, vehicle) for role in empty)
     return samples
 
 

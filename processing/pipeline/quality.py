@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import hypot
 
@@ -126,8 +126,7 @@ def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> Non
         Those that do not.
     """
     beyond = [(first, last) for first, last in keep if first < 0 or first > end_s or last > end_s + _ROUNDED_S]
-    if beyond:
-        raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
+    ConfigError.stop_if_any(_beyond(interval, end_s, where) for interval in beyond)
 
 
 def with_by_hand(reason: NDArray[np.uint8], time_s: FloatArray, keep: Sequence[Interval]) -> NDArray[np.uint8]:
@@ -148,59 +147,52 @@ def _beyond(interval: Interval, end_s: float, where: str) -> Fault:
     )
 
 
-def sensor_notes(sensors: dict[str, SensorFacts]) -> list[Note]:
-    """Return notes on channels whose stamps or samples are poor."""
-    notes = []
+def sensor_notes(sensors: dict[str, SensorFacts]) -> Iterator[Note]:
+    """Yield notes on channels whose stamps or samples are poor."""
     for role, facts in sensors.items():
         if facts.late:
-            notes.append(Note(RunCode.LATE_STAMPS, Severity.DOUBT, {"role": role, "count": facts.late}))
+            yield Note(RunCode.LATE_STAMPS, Severity.DOUBT, {"role": role, "count": facts.late})
         if not facts.samples:
-            notes.append(Note(RunCode.NEVER_USABLE, Severity.DOUBT, {"role": role}))
+            yield Note(RunCode.NEVER_USABLE, Severity.DOUBT, {"role": role})
         elif not np.isfinite(facts.sigma):
-            notes.append(Note(RunCode.NOISE_UNKNOWN, values={"role": role}))
-    return notes
+            yield Note(RunCode.NOISE_UNKNOWN, values={"role": role})
 
 
-def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> list[Note]:
-    """Return notes on ground speed against wheel speed.
+def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> Iterator[Note]:
+    """Yield notes on ground speed against wheel speed.
 
     A late ground speed has one likely cause, a delay that is not declared; an early one has several, so that no number
     is proposed.
     """
-    notes = []
     latency_s, sigma_s = speeds.latency_s, speeds.latency_sigma_s
     if abs(latency_s) > 3 * hypot(_RING_DELAY_S, sigma_s):
         declared_s = {role: sensors[role].latency_s for role in ("ground_speed", "wheel_speed")}
         values = {"latency_s": latency_s, "sigma_s": sigma_s, "declared_s": declared_s["ground_speed"]}
         if latency_s > 0:
             whole_s = declared_s["ground_speed"] + latency_s
-            notes.append(Note(RunCode.GROUND_SPEED_LATE, Severity.DOUBT, values | {"whole_s": whole_s}))
+            yield Note(RunCode.GROUND_SPEED_LATE, Severity.DOUBT, values | {"whole_s": whole_s})
         else:
             values["wheel_declared_s"] = declared_s["wheel_speed"]
-            notes.append(Note(RunCode.GROUND_SPEED_EARLY, Severity.DOUBT, values))
-    return notes
+            yield Note(RunCode.GROUND_SPEED_EARLY, Severity.DOUBT, values)
 
 
 def run_notes(
     segments: NDArray[np.uint8], gaps: dict[str, NDArray[np.uint8]], standing: tuple[Standstill, ...]
-) -> list[Note]:
-    """Return notes on the run as a whole; `gaps` are the reasons of each channel."""
-    notes = []
+) -> Iterator[Note]:
+    """Yield notes on the run as a whole; `gaps` are the reasons of each channel."""
     if not standing:
-        notes.append(Note(RunCode.NO_STANDSTILL))
-    notes += _zero_notes(standing)
+        yield Note(RunCode.NO_STANDSTILL)
+    yield from _zero_notes(standing)
     for role, channel in gaps.items():
         share = float(np.mean((channel == Reason.GAP) | (channel == Reason.NOT_MEASURED)))
         if share > _NOTABLE_GAP_SHARE:
-            notes.append(Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": role, "share": share}))
+            yield Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": role, "share": share})
     standing_share = float(np.mean(segments == Segment.STANDSTILL))
     if standing_share > _MOSTLY:
-        notes.append(Note(RunCode.MOSTLY_STANDING, values={"share": standing_share}))
-    return notes
+        yield Note(RunCode.MOSTLY_STANDING, values={"share": standing_share})
 
 
-def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:
-    notes = []
+def _zero_notes(standing: tuple[Standstill, ...]) -> Iterator[Note]:
     for channel in REACTIONS.values():
         role = channel.role
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
@@ -208,5 +200,4 @@ def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:
             levels, sigmas = zip(*seen, strict=True)
             brakes = tuple(sorted({s.brakes for s in standing if role in s.levels}))
             facts = {"role": role, "levels": levels, "sigmas": sigmas, "brakes": brakes}
-            notes.append(Note(RunCode.ZERO_AT_STANDSTILL, values=facts))
-    return notes
+            yield Note(RunCode.ZERO_AT_STANDSTILL, values=facts)

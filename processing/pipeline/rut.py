@@ -45,14 +45,12 @@ def with_ruts(run: ProcessedRun) -> ProcessedRun:
                 next_step="leave out [[run.rut]], or the signal sinkage in vehicle.toml",
             )
         )
-    if deep := [fault for i, reading in enumerate(run.run.rut, 1) for fault in _too_deep(run, reading, i)]:
-        raise ConfigError(*deep)
-    faults = [fault for i, reading in enumerate(run.run.rut, 1) for fault in _misplaced(run, reading, i)]
-    if faults:
-        raise DataError(*faults)
+    readings = list(enumerate(run.run.rut, 1))
+    ConfigError.stop_if_any(fault for i, reading in readings for fault in _too_deep(run, reading, i))
+    DataError.stop_if_any(fault for i, reading in readings for fault in _misplaced(run, reading, i))
     sinkage, sigma = np.full(len(run), np.nan), np.full(len(run), np.nan)
     notes = []
-    for number, reading in enumerate(run.run.rut, 1):
+    for number, reading in readings:
         row = int(np.nanargmin(_distance_to(run, reading)))
         sinkage[row], sigma[row] = reading.depth_m + REBOUND_M, reading.sigma_m
         if run.reason[row] != Reason.USED:

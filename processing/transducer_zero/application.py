@@ -357,17 +357,15 @@ def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Fo
     return Found(determination, channel, name.sign * unit.factor)
 
 
-def _doubts(determination: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
-    doubts = []
+def _doubts(determination: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> Iterator[Note]:
     age_s, there = _age_s(determination, span_ns), determination.temperature_degc
     if abs(age_s) > _OLD_S:
-        doubts.append(Note(RunCode.ZERO_OLD, values={"age_s": age_s}))
+        yield Note(RunCode.ZERO_OLD, values={"age_s": age_s})
     if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
-        doubts.append(Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc}))
+        yield Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc})
     if determination.method == "standstill":
         code = RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED
-        doubts.append(Note(code))
-    return doubts
+        yield Note(code)
 
 
 def _age_s(determination: Determination, span_ns: tuple[int, int]) -> float:

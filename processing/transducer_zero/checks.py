@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import atan2, degrees, hypot, nan
 from typing import Literal
@@ -20,7 +20,7 @@ _SAME_ANGLE_DEG = 5.0
 
 @dataclass(frozen=True)
 class WeightCheck:
-    """What the outboard weight looks like.
+    """Outboard mass and wheel angle by the weight that a spin shows, beside the declared mass.
 
     Attributes
     ----------
@@ -70,19 +70,17 @@ def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: Vehic
     return WeightCheck(mass, mass_sigma, declared, angle, angle_sigma, tuple(remarks))
 
 
-def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> list[Note]:
-    remarks = []
+def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> Iterator[Note]:
     mass, sigma, declared = masses
     if abs(mass - declared) > _NOTABLE_SIGMAS * hypot(sigma, _GAIN * declared):
         facts = {"mass_kg": mass, "sigma_kg": sigma, "declared_kg": declared}
-        remarks.append(Note(ZeroCode.OUTBOARD_MASS, values=facts))
+        yield Note(ZeroCode.OUTBOARD_MASS, values=facts)
     angle, angle_sigma = angles
     if abs(angle) > max(_NOTABLE_SIGMAS * angle_sigma, _LEAST_ANGLE_DEG):
         offset, direction = vehicle.transducer.angle_offset_deg, vehicle.transducer.angle_direction
         better = offset + direction * angle if vehicle.transducer.frame == "wheel" else None
         direction_facts = {"angle_deg": angle, "sigma_deg": angle_sigma, "offset_deg": offset, "better_deg": better}
-        remarks.append(Note(ZeroCode.OUTBOARD_DIRECTION, values=direction_facts))
-    return remarks
+        yield Note(ZeroCode.OUTBOARD_DIRECTION, values=direction_facts)
 
 
 @dataclass(frozen=True)

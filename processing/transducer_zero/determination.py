@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite, radians, sin, sqrt
 
@@ -111,7 +111,11 @@ def determine(
             outliers[signal.name] = fit.outliers
     if not channels:
         raise DataError.of("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used")
-    return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
+    standing = part.method == "standstill"
+    remarks = (
+        _standing_remarks(part, motion, vehicle, on_ground=on_ground) if standing else _spin_remarks(part, vehicle)
+    )
+    return Lifted(part, channels, outliers, tuple(remarks))
 
 
 def _check_released(vehicle: VehicleConfig) -> None:
@@ -144,15 +148,10 @@ def _check_there(
     have = {signal.role for signal in signals if len(signal.values)}
     have |= {"wheel_angle"} if angle is not None and len(angle[0]) else set()
     needed = {"vertical_load"} | ({"drawbar_pull", "wheel_angle"} if vehicle.transducer.frame == "wheel" else set())
-    faults = [
-        Fault(
-            f"nothing usable was received of {role}",
-            next_step="check with wheelsoil info that its frames were recorded, and --from and --to",
-        )
-        for role in sorted(needed - have)
-    ]
-    if faults:
-        raise DataError(*faults)
+    step = "check with wheelsoil info that its frames were recorded, and --from and --to"
+    DataError.stop_if_any(
+        Fault(f"nothing usable was received of {role}", next_step=step) for role in sorted(needed - have)
+    )
 
 
 def _load(
@@ -258,24 +257,21 @@ def _weight_n(role: str, psi: float, vehicle: VehicleConfig) -> float:
     return 0.0
 
 
-def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> list[Note]:
-    if part.method == "spin":
-        return _spin_remarks(part, vehicle)
-    remarks = [Note(ZeroCode.ONE_WHEEL_ANGLE)]
+def _standing_remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> Iterator[Note]:
+    yield Note(ZeroCode.ONE_WHEEL_ANGLE)
     if not isfinite(part.angle_rad) and motion.speed is None:
-        remarks.append(Note(ZeroCode.STANDING_ASSUMED))
+        yield Note(ZeroCode.STANDING_ASSUMED)
     if on_ground:
-        remarks.append(Note(ZeroCode.ON_GROUND, values={"load_share": _ON_GROUND_SHARE}))
+        yield Note(ZeroCode.ON_GROUND, values={"load_share": _ON_GROUND_SHARE})
     elif vehicle.transducer.frame == "wheel":
         mass = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
-        remarks.append(Note(ZeroCode.WEIGHT_TAKEN_OUT, values={"mass_kg": mass}))
-    return remarks
+        yield Note(ZeroCode.WEIGHT_TAKEN_OUT, values={"mass_kg": mass})
 
 
-def _spin_remarks(part: Part, vehicle: VehicleConfig) -> list[Note]:
+def _spin_remarks(part: Part, vehicle: VehicleConfig) -> Iterator[Note]:
     speed = np.abs(part.speed[1])
     if np.ptp(speed) < _NOTABLE_CHANGE * np.mean(speed):
-        return []
+        return
     inertia = vehicle.wheel.outboard_inertia_kgm2 if vehicle.wheel else 0.0
     facts = {"from_radps": float(speed[0]), "to_radps": float(speed[-1]), "inertia_kgm2": inertia}
-    return [Note(ZeroCode.SPEED_CHANGED, values=facts)]
+    yield Note(ZeroCode.SPEED_CHANGED, values=facts)

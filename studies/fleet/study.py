@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from wheelsoil.fleet import ask, open_store, overview_of
+from wheelsoil.fleet import ask, holdings_of, open_store, overview_of
 
 SIMULATED, RUNS, DURATION_S = 100, 2, 20
 CAUSES = (
@@ -121,7 +121,7 @@ def main(count: int = 1000) -> None:
     root, store = FOLDER / "root", FOLDER / "store"
     broken = made(root, count)
     wall_s, cpu_s = timed(root, store, 2)
-    manifests = open_store(str(store)).manifests().values()
+    manifests = holdings_of(open_store(str(store))).manifests.values()
     sizes = [path.stat().st_size for path in store.rglob("*.parquet")]
     start_s = time.monotonic()
     again = _wheelsoil("fleet", "run", str(root), "--store", str(store))

@@ -109,8 +109,8 @@ def test_the_note_on_a_late_receiver_names_its_whole_delay(declared_s: float, no
 def test_what_a_toothed_ring_may_do_gives_no_note(latency_s: float) -> None:
     facts = SensorFacts(100, 0, 20.0, 0, 0.05, 0.07, 0.03, "declared")
     sensors = {"ground_speed": facts, "wheel_speed": facts}
-    assert not speed_notes(SpeedComparison(latency_s, 0.004), sensors)
-    assert not speed_notes(SpeedComparison(3 * latency_s, 0.04), sensors)
+    assert not list(speed_notes(SpeedComparison(latency_s, 0.004), sensors))
+    assert not list(speed_notes(SpeedComparison(3 * latency_s, 0.04), sensors))
 
 
 def test_an_early_receiver_is_told_without_a_number_to_declare() -> None:

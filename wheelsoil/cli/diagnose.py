@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 def diagnose_command(
+    context: typer.Context,
     runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
@@ -68,8 +69,8 @@ def diagnose_command(
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
     min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -92,6 +93,8 @@ def diagnose_command(
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.vehicle import doubts_of_wheels
 
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
         by_hand.fit_choices().reading,
@@ -106,15 +109,14 @@ def diagnose_command(
     if (error_of_form is not None or paired) and not tables:
         option = "--paired" if paired else "--error-of-form"
         raise ConfigError.of(f"{option} is of single-wheel tables", next_step="give --table FILE.csv")
-    paths = runs or []
-    options.refuse_wheel_of_a_table(tables, wheel)
-    if tables and plan:
+    if plan and (tables or zero or choice):
         raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
+    paths = runs or []
+    options.refuse_two_sources(paths, tables, choice, wheel, [*(rename or ()), *(where or ())], "diagnose")
     if tables:
-        options.refuse_two_sources(paths, tables, choice, (), "diagnose")
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         read = read_benches(tables, wheels, rename=rename, where=where)
-        options.say_doubted_soils(bench.terrain for bench in read)
+        options.say_doubted_soils(wheel_test.terrain for wheel_test in read)
         benches = tuple(map(bench_of, read))
         if paired:
             _compare(benches, settings, json=json)
@@ -134,13 +136,10 @@ def diagnose_command(
         wheel=wheel,
     )
     if plan:
-        if zero or choice:
-            raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)
         return
-    options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
     unreadable: list[SetAsideRun] = []
     per_wheel = PerWheel(files.runs_of_wheels(paths, noted_in(unreadable)), json=json, unreadable=unreadable)
     of_all = per_wheel.several and not apart

@@ -44,6 +44,7 @@ class Engine(StrEnum):
 
 @fleet_app.command("run")
 def fleet_run(
+    context: typer.Context,
     roots: Annotated[list[Path], typer.Argument(metavar="ROOT...", help="Folders with campaigns, however deep.")],
     store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://bucket/folder.")],
     engine: Annotated[Engine, typer.Option(help="Processes of this machine, or Dask workers.")] = Engine.local,
@@ -58,7 +59,7 @@ def fleet_run(
     effects: options.Effects = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Also those that failed before.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read all of the store for damage.")] = False,
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,
     json: options.Json = False,
 ) -> None:
     """Take every campaign and single-wheel table through processing, fit and diagnosis into a store.
@@ -72,6 +73,7 @@ def fleet_run(
     from wheelsoil.wording.store_text import OPEN_STORE, PLAIN_SCHEDULER
     from wheelsoil.workflows import diagnosis_options
 
+    options.keep_results(context, no_cache)
     if scheduler and engine is Engine.local:
         raise ConfigError.of("--scheduler is of Dask", next_step="give --engine dask")
     chosen = options.split(effects)
@@ -94,7 +96,7 @@ def fleet_run(
     failed = dict(plan.failed)
     for step in _shown(run_fleet(plan, workers), len(plan.todo)):
         if step.state == "failed":
-            failed[step.name] = step.said
+            failed[step.name] = step.outcome
     if json:
         print_json({"store": store, "campaigns": len(plan.found), "done_before": there, "failed": failed})
     if failed:
@@ -121,7 +123,7 @@ def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
         for step in steps:
             left = f", {_duration(step.left_s)} left" if step.finished < step.total else ""
             cost = f", {step.cpu_s:.1f} s of CPU, {step.peak_bytes / 1e6:.0f} MB" if step.cpu_s else ""
-            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.said}{cost}{left}")
+            say(f"{step.finished}/{step.total} {step.name}: {step.state}, {step.outcome}{cost}{left}")
             yield step
         return
     from rich.console import Console
@@ -139,7 +141,7 @@ def _shown(steps: Iterable[Step], total: int) -> Iterator[Step]:
         for step in steps:
             bar.update(task, advance=1, description=f"{step.failed} failed" if step.failed else "")
             if step.state == "failed":
-                bar.console.print(f"{step.name}: {step.said}", markup=False, highlight=False)
+                bar.console.print(f"{step.name}: {step.outcome}", markup=False, highlight=False)
             yield step
 
 
@@ -173,7 +175,9 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
     return {
         "campaigns": len(manifests),
         "failed": {manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "failed"},
-        "silent": {one.campaign: one.fault for one in manifests if one.state == "done" and one.fault},
+        "silent": {
+            manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "done" and manifest.fault
+        },
         "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
         "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
         "cpu_s": sum(manifest.cpu_s for manifest in manifests),

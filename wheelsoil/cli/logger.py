@@ -200,10 +200,8 @@ def _exit(summary: LogSummary, vehicle: VehicleConfig) -> None:
         for fault in (*summary.faults, *silence):
             say(str(fault))
         raise typer.Exit(_SIGNAL_EXIT + summary.signal_number)
-    if summary.faults:
-        raise HardwareError(*summary.faults)
-    if silence:
-        raise DataError(*silence)
+    HardwareError.stop_if_any(summary.faults)
+    DataError.stop_if_any(silence)
 
 
 def _print_summary(summary: LogSummary, json: bool) -> None:

@@ -80,17 +80,6 @@ OneWheel = Annotated[
 ]
 
 
-def use_cores(context: typer.Context, jobs: int | None) -> int | None:
-    """Let a command use so many processes while it runs; without a number all cores."""
-    from model import available_cores, can_copy_processes, processes
-
-    count = jobs or available_cores()
-    if count > 1 and not can_copy_processes():
-        say("one core is used: this system cannot copy a process")
-    context.with_resource(processes(count))
-    return jobs
-
-
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -99,26 +88,13 @@ Jobs = Annotated[
         min=1,
         metavar="N",
         envvar="WHEELSOIL_JOBS",
-        callback=use_cores,
         help="Processes at once (default: one for each core).",
     ),
 ]
 
 
-def keep_nothing(context: typer.Context, off: bool) -> bool:
-    """Let a command neither use nor keep results of earlier ones."""
-    from wheelsoil.cache import nothing_kept
-
-    if off:
-        context.with_resource(nothing_kept())
-    return off
-
-
 NoCache = Annotated[
-    bool,
-    typer.Option(
-        "--no-cache", callback=keep_nothing, help="Compute everything anew; keep nothing (see `wheelsoil cache`)."
-    ),
+    bool, typer.Option("--no-cache", help="Compute everything anew; keep nothing (see `wheelsoil cache`).")
 ]
 AcceptImplausible = Annotated[
     bool,
@@ -218,6 +194,24 @@ PageHost = Annotated[
 ]
 
 
+def use_cores(context: typer.Context, jobs: int | None) -> None:
+    """Let a command use so many processes until it ends; without a number all cores."""
+    from model import available_cores, can_copy_processes, processes
+
+    count = jobs or available_cores()
+    if count > 1 and not can_copy_processes():
+        say("one core is used: this system cannot copy a process")
+    context.with_resource(processes(count))
+
+
+def keep_results(context: typer.Context, no_cache: bool) -> None:
+    """Let a command neither use nor keep results of earlier ones until it ends, if --no-cache is given."""
+    from wheelsoil.cache import nothing_kept
+
+    if no_cache:
+        context.with_resource(nothing_kept())
+
+
 def configuration(
     vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
 ) -> Configuration:
@@ -256,13 +250,11 @@ def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str
         One is not of that form.
     """
     parsed = [tuple(text.partition("=")[::2]) for text in texts or ()]
-    faults = [
+    ConfigError.stop_if_any(
         Fault(f"{option} {text} is not understood", expected=form)
         for text, (left, right) in zip(texts or (), parsed, strict=True)
         if not left or not right
-    ]
-    if faults:
-        raise ConfigError(*faults)
+    )
     return [(left, right) for left, right in parsed]
 
 
@@ -429,12 +421,14 @@ def one_file(files: Sequence[str] | None) -> Path | None:
 
 
 def refuse_two_sources(
-    runs: Sequence[Path], table: object, choice: Path | None, columns: Sequence[str], verb: str
+    runs: Sequence[Path], table: object, choice: Path | None, wheel: str | None, columns: Sequence[str], verb: str
 ) -> None:
     """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
 
     Parameters
     ----------
+    wheel : str or None
+        Of runs; rows of a table are chosen with --where.
     columns : sequence of str
         Values of --rename and --where.
     verb : str
@@ -450,10 +444,6 @@ def refuse_two_sources(
         raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
     if not table and columns:
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
-
-
-def refuse_wheel_of_a_table(table: object, wheel: str | None) -> None:
-    """Check that --wheel is not given with --table, where --where chooses; raises ConfigError."""
     if table and wheel is not None:
         raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
 

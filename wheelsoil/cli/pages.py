@@ -29,6 +29,7 @@ class Format(StrEnum):
 
 
 def report_command(
+    context: typer.Context,
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
     ] = None,
@@ -66,8 +67,8 @@ def report_command(
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
     against: options.Against = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -86,8 +87,9 @@ def report_command(
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
-    options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
-    options.refuse_wheel_of_a_table(tables, wheel)
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
+    options.refuse_two_sources(runs or (), tables, choice, wheel, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
     by_hand = options.chosen(
         choice,
@@ -102,7 +104,7 @@ def report_command(
     if tables:
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = read_benches(tables, wheels, rename=rename, where=where)
-        options.say_doubted_soils(bench.terrain for bench in benches)
+        options.say_doubted_soils(wheel_test.terrain for wheel_test in benches)
         choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
@@ -277,6 +279,7 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 
 
 def view_command(
+    context: typer.Context,
     runs: options.Runs,
     vehicle: options.Vehicle = None,
     wheel: options.Wheel = None,
@@ -285,7 +288,7 @@ def view_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,
     host: options.PageHost = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
@@ -305,6 +308,7 @@ def view_command(
     from wheelsoil.view.server import serve
     from wheelsoil.workflows import Files, known_soil
 
+    options.keep_results(context, no_cache)
     if soil is not None:
         known_soil(soil, None)
     if against:

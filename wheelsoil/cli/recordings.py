@@ -75,14 +75,11 @@ def export_command(
     if not output.parent.is_dir():
         raise ConfigError.of("no such folder", output.parent, next_step="create it or choose another output")
     opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say_set_aside)
-    without = [run for run in opened if not run.databases]
-    if without:
-        raise ConfigError(
-            *(
-                Fault("no DBC is known for this run", str(run.path), next_step="give --vehicle FILE, which names them")
-                for run in without
-            )
-        )
+    ConfigError.stop_if_any(
+        Fault("no DBC is known for this run", str(run.path), next_step="give --vehicle FILE, which names them")
+        for run in opened
+        if not run.databases
+    )
     output.mkdir(exist_ok=True)
     written: list[Path] = []
     taken: set[str] = set()

@@ -33,6 +33,7 @@ _BLOCK_ROWS = 1 << 16
 
 
 def process_command(
+    context: typer.Context,
     runs: options.Runs,
     output: Annotated[
         Path | None,
@@ -55,8 +56,8 @@ def process_command(
     max_gap: Annotated[
         float | None, typer.Option(metavar="S", help="Longest gap that is bridged (default: by the filter).")
     ] = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     choice: options.ChoiceFile = None,
     force: options.Force = False,
     json: options.Json = False,
@@ -64,6 +65,8 @@ def process_command(
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
     from wheelsoil.workflows.runs import Files, noted_in, process_runs
 
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
     settings = by_hand.process_options(rate_hz=rate)
@@ -160,6 +163,7 @@ def _blocks(found: Sequence[tuple[str, ProcessedRun]], names: Iterable[str]) -> 
 
 
 def fit_command(
+    context: typer.Context,
     runs: options.RunsIfAny = None,
     table: options.TableFile = None,
     rename: options.Rename = None,
@@ -178,8 +182,8 @@ def fit_command(
     model: options.ModelFile = None,
     apart: options.Apart = False,
     min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -194,8 +198,9 @@ def fit_command(
     from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
-    options.refuse_wheel_of_a_table(table, wheel)
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
+    options.refuse_two_sources(runs or (), table, choice, wheel, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(
         choice,
         sinkage=sinkage,
@@ -313,6 +318,7 @@ def _print_sinkages(comparison: dict[str, Any]) -> None:
 
 
 def sinkage_command(
+    context: typer.Context,
     runs: options.RunsIfAny = None,
     table: options.TableFile = None,
     rename: options.Rename = None,
@@ -322,8 +328,8 @@ def sinkage_command(
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
     min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
-    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    jobs: options.Jobs = None,
+    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -336,8 +342,9 @@ def sinkage_command(
     from wheelsoil.workflows.runs import Files, noted_in
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
 
-    options.refuse_two_sources(runs or (), table, None, [*(rename or ()), *(where or ())], "evaluate")
-    options.refuse_wheel_of_a_table(table, wheel)
+    options.use_cores(context, jobs)
+    options.keep_results(context, no_cache)
+    options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
         facts = _sinkage_of_table(table, rename, where, vehicle)
         if json:

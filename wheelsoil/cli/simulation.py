@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, VehicleConfig
-from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
+from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading, keep_results
 from wheelsoil.console import computing, print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
@@ -31,11 +31,12 @@ _CAVEAT = (
 
 
 def demo_command(
+    context: typer.Context,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Output folder.")] = Path("out/demo"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the hidden effect, the soil and the noise.")] = 10,
     runs: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 6,
     duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run.")] = 40.0,
-    no_cache: NoCache = False,  # noqa: ARG001  # its callback uses it
+    no_cache: NoCache = False,
     json: Json = False,
 ) -> None:
     """Simulate a vehicle with a hidden effect, diagnose its CAN frames, compare with the true value; 15 s to a minute.
@@ -48,6 +49,7 @@ def demo_command(
     from wheelsoil.wording.verdict import sentence_of
     from wheelsoil.workflows.demo import draw_hidden, open_envelope
 
+    keep_results(context, no_cache)
     _check_folder(output)
     options = _campaign(seed, runs, duration)
     hidden = draw_hidden(seed, options.wheel)

@@ -136,16 +136,14 @@ def _plates(
     from daq import ConfigError, Fault
     from daq.series import column_names, read_plate_tests
 
-    faults = [
+    ConfigError.stop_if_any(
         Fault(
             f"{len(sizes)} values of --{option} for {len(files)} plate files",
             expected="one for all files, or one for each, in their order",
         )
         for option, sizes in (("radius", radii), ("width", widths))
         if len(sizes) not in (0, 1, len(files))
-    ]
-    if faults:
-        raise ConfigError(*faults)
+    )
     tests: list[PlateTest] = []
     for i, path in enumerate(files):
         radius, width = (sizes[i % len(sizes)] if sizes else None for sizes in (radii, widths))

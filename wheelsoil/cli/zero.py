@@ -123,8 +123,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
             faults.append(Fault(f"--max-drift {part!r} is not understood", expected="UNIT=VALUE,..., e.g. N=50,Nm=10"))
         else:
             limits[unit.quantity] = most * unit.factor
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
     return limits
 
 

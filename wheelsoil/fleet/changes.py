@@ -72,7 +72,8 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
 
     Campaigns without a date, and those that failed, do not count.
     """
-    dated = [row for row in _rows(holdings) if row["start"] is not None and row["state"] == "done"]
+    rows: list[dict[str, Any]] = holdings.table("campaigns", (*_COLUMNS, *_EDGES)).to_pylist()
+    dated = [row for row in rows if row["start"] is not None and row["state"] == "done"]
     dated.sort(key=lambda row: (row["start"], row["campaign"]))
     kinds: tuple[Literal["vehicle", "terrain"], ...] = ("vehicle", "terrain")
     pairs = [(of, *pair) for of in kinds for pair in _last_two(dated, of)]
@@ -95,11 +96,6 @@ def changes_of(holdings: Holdings) -> tuple[Change, ...]:
         sizes = tuple(size for size in changes_between(*both) if size.beyond and isfinite(size.difference))
         found.append(Change(of, now[of], *names, differs, _pull(before, now), sizes, now["wheel"] or ""))
     return tuple(sorted(found, key=lambda change: change.start, reverse=True))
-
-
-def _rows(holdings: Holdings) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = holdings.table("campaigns", (*_COLUMNS, *_EDGES)).to_pylist()
-    return rows
 
 
 def _last_two(dated: Iterable[dict[str, Any]], of: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:

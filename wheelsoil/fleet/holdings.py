@@ -7,7 +7,7 @@ table and these campaigns. What a file holds has a checksum; it is compared wher
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from daq import ConfigError
 from wheelsoil.fleet.checks import failures, wrong_groups
 from wheelsoil.fleet.manifests import Damage, Manifest, Part
-from wheelsoil.fleet.store import Store
+from wheelsoil.fleet.store import Listing, Store
 from wheelsoil.fleet.tables import COLUMNS, packed_schema_of, schema_of, with_later_columns
 
 if TYPE_CHECKING:
@@ -30,26 +30,10 @@ _TRIES = 3
 
 
 @dataclass(frozen=True)
-class Holdings:
-    """Campaigns of a store that can be read.
+class Holdings(Listing):
+    """Campaigns of a store that can be read: of its parts those that are sound."""
 
-    Attributes
-    ----------
-    parts : tuple of Part
-        Sound ones.
-    damaged : tuple of Damage
-        What was set aside.
-    older : tuple of Part
-        What newer parts replace.
-    packs : tuple of Part
-        All that can be read, as they were written.
-    """
-
-    store: Store
-    parts: tuple[Part, ...]
-    damaged: tuple[Damage, ...] = ()
-    older: tuple[Part, ...] = ()
-    packs: tuple[Part, ...] = ()
+    store: Store = field(kw_only=True)
 
     @property
     def manifests(self) -> dict[str, Manifest]:
@@ -172,7 +156,7 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
                 damaged += [Damage(manifest.campaign, path, what, part.name) for manifest in part.used(group)]
         parts = [replace(part, lost=part.lost | wrong.get(part.name, {}).keys()) for part in parts]
         parts = [part for part in parts if any(part.manifests)]
-    return Holdings(store, tuple(parts), tuple(damaged), listing.older, listing.packs)
+    return Holdings(tuple(parts), tuple(damaged), listing.older, listing.packs, store=store)
 
 
 def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> tuple[T, tuple[Damage, ...]]:

@@ -190,8 +190,7 @@ def export(
         There is no such table or format.
     """
     unknown = [name for name in tables if name not in COLUMNS]
-    if unknown:
-        raise ConfigError(*(Fault(f"no table is called {name!r}", expected=nearest(name, COLUMNS)) for name in unknown))
+    ConfigError.stop_if_any(Fault(f"no table is called {name!r}", expected=nearest(name, COLUMNS)) for name in unknown)
     target.mkdir(parents=True, exist_ok=True)
     chosen = tables or tuple(COLUMNS)
 

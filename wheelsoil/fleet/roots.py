@@ -134,8 +134,7 @@ def find_sources(roots: Sequence[Path], not_read: list[str] | None = None) -> di
         if len(paths) > 1:
             step = "rename one of them, or name the folder that both are in as the root"
             faults.append(Fault("two campaigns have the same name", name, ", ".join(paths), next_step=step))
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
     return {source: found[source] for source in ordered}
 
 

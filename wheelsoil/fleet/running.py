@@ -94,6 +94,8 @@ class Step:
 
     Attributes
     ----------
+    outcome : str
+        Its verdict, and what is wrong with it.
     finished, failed, total : int
         So far, and of this call.
     cpu_s, peak_bytes : float, int
@@ -104,7 +106,7 @@ class Step:
 
     name: str
     state: str
-    said: str
+    outcome: str
     finished: int
     failed: int
     total: int
@@ -235,7 +237,8 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         yield Step(
             name=source.name,
             state=manifest.state,
-            said="; ".join(filter(None, (manifest.verdict.replace("_", " "), manifest.fault))) or "was there already",
+            outcome="; ".join(filter(None, (manifest.verdict.replace("_", " "), manifest.fault)))
+            or "was there already",
             finished=finished,
             failed=failed,
             total=len(plan.todo),

@@ -148,11 +148,8 @@ class Store:
         found: dict[str, Part] = {}
         damaged: list[Damage] = []
         older: list[Part] = []
-        names = self._manifest_names(DONE)
-        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
+        for name, text in self._manifest_texts(DONE):
             file = name.rpartition("/")[2]
-            if text == b"gone":
-                continue
             try:
                 manifest = single_of(file, text)
             except ValueError:
@@ -167,10 +164,7 @@ class Store:
         """Return the packs, and the campaigns of those whose manifest cannot be read."""
         found: list[Part] = []
         unread: dict[str, list[str]] = {}
-        names = self._manifest_names(PACKS)
-        for name, text in zip(names, self.contents(names, gone=b"gone"), strict=True):
-            if text == b"gone":
-                continue
+        for name, text in self._manifest_texts(PACKS):
             try:
                 found.append(pack_of(name, text))
             except ValueError:
@@ -185,16 +179,15 @@ class Store:
             return {}
         return values if isinstance(values, dict) else {}
 
-    def _manifest_names(self, folder: str) -> list[str]:
-        """Return the manifests in a folder, the newest last."""
+    def _manifest_texts(self, folder: str) -> Iterator[tuple[str, bytes]]:
+        """Yield the manifests in a folder by name, with their text, the newest last."""
         listed = self.files.ls(f"{self.root}/{folder}", detail=True) if self._holds(folder) else []
         files = [entry for entry in listed if entry["type"] == "file"]  # a bucket says no time of its folders
         names = [entry["name"].rpartition("/")[2] for entry in sorted(files, key=_changed)]
-        return [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
-
-    def manifests(self) -> dict[str, Manifest]:
-        """Return the manifest of each campaign, by name."""
-        return {manifest.campaign: manifest for part in self.listing().parts for manifest in part.manifests}
+        paths = [f"{folder}/{name}" for name in names if name.endswith(".json") and not name.startswith(".")]
+        for path, text in zip(paths, self.contents(paths, gone=b"gone"), strict=True):
+            if text != b"gone":
+                yield path, text
 
     def sizes(self, paths: Sequence[str]) -> list[int | None]:
         """Return the bytes of files of one table; None of one that is not there."""

@@ -272,7 +272,7 @@ class AnalysisSession:
             "complete": reasons is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
-            "effects": effect_entries(base, choices.reading, reasons or {}, roles, chosen),
+            "effects": list(effect_entries(base, choices.reading, reasons or {}, roles, chosen)),
         }
 
     def _not_identifiable(self, members: Sequence[Member]) -> dict[str, str]:

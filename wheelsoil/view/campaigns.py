@@ -189,8 +189,7 @@ class ViewedCampaign:
         """Return the kept intervals (None: all) of each used run by its key; `ConfigError` if the choice is unfit."""
         named = [self._named(section) for section in self.choice.runs]
         in_use, faults = runs_in_use(replace(self.choice, runs=tuple(named)), [run.run for run in self.runs])
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(faults)
         kept = {chosen.run.id: chosen.keep for chosen in in_use}
         return {run.key: kept[run.run.id] for run in self.runs if run.run.id in kept}
 
@@ -224,18 +223,16 @@ class ViewedCampaign:
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps]
+        step = "switch the run off, or correct the error"
         faults = [fault for run in used if run.state == "failed" for fault in run.faults]
-        if faults:
-            step = "switch the run off, or correct the error"
-            raise ConfigError(*(replace(fault, next_step=fault.next_step or step) for fault in faults))
+        ConfigError.stop_if_any(replace(fault, next_step=fault.next_step or step) for fault in faults)
         pending = sum(run.state != "ready" for run in used)
         if pending:
             what = f"{pending} of {len(used)} runs are not processed yet"
             raise NotReadyError.of(what, self.name, next_step="wait until they are, or switch them off")
         lacking = [(run, text) for run in used if run.plot_data for text in run.plot_data.missing.values()]
-        if lacking:
-            step = "correct vehicle.toml and open the page again, or switch the run off"
-            raise ConfigError(*(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking))
+        step = "correct vehicle.toml and open the page again, or switch the run off"
+        ConfigError.stop_if_any(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking)
         if used and all(run.refused for run in used):
             raise ConfigError(*(Fault(run.refused, f"run {run.run.id}") for run in used))
         return self.ready_members()
@@ -400,8 +397,7 @@ def _load_choice(campaign: ViewedCampaign) -> list[str]:
         choice = load_choice(path)
         own = [run.run for run in campaign.runs]
         in_use, faults = runs_in_use(choice, [*own, *campaign.others])
-        if faults:
-            raise ConfigError(*faults)
+        ConfigError.stop_if_any(faults)
         choice.process_options()
     except WheelsoilError as error:
         return [f"{path} is not used: {error.what}"]

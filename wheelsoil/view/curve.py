@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, log10
@@ -136,20 +136,18 @@ def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:
 
 def effect_entries(
     base: Base, reading: Reading, reasons: Mapping[str, str], roles: Collection[str], chosen: Collection[str]
-) -> list[dict[str, Any]]:
-    """Return every effect with its parameters, and why these data cannot identify it (`reasons` by family).
+) -> Iterator[dict[str, Any]]:
+    """Yield every effect with its parameters, and why these data cannot identify it (`reasons` by family).
 
     Effects that need further `roles` than the vehicle declares are left out, but for those that are `chosen`.
     """
     visible = _visible_in_curve(base, reading)
-    found = []
     for key, effect in EFFECTS.items():
         lacking = [role for role in effect.needs.roles if role not in roles]
         if lacking and key not in chosen:
             continue
         why = {effect.name: f"vehicle.toml declares no {', '.join(lacking)}"} if lacking else {}
-        found.append(_entry(key, base.wheel, reading, {**reasons, **why}) | {"in_curve": visible[key]})
-    return found
+        yield _entry(key, base.wheel, reading, {**reasons, **why}) | {"in_curve": visible[key]}
 
 
 def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:
@@ -170,8 +168,7 @@ def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Ma
     }
     faults += _unfit(values, known, "values")
     faults += _unfit(soil, {name: (low, high) for name, (_, _, low, high, _) in _SOIL.items()}, "soil")
-    if faults:
-        raise ConfigError(*faults)
+    ConfigError.stop_if_any(faults)
     return {**soil, **values}
 
 

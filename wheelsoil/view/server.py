@@ -64,22 +64,6 @@ _TERMINATED_EXIT = 143
 
 def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
     """Return the page as an ASGI application."""
-
-    def choose(asked: ChoiceAsked) -> Any:
-        return session.choose(asked.campaign, asked.choice)
-
-    def save(asked: SaveAsked) -> Any:
-        return session.save(asked.campaign, asked.name, replace_it=asked.replace)
-
-    def fit(asked: CampaignAsked) -> Any:
-        return session.fit(asked.campaign)
-
-    def diagnose(asked: CampaignAsked) -> Any:
-        return session.diagnose(asked.campaign)
-
-    def cancel(asked: CampaignAsked) -> Any:
-        return session.cancel(asked.campaign)
-
     page = files_in("wheelsoil.web") | files_in("wheelsoil.view")
     routes = [
         _get("/api/list", lambda _: session.list()),
@@ -95,11 +79,11 @@ def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
         _post("/api/curve", CurveAsked, session.curve),
         _post("/api/prediction", PredictionAsked, session.prediction),
         _post("/api/selected", SelectedAsked, session.selected),
-        _post("/api/choose", ChoiceAsked, choose),
-        _post("/api/fit", CampaignAsked, fit),
-        _post("/api/diagnose", CampaignAsked, diagnose, 202),
-        _post("/api/cancel", CampaignAsked, cancel),
-        _post("/api/save", SaveAsked, save),
+        _post("/api/choose", ChoiceAsked, lambda asked: session.choose(asked.campaign, asked.choice)),
+        _post("/api/fit", CampaignAsked, lambda asked: session.fit(asked.campaign)),
+        _post("/api/diagnose", CampaignAsked, lambda asked: session.diagnose(asked.campaign), 202),
+        _post("/api/cancel", CampaignAsked, lambda asked: session.cancel(asked.campaign)),
+        _post("/api/save", SaveAsked, lambda asked: session.save(asked.campaign, asked.name, replace_it=asked.replace)),
     ]
     app = Starlette(routes=[*routes_of(page), *routes])
     return Guard(app, rules, frozenset(page), largest_body_bytes=LARGEST_BODY_BYTES)

@@ -67,8 +67,9 @@ def counts(raw: IntArray, *, named: bool) -> bool:
 class RollingCounter:
     """A counter that has been recognised; where it starts again is learned.
 
-    A fall from the highest value so far to the lowest is a turn of an unknown range or a loss across the end of a known
-    one. It stays undecided until the next turn: the same fall again is the counter's range.
+    While its range is not known, a fall from the highest value so far to the lowest is either its turn, or lost frames
+    around its turn. A later fall decides: the same one again is the turn, one that goes beyond it shows that frames
+    were lost.
 
     Parameters
     ----------
@@ -104,8 +105,8 @@ class RollingCounter:
         Returns
         -------
         int64 array, shape as `raw`
-            Frames lost just before each, modulo the counter's range, -1 where it stood still. What was in doubt stands
-            where it was settled.
+            Frames lost just before each, modulo the counter's range, -1 where it stood still; those of a doubtful fall
+            are listed at the frame that decided it.
         """
         lost = np.zeros(len(raw), np.int64)
         start = 0

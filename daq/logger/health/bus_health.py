@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -80,38 +81,36 @@ class ErrorFrames:
             self._state = (_state(int(classes[last]), int(controller[last])), int(errors["time_ns"][last]))
             self._counters = (int(data[last, 6]), int(data[last, 7]))
 
-    def reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
-        """Return what the last seconds' error frames mean; a bus with a later data frame is not off any more."""
-        found = self._state_reasons(bus, now_ns, last_data_ns)
+    def reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> Iterator[Reason]:
+        """Yield what the last seconds' error frames mean; a bus with a later data frame is not off any more."""
+        yield from self._state_reasons(bus, now_ns, last_data_ns)
         recent = {name: self._recent[name].take(now_ns, self._classes[name]) for name in self._recent}
         if recent["overflow"]:
             what = (
                 f"the controller lost frames {recent['overflow']} times in the last 10 s: it was not read fast enough"
             )
-            found.append(reason("controller_overflow", Level.RED, bus, what))
+            yield reason("controller_overflow", Level.RED, bus, what)
         if recent["no_ack"]:
             what = f"{recent['no_ack']} frames of this machine had no acknowledgement in the last 10 s"
-            found.append(reason("bus_no_ack", Level.AMBER, bus, what))
+            yield reason("bus_no_ack", Level.AMBER, bus, what)
         if recent["protocol"]:
             kinds = ", ".join(name for name, _ in self._protocol.most_common(2) if self._protocol[name])
             what = f"{recent['protocol']} protocol errors in the last 10 s" + (f", mostly {kinds}" if kinds else "")
-            found.append(reason("bus_errors", Level.AMBER, bus, what))
+            yield reason("bus_errors", Level.AMBER, bus, what)
         if recent["other"]:
             what = f"{recent['other']} error frames in the last 10 s"
-            found.append(reason("bus_errors", Level.AMBER, bus, what))
-        return found
+            yield reason("bus_errors", Level.AMBER, bus, what)
 
-    def _state_reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
+    def _state_reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> Iterator[Reason]:
         state, since_ns = self._state
         if state == "off" and (last_data_ns is None or last_data_ns <= since_ns):
             what = f"the controller has been off the bus for {(now_ns - since_ns) * 1e-9:.0f} s"
-            return [reason("bus_off", Level.RED, bus, what)]
-        if state in ("passive", "warning") and now_ns - since_ns < _STATE_HOLDS_NS:
+            yield reason("bus_off", Level.RED, bus, what)
+        elif state in ("passive", "warning") and now_ns - since_ns < _STATE_HOLDS_NS:
             sent, received = self._counters
             counted = f" (error counters: {sent} sending, {received} receiving)" if sent or received else ""
             text = "is error passive" if state == "passive" else "warns of many errors"
-            return [reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {text}{counted}")]
-        return []
+            yield reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {text}{counted}")
 
 
 def _state(classes: int, controller: int) -> str:
@@ -255,7 +254,7 @@ class BusWatch:
         if self.status.state != "up":
             self._away_ns = now_ns
         rate_hz, bit_rate, unknown = traffic.rates(now_ns)
-        found = self._state(now_ns, host) + self._drops(now_ns)
+        found = [*self._state(now_ns, host), *self._drops(now_ns)]
         if self.status.state == "up":
             found += traffic.errors.reasons(self.name, now_ns, traffic.last_data_ns)
         found += self._unknown(now_ns, unknown)
@@ -275,19 +274,18 @@ class BusWatch:
         """Return what was lost on the bus, by who lost it."""
         return {f"kernel.{self.name}": self.status.kernel_drops or 0, f"queue.{self.name}": self.status.queue_drops}
 
-    def _state(self, now_ns: int, host: HostStatus) -> list[Reason]:
-        status, found = self.status, []
+    def _state(self, now_ns: int, host: HostStatus) -> Iterator[Reason]:
+        status = self.status
         self._returns.take(now_ns, status.reconnects)
         if status.state == "down":
-            found.append(reason("bus_down", self._level, self.name, status.detail or "the interface is down"))
+            yield reason("bus_down", self._level, self.name, status.detail or "the interface is down")
         elif status.state == "bus_off":
-            found.append(reason("bus_off", self._level, self.name, status.detail or "the controller is off the bus"))
+            yield reason("bus_off", self._level, self.name, status.detail or "the controller is off the bus")
         else:
-            found += self._silence(now_ns, host)
+            yield from self._silence(now_ns, host)
             if self._returns.last_ns is not None and now_ns - self._returns.last_ns < _RETURN_REPORTED_NS:
                 what = f"the bus was lost and came back, {status.reconnects} times so far"
-                found.append(reason("bus_returned", Level.AMBER, self.name, what))
-        return found
+                yield reason("bus_returned", Level.AMBER, self.name, what)
 
     def _silence(self, now_ns: int, host: HostStatus) -> list[Reason]:
         last_ns = self.traffic.last_data_ns
@@ -302,8 +300,7 @@ class BusWatch:
         )
         return [reason("bus_silent", self._level, self.name, what)]
 
-    def _drops(self, now_ns: int) -> list[Reason]:
-        found = []
+    def _drops(self, now_ns: int) -> Iterator[Reason]:
         for code, recent, count in (
             ("kernel_drops", self._kernel, self.status.kernel_drops or 0),
             ("queue_drops", self._queue, self.status.queue_drops),
@@ -312,8 +309,7 @@ class BusWatch:
             if count:
                 level = Level.RED if now else Level.AMBER
                 what = f"lost {count} frames so far, {now} of them in the last {RECENT_NS * 1e-9:.0f} s"
-                found.append(reason(code, level, self.name, what))
-        return found
+                yield reason(code, level, self.name, what)
 
     def _unknown(self, now_ns: int, share: float) -> list[Reason]:
         ids = ", ".join(self.traffic.ids())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -37,25 +37,24 @@ class HostWatch:
         self._since = Since()
         self._steps = Recent()
 
-    def reasons(self, now_ns: int, host: HostStatus) -> list[Reason]:
-        """Return what is wrong with the machine."""
-        found = self._disk(host)
+    def reasons(self, now_ns: int, host: HostStatus) -> Iterator[Reason]:
+        """Yield what is wrong with the machine."""
+        yield from self._disk(host)
         if host.queue_share > _QUEUE_AMBER:
             level = Level.RED if host.queue_share > _QUEUE_RED else Level.AMBER
             what = f"the queue before the disk is {100 * host.queue_share:.0f} % full"
-            found.append(reason("queue_filling", level, "host", what))
+            yield reason("queue_filling", level, "host", what)
         if self._skipped.take(now_ns, host.skipped_frames):
             what = f"{host.skipped_frames} frames so far were recorded, but not decoded"
-            found.append(reason("inspection_skipped", Level.AMBER, "host", what))
+            yield reason("inspection_skipped", Level.AMBER, "host", what)
         if self._since.held_s("cpu", now_ns, host.cpu_share > _BUSY) >= _BUSY_S:
             what = f"the logger takes {100 * host.cpu_share:.0f} % of a processor core"
-            found.append(reason("cpu_busy", Level.AMBER, "host", what))
+            yield reason("cpu_busy", Level.AMBER, "host", what)
         self._steps.take(now_ns, host.clock_steps)
         if self._steps.last_ns is not None and now_ns - self._steps.last_ns < _STEP_REPORTED_NS:
             by = f" by {host.last_step_s:+.3f} s" if math.isfinite(host.last_step_s) else ""
             what = f"the host's clock was set{by}, {host.clock_steps} times so far"
-            found.append(reason("clock_stepped", Level.AMBER, "host", what))
-        return found
+            yield reason("clock_stepped", Level.AMBER, "host", what)
 
     def _disk(self, host: HostStatus) -> list[Reason]:
         usable = max(host.disk_free_bytes - host.disk_reserve_bytes, 0)
@@ -140,32 +139,32 @@ class Gnss:
         nowhere = len(self._positions) == 2 and all(abs(values.get(r, 1.0)) < _NULL_ISLAND_RAD for r in self._positions)
         fix = self._fix and not nowhere if self._fix is not None else None
         age_s = math.nan if self._fixed_ns is None else (now_ns - self._fixed_ns) * 1e-9
-        found = self._clock_reasons()
+        found = list(self._clock_reasons())
         if bus_active:
             found += self._fix_reasons(now_ns, fix, age_s, nowhere, period_s)
         return GnssHealth(worst(found), fix, age_s, self._fit), found
 
-    def _fix_reasons(self, now_ns: int, fix: bool | None, age_s: float, nowhere: bool, period_s: float) -> list[Reason]:
+    def _fix_reasons(
+        self, now_ns: int, fix: bool | None, age_s: float, nowhere: bool, period_s: float
+    ) -> Iterator[Reason]:
         patience_s = max(_LOST_AFTER_S, _MESSAGES * period_s) if math.isfinite(period_s) else _NEVER_AFTER_S
         running_s = (now_ns - self._started_ns) * 1e-9
         if fix is None or (math.isnan(age_s) and running_s < _NEVER_AFTER_S):
-            return []
+            return
         if math.isnan(age_s):
-            return [reason("gnss_no_fix", Level.RED, "gnss", f"no fix since the start {running_s:.0f} s ago")]
-        if nowhere:
-            return [reason("gnss_no_fix", Level.RED, "gnss", "the position is 0, 0: the receiver has none")]
-        if age_s > patience_s:
-            return [reason("gnss_no_fix", Level.RED, "gnss", f"the last valid fix is {age_s:.1f} s old")]
-        return []
+            yield reason("gnss_no_fix", Level.RED, "gnss", f"no fix since the start {running_s:.0f} s ago")
+        elif nowhere:
+            yield reason("gnss_no_fix", Level.RED, "gnss", "the position is 0, 0: the receiver has none")
+        elif age_s > patience_s:
+            yield reason("gnss_no_fix", Level.RED, "gnss", f"the last valid fix is {age_s:.1f} s old")
 
-    def _clock_reasons(self) -> list[Reason]:
-        fit, found = self._fit, []
+    def _clock_reasons(self) -> Iterator[Reason]:
+        fit = self._fit
         if fit is None:
-            return []
+            return
         if fit.residual_s > _RESIDUAL_S:
             what = f"GNSS time comes with a jitter of {1e3 * fit.residual_s:.0f} ms against the host's clock"
-            found.append(reason("gnss_clock_residual", Level.AMBER, "gnss", what))
+            yield reason("gnss_clock_residual", Level.AMBER, "gnss", what)
         if abs(fit.drift_ppm) > _DRIFT_PPM + _DRIFT_SIGMAS * fit.drift_sigma_ppm:
             what = f"the host's clock drifts by {fit.drift_ppm:.0f} ppm ({0.06 * fit.drift_ppm:.1f} ms a minute)"
-            found.append(reason("gnss_clock_drift", Level.AMBER, "gnss", what))
-        return found
+            yield reason("gnss_clock_drift", Level.AMBER, "gnss", what)

@@ -6,7 +6,7 @@ A message is missing, late or loses frames; a signal is stuck, saturated, out of
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from daq.can.roles import SignalRef
@@ -42,7 +42,7 @@ def message_health(
     """Return the state of a message and what is wrong with it; silence is not its fault where the bus is not active."""
     flow = message.flow
     silent_ok = message.listed(health.may_be_silent)
-    found = [] if silent_ok or not bus_active else _silence(message, now_ns, started_ns)
+    found = [] if silent_ok or not bus_active else list(_silence(message, now_ns, started_ns))
     found += _losses(message, now_ns, count_missing=not silent_ok)
     state = MessageHealth(
         bus=message.bus,
@@ -86,46 +86,41 @@ def grouped_reasons(reasons: Sequence[Reason], kept: frozenset[tuple[str, str]])
     return result
 
 
-def _silence(message: WatchedMessage, now_ns: int, started_ns: int) -> list[Reason]:
+def _silence(message: WatchedMessage, now_ns: int, started_ns: int) -> Iterator[Reason]:
     flow, level = message.flow, Level.RED if message.roles else Level.AMBER
     if flow.silent(now_ns):
         what = f"has not come for {flow.age_s(now_ns):.1f} s, usually every {flow.period_s:.3g} s"
-        return [reason("message_missing", level, message.bus, what, name=message.name)]
-    if message.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
+        yield reason("message_missing", level, message.bus, what, name=message.name)
+    elif message.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
         roles = ", ".join(reference.role for reference in message.roles.values())
         what = f"has not come since the start {(now_ns - started_ns) * 1e-9:.0f} s ago, and carries {roles}"
-        return [reason("message_missing", level, message.bus, what, name=message.name)]
-    return []
+        yield reason("message_missing", level, message.bus, what, name=message.name)
 
 
-def _losses(message: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Reason]:
+def _losses(message: WatchedMessage, now_ns: int, *, count_missing: bool) -> Iterator[Reason]:
     flow = message.flow
     lost, missing = message.lost.take(now_ns, flow.counter_lost), message.missing.take(now_ns, flow.missing)
     repeated, came = message.repeated.take(now_ns, flow.repeated), message.came.take(now_ns, flow.frames)
     changed = message.rate.take(now_ns, flow.rate_changes)
-    found = []
     if lost:
         level = Level.RED if message.roles else Level.AMBER
         least = "at least " if flow.wrapped else ""
         share = f"{lost} of {came + lost} frames in 10 s"
         what = f"lost {least}{share}, by its {flow.counter_name}; {least}{flow.counter_lost} so far"
-        found.append(reason("counter_jump", level, message.bus, what, name=message.name))
+        yield reason("counter_jump", level, message.bus, what, name=message.name)
     if count_missing and missing > _MISSING_SHARE * came:
         what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"
-        found.append(reason("frames_missing", Level.AMBER, message.bus, what, name=message.name))
+        yield reason("frames_missing", Level.AMBER, message.bus, what, name=message.name)
     if repeated >= _REPEATED_LEAST and repeated > _REPEATED_SHARE * came:
         level = Level.RED if message.roles else Level.AMBER
         what = f"its {flow.counter_name} stood still in {repeated} of {came} frames in 10 s"
-        found.append(reason("counter_repeated", level, message.bus, what, name=message.name))
+        yield reason("counter_repeated", level, message.bus, what, name=message.name)
     elif repeated >= _DOUBLED_LEAST:
         what = f"{repeated} of {came} frames in 10 s came twice, by its {flow.counter_name}"
-        found.append(reason("frames_doubled", Level.AMBER, message.bus, what, name=message.name))
+        yield reason("frames_doubled", Level.AMBER, message.bus, what, name=message.name)
     if changed:
         usual = f"comes every {flow.period_s:.3g} s now" if flow.period_s == flow.period_s else "comes irregularly now"
-        found.append(
-            reason("rate_changed", Level.AMBER, message.bus, f"{usual}, which is not as before", name=message.name)
-        )
-    return found
+        yield reason("rate_changed", Level.AMBER, message.bus, f"{usual}, which is not as before", name=message.name)
 
 
 class Motion:
@@ -158,20 +153,18 @@ class Motion:
             if abs(speed) > MOVING_MPS:
                 self.moved_s[role] += elapsed_s
 
-    def reasons(self, now_ns: int, roles: Mapping[str, SignalRef]) -> list[Reason]:
-        """Return the contradictions of the speeds of these roles."""
-        found = []
+    def reasons(self, now_ns: int, roles: Mapping[str, SignalRef]) -> Iterator[Reason]:
+        """Yield the contradictions of the speeds of these roles."""
         stands = self.rim_mps == 0 and abs(self.ground_mps) > _CONTRADICTED_MPS
         if self._since.held_s("wheel", now_ns, stands) > _STANDING_S:
             what = f"is exactly 0 while the ground speed is {self.ground_mps:.1f} m/s"
             of = roles["wheel_speed"]
-            found.append(reason("wheel_speed_zero", Level.AMBER, of.bus, what, name=of.name))
+            yield reason("wheel_speed_zero", Level.AMBER, of.bus, what, name=of.name)
         spins = self.ground_mps == 0 and abs(self.rim_mps) > _CONTRADICTED_MPS
         if self._since.held_s("ground", now_ns, spins) > _ALL_SLIP_S:
             what = f"is exactly 0 while the rim runs at {self.rim_mps:.1f} m/s"
             of = roles["ground_speed"]
-            found.append(reason("ground_speed_zero", Level.AMBER, of.bus, what, name=of.name))
-        return found
+            yield reason("ground_speed_zero", Level.AMBER, of.bus, what, name=of.name)
 
 
 @dataclass(frozen=True)
@@ -217,8 +210,8 @@ def signal_health(message: WatchedMessage, scene: Scene) -> tuple[list[SignalHea
             role = reference.role
             if role in _FLAGS or (role in _SPEEDS and value == 0.0) or (role in _OF_GNSS and not scene.has_fix):
                 stuck_s = 0.0  # it has a reason to stay the same
-            found = _role_reasons(message, row, reference, scene, stuck_s, is_out=is_out, is_saturated=is_saturated)
-            level = max((r.level for r in found), default=Level.GREEN)
+            found = [*_role_reasons(message, row, reference, scene, stuck_s, is_out=is_out, is_saturated=is_saturated)]
+            level = worst(found)
             reasons += found
         role, unit = reference.role if reference else "", message.message.by_name[name].unit
         full = f"{message.name}.{name}"
@@ -240,45 +233,43 @@ def _role_reasons(
     *,
     is_out: bool,
     is_saturated: bool,
-) -> list[Reason]:
+) -> Iterator[Reason]:
     signal, values, role = message.message.by_name[reference.signal], message.values, reference.role
     value, name = float(values.last[row]), reference.name
     unit = f" {signal.unit}" if signal.unit else ""
     if math.isnan(value):
-        return []
+        return
     label = signal.labels.get(round((value - signal.offset) / signal.scale), "") if signal.labels else ""
-    found = []
     if role == "transducer_status":
         if value != 0:
             shown = f"{value:g}, {label!r}" if label else f"{value:g}"
-            found.append(
-                reason("transducer_status", Level.AMBER, message.bus, f"the transducer says {shown}, not 0", name=name)
+            yield reason(
+                "transducer_status", Level.AMBER, message.bus, f"the transducer says {shown}, not 0", name=name
             )
-        return found
+        return
     if math.isnan(_in_si(reference, value)):
         if role not in _OF_GNSS or scene.has_fix:
             meaning = f" ({label})" if label else ""
-            found.append(
-                reason("signal_not_available", Level.AMBER, message.bus, f"the sender has no value{meaning}", name=name)
+            yield reason(
+                "signal_not_available", Level.AMBER, message.bus, f"the sender has no value{meaning}", name=name
             )
-        return found
+        return
     if stuck_s:
         usual_s = float(values.longest_ns[row]) * 1e-9
         what = f"has stood at {value:g}{unit} for {stuck_s:.1f} s; never above {usual_s:.2g} s before"
-        found.append(reason("signal_stuck", Level.AMBER, message.bus, what, name=name))
+        yield reason("signal_stuck", Level.AMBER, message.bus, what, name=name)
     elif _constant(role, row, message, scene):
         what = f"{value:g}{unit} since the start, although the vehicle has moved"
-        found.append(reason("signal_constant", Level.AMBER, message.bus, what, name=name))
+        yield reason("signal_constant", Level.AMBER, message.bus, what, name=name)
     if is_saturated:
         what = f"{value:g}{unit} is the end of what its bits hold; {values.saturated[row]} samples so far"
-        found.append(reason("signal_saturated", Level.RED, message.bus, what, name=name))
+        yield reason("signal_saturated", Level.RED, message.bus, what, name=name)
     elif is_out:
         what = (
             f"{value:g}{unit}, the DBC's range is {signal.minimum:g} to {signal.maximum:g}; "
             f"{values.out_of_range[row]} samples so far"
         )
-        found.append(reason("signal_out_of_range", Level.AMBER, message.bus, what, name=name))
-    return found
+        yield reason("signal_out_of_range", Level.AMBER, message.bus, what, name=name)
 
 
 def _constant(role: str, row: int, message: WatchedMessage, scene: Scene) -> bool:

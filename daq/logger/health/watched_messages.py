@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -269,8 +269,8 @@ def watched_messages(
     return watched
 
 
-def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> list[Fault]:
-    """Return a fault for each name in ``[health]`` that no DBC and no bus has.
+def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> Iterator[Fault]:
+    """Yield a fault for each name in ``[health]`` that no DBC and no bus has.
 
     Parameters
     ----------
@@ -287,16 +287,14 @@ def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database
     for of_bus in messages_by_bus(databases).values():
         messages |= set(of_bus)
         signals |= {f"{name}.{signal}" for name, message in of_bus.items() for signal in message.by_name}
-    faults = []
     for key in _OF_MESSAGES if messages else ():
         for name in getattr(vehicle.health, key):
             known = signals if "." in name else messages
             if name not in messages | signals:
                 what = f"no {'signal' if known is signals else 'message'} of the DBCs is called {name!r}"
-                faults.append(Fault(what, f"[health] {key}", expected=nearest(name, known), next_step=_STEP))
+                yield Fault(what, f"[health] {key}", expected=nearest(name, known), next_step=_STEP)
     buses = {bus.channel for bus in vehicle.bus}
     for name in vehicle.health.may_carry_unknown:
         if name not in buses:
             what = f"no bus is called {name!r}"
-            faults.append(Fault(what, "[health] may_carry_unknown", expected=nearest(name, buses), next_step=_STEP))
-    return faults
+            yield Fault(what, "[health] may_carry_unknown", expected=nearest(name, buses), next_step=_STEP)

@@ -61,7 +61,7 @@ def _kill(target: str, program: Program, random: np.random.Generator) -> str:
 def _rows_are(url: Path, whole: Path, *, all_of_it: bool) -> None:
     """Compare every table row by row with that of an undisturbed run; of an unfinished store what it has."""
     expected, found = rows_of(whole), rows_of(url)
-    names = set(open_store(str(url)).manifests())
+    names = set(holdings_of(open_store(str(url))).manifests)
     assert not holdings_of(open_store(str(url)), thorough=True).damaged
     assert len(names) == CAMPAIGNS or not all_of_it
     for table, rows in expected.items():

@@ -20,7 +20,7 @@ from daq import ConfigError
 from daq.runs import SetAsideRun
 from processing import LOOK
 from wheelsoil.cache import entries
-from wheelsoil.fleet import FleetOptions, Shard, find_sources, open_store, plan_fleet
+from wheelsoil.fleet import FleetOptions, Shard, find_sources, holdings_of, open_store, plan_fleet
 from wheelsoil.fleet.roots import Source
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.workflows import Choice
@@ -45,7 +45,7 @@ def test_every_campaign_is_found_by_its_place_and_done(fleet: Path, store: Path)
     assert [source.name for source in found] == [*NAMES, "spring/day-5"]
     for source, files in found.items():
         assert files is None or source.placed(files) == source.facts()
-    manifests = open_store(str(store)).manifests()
+    manifests = holdings_of(open_store(str(store))).manifests
     assert list(manifests) == [source.name for source in found]
     assert {name: one.state for name, one in manifests.items() if one.state != "done"} == {"broken": "failed"}
     tables = rows_of(store)
@@ -160,7 +160,7 @@ def test_what_failed_is_tried_again_when_it_is_mended_or_on_request(pair: Path, 
     assert [source.name for source in plan_fleet([pair], str(url), retry_failed=True).todo] == ["day-2"]
     run.write_bytes(whole)
     ok("fleet", "run", pair, "--store", url)
-    assert [one.state for one in open_store(str(url)).manifests().values()] == ["done", "done"]
+    assert [one.state for one in holdings_of(open_store(str(url))).manifests.values()] == ["done", "done"]
     assert len(list(url.glob("campaigns/campaign=day-2/*"))) == 1
 
 
