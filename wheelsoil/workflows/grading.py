@@ -77,24 +77,31 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = (), named: Collection[str]
 
 def short_runs(runs: Sequence[ProcessedRun], apart: Mapping[str, Note] | None = None) -> list[list[str]]:
     """Return for each run whether it is suspiciously short beside the others, or `apart` from them, and why."""
+    usual_s, lengths_s = _short_lengths_s(runs)
+    return [
+        [
+            *([f"{length_s:.0f} s long, most runs {usual_s:.0f} s: check whether it was cut off"] if length_s else []),
+            *texts_of(note for name, note in (apart or {}).items() if name == run.run.id),
+        ]
+        for run, length_s in zip(runs, lengths_s, strict=True)
+    ]
+
+
+def _short_lengths_s(runs: Sequence[ProcessedRun]) -> tuple[float, list[float]]:
+    """Return the usual length of a run, and the length of each that is much shorter; 0 of the others."""
     lengths_s = [len(run) / run.rate_hz for run in runs]
     usual_s = float(np.median(lengths_s)) if len(runs) >= _FEWEST else 0.0
-    text = f"{{:.0f}} s long, most runs {usual_s:.0f} s: check whether it was cut off"
-    short = [[text.format(length_s)] if length_s < _SHORT * usual_s else [] for length_s in lengths_s]
-    return [
-        [*own, *texts_of(note for name, note in (apart or {}).items() if name == run.run.id)]
-        for run, own in zip(runs, short, strict=True)
-    ]
+    return usual_s, [length_s if length_s < _SHORT * usual_s else 0.0 for length_s in lengths_s]
 
 
 def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict[str, str]:
     """Return the runs that can be used but are short, or of which much is excluded, and why."""
     found: dict[str, str] = {}
-    for run, grade, short in zip(runs, grades, short_runs(runs), strict=True):
+    for run, grade, length_s in zip(runs, grades, _short_lengths_s(runs)[1], strict=True):
         lost = grade.usable_share < _GOOD_SHARE
-        if grade.level == "fair" and (short or lost):
+        if grade.level == "fair" and (length_s or lost):
             excluded = f"{100 * (1 - grade.usable_share):.0f} % excluded"
-            found[run.run.id] = short[0].partition(",")[0] if short else excluded
+            found[run.run.id] = f"{length_s:.0f} s long" if length_s else excluded
     return found
 
 

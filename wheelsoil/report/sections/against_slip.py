@@ -66,7 +66,6 @@ _ERRORS_TORQUE = (
     "measured − predicted, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
     "to zero: what lies near it was predicted."
 )
-"""Half width of a 95 % interval in sigmas."""
 _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 _SINKAGE_AXIS = "sinkage (mm)"
 _FROM_FORCES = "#8A6D00"
@@ -224,7 +223,7 @@ def sinkage(inputs: ReportInputs) -> Contents:
         figure = figure if facts.withdrawn else _with_forces(figure, facts)
         numbers |= {"from_forces": sinkage_as_json(facts)}
         reading += _READING_FORCES
-        blocks += _told(facts)
+        blocks += _sinkage_texts(facts)
     return [Panels([figure], reading), *blocks], numbers
 
 
@@ -276,7 +275,7 @@ def _with_forces(figure: Figure, facts: SinkageFacts) -> Figure:
     return replace(figure, data=[*traces, *figure.data], layout=layout)
 
 
-def _told(facts: SinkageFacts) -> list[Block]:
+def _sinkage_texts(facts: SinkageFacts) -> list[Block]:
     blocks: list[Block] = [
         Text(f"From forces: {growth_sentence(facts.growth)}."),
         Table(
