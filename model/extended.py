@@ -112,7 +112,8 @@ class ExtendedModel:
     soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
     reading : "balanced" or "literal"
     provenance : mapping str -> str, float or tuple of str
-        Where it comes from: runs, verdict, probability, gain.
+        Where it comes from: runs, verdict, probability, gain; "wheel", of one of several; "counted_from", what its
+        errors of measurement count from.
     sets : tuple of ModelSet
         Where several sets of causes remain possible, most probable first; else empty.
     rest_probability : float
@@ -138,21 +139,27 @@ class ExtendedModel:
         Raises
         ------
         ConfigError
-            The vehicle has no wheel of this id.
+            The vehicle has no wheel of this id, or the model is of another wheel.
         """
-        if not self.wheels:
+        if not self.wheels and (not wheel or self.wheel_id in ("", wheel)):
             return self
         if wheel not in self.wheels:
             raise ConfigError.of(
-                "the model is of the wheels of a vehicle",
+                f"the model is of {'the wheels of a vehicle' if self.wheels else 'another wheel'}",
                 where,
                 found=f"wheel {wheel}" if wheel else "a wheel without an id",
-                expected=", ".join(self.wheels),
-                next_step="give their runs, or the model of one wheel: `wheelsoil diagnose FOLDER --wheel ID -o FILE`",
+                expected=", ".join(self.wheels) or self.wheel_id,
+                next_step=f"give {'their runs' if self.wheels else f'its runs (--wheel {self.wheel_id})'}, or the "
+                f"model of one wheel: `wheelsoil diagnose FOLDER --wheel {wheel or 'ID'} -o FILE`",
             )
         size, tyre = self.wheels[wheel]
         sets = tuple(_with_effects(each, _chosen(each.effects, wheel=wheel)) for each in self.sets)
         return replace(self, wheel=size, tyre=tyre, effects=_chosen(self.effects, wheel=wheel), sets=sets, wheels={})
+
+    @property
+    def wheel_id(self) -> str:
+        """Id of the only wheel that it is of; empty where that has none, or there are several."""
+        return str(self.provenance.get("wheel", ""))
 
     @property
     def values(self) -> dict[str, float]:

@@ -290,6 +290,23 @@ class Run:
         unused = unused_validity(references, signals)
         return [Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else []
 
+    def scales(self, roles: Collection[str]) -> dict[str, str]:
+        """Return what one bit of the signal of some roles is in SI, and what is added; nothing without DBCs.
+
+        Raises as `channels`.
+        """
+        messages = messages_by_bus(self.databases)
+        measured = {*roles} - {replaced_speed(self.vehicle)} if messages and not self.series else ()
+        found = resolve_roles(self.vehicle, self.databases, (), measured).values()
+        pairs = (
+            (reference, messages[reference.bus][reference.message].by_name[reference.signal]) for reference in found
+        )
+        return {
+            to.role: f"{bit.scale * to.si_factor:.9g} {to.si_unit} a bit, offset "
+            f"{bit.offset * to.si_factor + to.si_offset:.9g}"
+            for to, bit in pairs
+        }
+
     def channels(self, roles: Collection[str] = ROLES) -> dict[str, Channel]:
         """Return the channels of some roles in SI units, angles in radians, but positions in degrees.
 

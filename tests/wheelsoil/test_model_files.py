@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +14,26 @@ import pytest
 from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
 
+from daq.config import SensorSection
 from daq.errors import ConfigError
+from daq.runs import Run
+from daq.vehicle_sections import SignalName
 from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.result import Diagnosis, ParameterEstimate, SoilEstimate
+from model.diagnosis.core.result import Cause, Diagnosis, ParameterEstimate, SoilEstimate
+from model.effects import EFFECTS
 from model.extended import ExtendedEffect, ExtendedModel, ModelSet
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
+from processing import ProcessedRun, ProcessOptions
+from processing.processed_run import AppliedZero
 from wheelsoil.simulation.options import SimulationOptions, with_model
+from wheelsoil.wording.mending import MENDED
+from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.verdict import sentence_of
-from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of
+from wheelsoil.workflows import campaigns_of
+from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of, refuse_mended
+from wheelsoil.workflows.runs import open_and_process
 
 CLAY = SOILS["clay"]
 CAMPAIGN = Campaign("clay", (), Wheel(0.47, 0.318), CLAY, prior_of(CLAY))
@@ -305,3 +317,108 @@ def test_a_file_of_another_wheel_is_refused_with_both_sizes(campaign, tmp_path, 
     result = invoke(command, campaign, "--model", path, *to)
     assert result.code == 2 and "another wheel" in result.err
     assert "radius 0.058 m, width 0.05 m" in result.err and "radius 0.47 m" in result.err
+
+
+@pytest.fixture(scope="module")
+def processed(campaign: Path) -> list[tuple[Run, ProcessedRun]]:
+    return open_and_process([campaign], ProcessOptions(purpose="diagnose"))
+
+
+def made(runs: Sequence[tuple[Run, ProcessedRun]], *causes: str) -> ExtendedModel:
+    """Return the model of a diagnosis of these runs that names some causes, read back from its file."""
+    named = []
+    for key in causes:
+        one = EFFECTS[key]
+        sizes = effect(key, **{p.name: p.start for p in one.parameters}).parameters
+        named.append(Cause(one.name, one.form, one.kind, key, 1.0, 1.0, sizes))
+    found = replace(diagnosis("named"), causes=tuple(named), average=None)
+    (model,) = models_of(found, campaigns_of([], runs), "balanced", "")
+    return ExtendedModel.from_mapping(tomllib.loads(model_toml(model)))
+
+
+MENDED_BY = {
+    "speed_latency": "[sensors.ground_speed] latency_s",
+    "speed_bias": "scale of ground_speed",
+    "wheel_radius": "[wheel] radius_m",
+    "drawbar_pull_gain": "scale of drawbar_pull",
+    "torque_gain": "scale of driving_torque",
+    "load_gain": "scale of vertical_load",
+    "crosstalk": "[transducer] angle_offset_deg",
+    "drawbar_pull_zero": "zero of drawbar_pull",
+    "torque_zero": "zero of driving_torque",
+    "load_zero": "zero of vertical_load",
+    "zero_drift": "zero of drawbar_pull",
+    "body_pitch": "scale of drawbar_pull",
+    "wheel_inertia": "[wheel] outboard_mass_kg",
+}
+
+
+def otherwise(run: Run, done: ProcessedRun, name: str) -> tuple[Run, ProcessedRun]:
+    """Return a run with another value of what is declared."""
+    vehicle, wheel = run.vehicle, run.vehicle.wheel
+    assert wheel is not None
+    section, _, key = name.rpartition(" ")
+    if section == "zero of":
+        zero = AppliedZero(12.0, float("nan"), 1.0, ("spin",), ("spin.mcap",), (60.0,))
+        return run, replace(done, quality=replace(done.quality, zeros={key: zero}))
+    if section == "scale of":
+        name = SignalName(signal=vehicle.signals[key].signal, sign=-vehicle.signals[key].sign)
+        return replace(run, vehicle=vehicle.model_copy(update={"signals": vehicle.signals | {key: name}})), done
+    parts = {
+        "[wheel]": {"wheel": wheel.model_copy(update={key: 0.99 * getattr(wheel, key, 1.0)})},
+        "[transducer]": {"transducer": vehicle.transducer.model_copy(update={key: "spin" if key == "zero" else 1.5})},
+    }
+    role = section.removeprefix("[sensors.").removesuffix("]")
+    late = {"sensors": vehicle.sensors | {role: SensorSection(latency_s=vehicle.latency_s(role) + 0.25)}}
+    return replace(run, vehicle=vehicle.model_copy(update=parts.get(section, late))), done
+
+
+def test_every_error_of_measurement_counts_from_what_the_report_mends(processed):
+    """Whoever mends it in vehicle.toml, a DBC or by a zero file has it corrected twice by the file."""
+    errors = [effect for effect in EFFECTS.values() if effect.kind == "measurement" or effect.name in MENDED]
+    assert {effect.key() for effect in errors} == MENDED_BY.keys(), "a new one: what mends it?"
+    for each in errors:
+        model = made(processed, each.key())
+        names = [str(line).partition(" = ")[0] for line in model.provenance["counted_from"]]
+        assert MENDED_BY[each.key()] in names and len(set(names)) == len(names)
+        refuse_mended(model, processed)
+        for name in names:
+            with pytest.raises(ConfigError) as refused:
+                refuse_mended(model, [otherwise(*processed[0], name)])
+            faults = [fault for fault in refused.value.faults if f"and {name} has changed" in fault.what]
+            assert len(faults) == 1 and faults[0].found != faults[0].expected and "diagnose anew" in faults[0].next_step
+            assert plain_name(each.key()) in faults[0].what and str(faults[0].where).endswith("vehicle.toml")
+    others = [effect.key() for effect in EFFECTS.values() if effect not in errors]
+    assert all("counted_from" not in made(processed, key).provenance for key in others)
+
+
+def test_what_an_error_does_not_count_from_may_change(processed):
+    """A gain outlives the zero of another day, and a latency the gain's scale."""
+    gain, late = made(processed, "torque_gain"), made(processed, "speed_latency")
+    refuse_mended(gain, [otherwise(*processed[0], "zero of driving_torque")])
+    refuse_mended(gain, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
+    refuse_mended(late, [otherwise(*processed[0], "scale of driving_torque")])
+    old = replace(late, provenance={})
+    refuse_mended(old, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
+
+
+@pytest.mark.parametrize("command", ["fit", "report"])
+def test_a_latency_that_was_mended_is_not_corrected_twice(campaign, processed, tmp_path, command):
+    model = tmp_path / "model.toml"
+    model.write_text(model_toml(made(processed, "speed_latency")), encoding="utf-8")
+    to = ("-o", tmp_path / "r.html", "--no-diagnosis") if command == "report" else ()
+    text = (campaign / "vehicle.toml").read_text(encoding="utf-8")
+    mended = tmp_path / "mended"
+    shutil.copytree(campaign, mended, dirs_exist_ok=True)
+    declared = "[sensors.ground_speed]\nlatency_s = 0.07\n"
+    assert declared in text
+    (mended / "vehicle.toml").write_text(text.replace(declared, declared.replace("0.07", "0.17")), encoding="utf-8")
+    result = invoke(command, mended, "--model", model, *to)
+    assert result.code == 2 and "speed latency, and [sensors.ground_speed] latency_s has changed" in result.err
+    assert "found: 0.17" in result.err and "expected: 0.07" in result.err and "put the value back" in result.err
+    ok(command, campaign, "--model", model, *to)
+
+
+def test_the_file_of_a_single_wheel_without_an_error_of_measurement_says_no_more_than_before(processed):
+    model = made(processed, "vasilev")
+    assert not {"wheel", "counted_from"} & model.provenance.keys()

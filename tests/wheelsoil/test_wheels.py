@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 import sys
 import tomllib
 from collections.abc import Sequence
@@ -338,6 +339,41 @@ def test_commands_take_the_model_of_a_vehicle_at_each_wheel_or_refuse_it_by_name
     )
     for result, words in refused:
         assert result.code == 2 and words in result.err and "next: " in result.err
+
+
+def test_the_file_of_one_wheel_is_of_no_other(two: Path, tmp_path: Path) -> None:
+    model, page = tmp_path / "rl.toml", ("--no-diagnosis", "-o", tmp_path / "r.html")
+    ok("diagnose", two, "--wheel", "RL", *QUICK, "-o", model)
+    read = load_model(model)
+    assert (read.wheel_id, read.wheels) == ("RL", {})
+    assert all("wheel" not in line.partition("]")[2] for line in read.provenance["counted_from"])
+    for command in (("fit", two), ("fit", two, "--wheel", "FL"), ("report", two, "--wheel", "FL", *page)):
+        result = invoke(*command, "--model", model)
+        assert result.code == 2 and "the model is of another wheel" in result.err and str(model) in result.err
+        assert "found: wheel FL" in result.err and "expected: RL" in result.err and "--wheel FL -o FILE" in result.err
+    assert "extended" in ok("fit", two, "--wheel", "RL", "--model", model, "--json").json["models"]
+    front = open_and_process([two], ProcessOptions(), Files(wheel="FL"))
+    with pytest.raises(ConfigError, match="of another wheel"):
+        fit_runs(front, FitChoices(extended=read), None)
+
+
+def test_what_is_mended_at_one_wheel_is_held_against_its_errors_alone(
+    two: Path, diagnosed: tuple[list[dict[str, Any]], Path], tmp_path: Path
+) -> None:
+    model, vehicle = diagnosed[1], tmp_path / "vehicle.toml"
+    lines = load_model(model).provenance["counted_from"]
+    assert {str(line).partition(": ")[0] for line in lines} == {"wheel FL", "wheel RL"}
+    text = (two / "vehicle.toml").read_text(encoding="utf-8")
+    for name in two.glob("*.dbc"):
+        shutil.copy(name, tmp_path)
+    front, own, rear = text.partition('id = "RL"')
+    vehicle.write_text(front + own + rear.replace('zero = "lifted"', 'zero = "spin"'), encoding="utf-8")
+    result = invoke("fit", two, "--vehicle", vehicle, "--wheel", "RL", "--model", model)
+    assert result.code == 2 and "and [transducer] zero has changed" in result.err
+    assert f"{vehicle}, wheel RL" in result.err and "found: spin" in result.err and "expected: lifted" in result.err
+    assert (
+        "extended" in ok("fit", two, "--vehicle", vehicle, "--wheel", "FL", "--model", model, "--json").json["models"]
+    )
 
 
 def test_an_effect_of_one_wheel_is_simulated_there() -> None:

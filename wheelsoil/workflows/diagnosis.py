@@ -34,6 +34,7 @@ from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept, known
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
+from wheelsoil.workflows.model_files import declared_of
 from wheelsoil.workflows.runs import Files
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import traction_of
@@ -232,7 +233,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     first = members[0][0]
     terrain = first.terrain if soil_name is None else None
     soil = known_soil(soil_name, terrain)
-    declared = first.vehicle.wheel
+    declared, stated = first.vehicle.wheel, [declared_of(*member) for member in members]
     _check_static(first, [run for _, run in members])
     return Campaign(
         name=Path(folder).resolve().name if folder else soil.name or _UNNAMED,
@@ -245,6 +246,8 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
         static=first.static,
         commanded_slip="slip" in first.vehicle.signals,
+        wheel_id=declared.id if declared else "",
+        declared={name: tuple(dict.fromkeys(each[name] for each in stated)) for name in stated[0]},
     )
 
 

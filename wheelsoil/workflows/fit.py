@@ -20,6 +20,7 @@ from processing import ProcessedRun
 from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
+from wheelsoil.workflows.model_files import refuse_mended
 
 SCHEMA = "wheelsoil/fit/1"
 
@@ -174,6 +175,8 @@ def fit_runs(
     paths = [path for path, _ in whole]
     drives = tuple(map(paths.index, paths))
     wheel = wheel_of(first.vehicle, first.vehicle_source)
+    if choices.extended:
+        refuse_mended(choices.extended, processed)
     _refuse_another_wheel(choices.extended, wheel, first.vehicle_source)
     given = (tuple(done for _, done in whole), wheel, soil, options)
 

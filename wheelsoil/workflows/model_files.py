@@ -11,17 +11,22 @@ from pathlib import Path
 
 import tomli_w
 
-from daq import ALL_WHEELS, file_name, read_toml
+from daq import ALL_WHEELS, TRANSDUCER_ROLES, ConfigError, Fault, file_name, read_toml
+from daq.runs import Run
 from model import ExtendedEffect, ExtendedModel, Fact, averaged_model, extended_model
 from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
-from model.effects import parted
+from model.effects import EFFECTS, parted
 from model.wheel_soil import Reading
+from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.console import check_output
-from wheelsoil.wording.names import chance, effect_name, parameter_name
+from wheelsoil.wording.mending import MENDED
+from wheelsoil.wording.names import chance, effect_name, listed, parameter_name, plain_name
 from wheelsoil.wording.verdict import gain_words, sentence_of
 
 _WIDTH = 100
+_SPEEDS = ("ground_speed", "wheel_speed")
+_OUTBOARD = ("outboard_mass_kg", "outboard_inertia_kgm2")
 
 
 def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Path]:
@@ -77,16 +82,22 @@ def models_of(
         for campaign, ground in ((campaigns[grounds.index(ground)], ground) for ground in dict.fromkeys(grounds))
     ]
     return [
-        replace(
-            model,
-            wheels={
-                each.of_vehicle.wheel: (each.wheel, each.tyre)
-                for each in campaigns
-                if isinstance(each, Campaign) and each.of_vehicle and each.ground == model.provenance["campaign"]
-            },
-        )
+        _of_wheels(model, [each for each in campaigns if each.ground == model.provenance["campaign"]])
         for model in models
     ]
+
+
+def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench]) -> ExtendedModel:
+    """Return a model with the wheels that it is of, and what its errors of measurement count from."""
+    driven = [each for each in members if isinstance(each, Campaign)]
+    wheels = {each.of_vehicle.wheel: (each.wheel, each.tyre) for each in driven if each.of_vehicle}
+    lines = tuple(
+        f"{f'wheel {each.wheel_id}: ' if wheels else ''}{name} = {value}"
+        for each in driven
+        for name in sorted(set().union(*map(_counted_from, replace(model, wheels=wheels).of_wheel(each.wheel_id).keys)))
+        for value in each.declared.get(name, ())
+    )
+    return replace(model, wheels=wheels, provenance=model.provenance | ({"counted_from": lines} if lines else {}))
 
 
 def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
@@ -102,6 +113,7 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "command": command,
         "campaign": campaign.ground,
         "runs": tuple(runs),
+        "wheel": "" if isinstance(campaign, Bench) or campaign.of_vehicle else campaign.wheel_id,
         "verdict": diagnosis.verdict,
         "sentence": sentence_of(replace(diagnosis, gain=gain)),
         "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),
@@ -111,7 +123,63 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         facts["held_out_R0_reduction_percent"] = float(gain.reduction_percent)
     if diagnosis.average is not None and (worth := gain_words(gain)):
         facts["held_out"] = f"With their average, on held-out runs {worth}."
-    return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN
+    return {name: fact for name, fact in facts.items() if fact == fact and (name, fact) != ("wheel", "")}  # without NaN
+
+
+def declared_of(run: Run, processed: ProcessedRun) -> dict[str, str]:
+    """Return what errors of measurement may count from, as vehicle.toml, its DBCs and the zeros of a run declare it."""
+    wheel, transducer, zeros = run.vehicle.wheel, run.vehicle.transducer, processed.quality.zeros
+    return {
+        **{f"[wheel] {name}": f"{getattr(wheel, name):.9g}" for name in ("radius_m", *_OUTBOARD) if wheel},
+        **{f"[sensors.{role}] latency_s": f"{run.vehicle.latency_s(role):.9g}" for role in _SPEEDS},
+        **{f"scale of {role}": text for role, text in run.scales((*TRANSDUCER_ROLES, *_SPEEDS, "pitch")).items()},
+        **{f"zero of {role}": "none" for role in TRANSDUCER_ROLES},
+        **{f"zero of {role}": ", ".join(zero.recordings) for role, zero in zeros.items()},
+        "[transducer] zero": transducer.zero,
+        "[transducer] angle_offset_deg": f"{transducer.angle_offset_deg:.9g}",
+    }
+
+
+def _counted_from(key: str) -> set[str]:
+    """Return the names in `declared_of` that a cause counts from: what is mended there, it would correct again."""
+    effect, outboard = EFFECTS[key], [f"[wheel] {name}" for name in _OUTBOARD]
+    roles = {*effect.shows, *effect.needs.roles} if effect.kind == "measurement" else set()
+    of_zero = roles if effect.at_standstill or effect.needs.zero_of else set()
+    return {
+        *(f"scale of {role}" for role in roles),
+        *(f"[sensors.{role}] latency_s" for role in (_SPEEDS if roles & {*_SPEEDS} else ())),
+        *(("[wheel] radius_m",) if "wheel_speed" in roles else ()),
+        *(f"zero of {role}" for role in of_zero),
+        *(("[transducer] zero", "[transducer] angle_offset_deg") if of_zero else ()),
+        *(outboard[:1] if "vertical_load" in of_zero else ()),
+        *(outboard if parted(effect.name)[0] in MENDED else ()),
+    }
+
+
+def refuse_mended(model: ExtendedModel, processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
+    """Raise ConfigError where a model is of another wheel, or what its errors of measurement count from has changed.
+
+    What has been mended since would be corrected twice.
+    """
+    for run, done in processed:
+        wheel, facts = " ".join(run.vehicle.wheel_ids), model.provenance.get("counted_from")
+        keys = model.of_wheel(wheel).keys
+        lines = [line.removeprefix(f"wheel {wheel}: ") for line in (facts if isinstance(facts, tuple) else ())]
+        now = declared_of(run, done) if lines else {}
+        faults = [
+            Fault(
+                f"the model file corrects {listed([plain_name(key) for key in keys if name in _counted_from(key)])}, "
+                f"and {name} has changed since it was made",
+                f"{run.vehicle_source}{f', wheel {wheel}' if wheel else ''}",
+                value,
+                ", ".join(line.removeprefix(f"{name} = ") for line in known),
+                "diagnose anew (`wheelsoil diagnose FOLDER -o FILE`), or put the value back: with both it is corrected "
+                "twice",
+            )
+            for name, value in now.items()
+            if (known := [x for x in lines if x.startswith(f"{name} = ")]) and f"{name} = {value}" not in known
+        ]
+        ConfigError.stop_if_any(faults)
 
 
 def model_toml(model: ExtendedModel) -> str:
