@@ -199,9 +199,14 @@ class ExtendedModel:
         if not self.sets:
             return self
         weights = np.array([model_set.probability for model_set in self.sets])
-        chosen = self.sets[rng.choice(len(weights), p=weights / weights.sum())]
+        chosen = self.sets[number := int(rng.choice(len(weights), p=weights / weights.sum()))]
         return replace(
             self,
+            provenance={
+                **self.provenance,
+                "set": f"{number + 1} of {len(weights)} ({100 * chosen.probability:.3g} %): "
+                + (" + ".join(effect.key for effect in chosen.effects) or "no cause"),
+            },
             soil=soil_of(self.soil, chosen.soil, "re-calibrated"),
             effects=_chosen(chosen.effects, "physical"),
             soil_sigmas={name: sigma for name, sigma in chosen.sigmas.items() if name in SOIL_PARAMETERS},

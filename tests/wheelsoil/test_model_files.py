@@ -422,3 +422,39 @@ def test_a_latency_that_was_mended_is_not_corrected_twice(campaign, processed, t
 def test_the_file_of_a_single_wheel_without_an_error_of_measurement_says_no_more_than_before(processed):
     model = made(processed, "vasilev")
     assert not {"wheel", "counted_from"} & model.provenance.keys()
+
+
+OF_FR = {"provenance": {"wheel": "FR"}}
+
+
+def test_the_error_of_one_wheel_is_driven_at_that_wheel(tmp_path):
+    causes = (effect("torque_gain", relative=0.06), effect("speed_bias", offset_mps=0.1), effect("vasilev", H_m=0.02))
+    path = written(tmp_path, *causes, **OF_FR)
+    four = with_model(SimulationOptions(wheels=4), path, ["wheels"])
+    assert list(four.effects) == ["torque_gain@FR", "speed_bias", "vasilev"], "receiver and soil are of all wheels"
+    assert list(with_model(SimulationOptions(), path, ()).effects) == ["torque_gain", "speed_bias", "vasilev"]
+    given = SimulationOptions(wheels=4, effects={"torque_gain": {"relative": 0.2}})
+    assert "torque_gain@FR" not in with_model(given, path, ["wheels"]).effects, "given effects override the file's"
+    with pytest.raises(ConfigError, match="not simulated"):
+        with_model(SimulationOptions(wheels=2), path, ["wheels"])
+
+
+def test_the_errors_of_a_file_may_be_those_of_a_faulty_wheel(tmp_path):
+    path = written(tmp_path, effect("torque_gain", relative=0.06))
+    folder = ("--runs", 1, "--duration", 15, "--wheels", 4, "-o", tmp_path / "c")
+    ok("simulate", "--model", path, "--faulty-wheel", "FR", *folder)
+    truth = tomllib.loads((tmp_path / "c" / "manifest.toml").read_text())["truth"]
+    assert truth["faulty_wheel"] == "FR" and [each["name"] for each in truth["effect"]] == ["torque_gain"]
+    alone = written(tmp_path, effect("torque_gain", relative=0.06), **OF_FR)
+    wrong = invoke("simulate", "--model", alone, "--faulty-wheel", "FL", *folder, "--force")
+    assert wrong.code == 2 and "no error of measurement is given for wheel FL" in wrong.err
+
+
+def test_the_manifest_says_which_set_was_drawn(tmp_path):
+    law, offset = effect("vasilev", H_m=0.02), effect("drawbar_pull_zero", offset_n=80.0)
+    model = written(tmp_path, sets=sets_of((0.7, 6000.0, (law, offset)), (0.3, 9000.0, ())))
+    said = {with_model(SimulationOptions(seed=seed), model, ()).model_set for seed in range(20)}
+    assert said == {"1 of 2 (70 %): vasilev + drawbar_pull_zero", "2 of 2 (30 %): no cause"}
+    made = ok("simulate", "--model", model, "--runs", 1, "--duration", 15, "-o", tmp_path / "c")
+    drawn = tomllib.loads((tmp_path / "c" / "manifest.toml").read_text())["truth"]["model_set"]
+    assert drawn in said and f"drives set {drawn}" in made.err

@@ -277,7 +277,7 @@ def simulate_command(
         inflation_kpa=tuple(inflation or ()),
         wheel=Wheel(radius, width),
         wheels=wheels,
-        faulty_wheel=faulty_wheel or "",
+        faulty_wheel="" if model else faulty_wheel or "",
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
         tilt_deg=tilt,
@@ -291,7 +291,9 @@ def simulate_command(
     if model is not None:
         from wheelsoil.simulation.options import with_model
 
-        options = with_model(options, model, _given(ctx))
+        options = with_model(options, model, _given(ctx), faulty_wheel or "")
+    if options.model_set:
+        say(f"drives set {options.model_set}, without errors of measurement")
     _warn_of_inactive_effects(options)
     if output is not None:
         campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)

@@ -535,6 +535,7 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
             "wheel": asdict(options.wheel),
             **({"wheels": list(LAYOUTS[options.wheels])} if options.wheels > 1 else {}),
             **({"faulty_wheel": options.faulty_wheel} if options.faulty_wheel else {}),
+            **({"model_set": options.model_set} if options.model_set else {}),
             "soil": asdict(soil),
             **asdict(true_stance(options)),
             "effect": [{"name": name, "parameters": dict(values)} for name, values in options.effects.items()],

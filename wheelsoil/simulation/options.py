@@ -76,6 +76,8 @@ class SimulationOptions:
         The soil, if it is neither a preset nor in a terrain.toml; see `with_model`.
     model_file : str
         File of that soil, for the command line that reproduces the frames.
+    model_set : str
+        Which of the file's sets of causes was drawn; empty where it has none.
 
     Raises
     ------
@@ -106,6 +108,7 @@ class SimulationOptions:
     start: datetime = DEFAULT_START
     known_terrain: TerrainConfig | None = None
     model_file: str = ""
+    model_set: str = ""
 
     def __post_init__(self) -> None:
         faults = [
@@ -141,7 +144,11 @@ class SimulationOptions:
             for name, wheel in wheels.items()
             if wheel not in known
         ]
-        measured = [EFFECTS[n] for n in self.effects if n in EFFECTS and EFFECTS[n].kind == "measurement"]
+        measured = [
+            EFFECTS[name]
+            for name, wheel in wheels.items()
+            if name in EFFECTS and EFFECTS[name].kind == "measurement" and wheel in ("", self.faulty_wheel)
+        ]
         if self.faulty_wheel and (shared := [effect.key() for effect in measured if not effect.goes_with_a_wheel()]):
             what = f"{' and '.join(shared)} of one wheel only: all have one receiver and one body"
             faults.append(Fault(what, next_step="omit --faulty-wheel: it is an error at all of them"))
@@ -301,15 +308,20 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
     ]
 
 
-def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -> SimulationOptions:
+def with_model(
+    options: SimulationOptions, path: Path, given: Collection[str], faulty_wheel: str = ""
+) -> SimulationOptions:
     """Return the options with soil, wheel, reading and effects of a model file; given effects override those.
 
-    Of a file with several sets of causes one is drawn by its probability, with the options' seed.
+    Of a file with several sets of causes one is drawn by its probability, with the options' seed. Of a file of one of
+    several wheels the errors of its transducer are at that wheel, where several are simulated.
 
     Parameters
     ----------
     given : collection of str
         Names of the options that were given on the command line.
+    faulty_wheel : str
+        See `SimulationOptions`.
 
     Raises
     ------
@@ -327,17 +339,29 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
     model = load_model(path).drawn(np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=_OF_THE_SET)))
     wheels = next((count for count, ids in LAYOUTS.items() if {*ids} == {*model.wheels}), options.wheels)
     ids = LAYOUTS[options.wheels if "wheels" in given else wheels]
-    if model.wheels and ({*ids} != {*model.wheels} or len({size for size, _ in model.wheels.values()}) > 1):
+    own = model.wheel_id if len(ids) > 1 else ""
+    other = {*ids} != {*model.wheels} or len({size for size, _ in model.wheels.values()}) > 1
+    if other if model.wheels else own and own not in ids:
         raise ConfigError.of(
             "the model file is of a vehicle that is not simulated",
             path,
-            ", ".join(f"{name} {size.radius_m:g} x {size.width_m:g} m" for name, (size, _) in model.wheels.items()),
+            ", ".join(f"{name} {size.radius_m:g} x {size.width_m:g} m" for name, (size, _) in model.wheels.items())
+            or f"wheel {own}",
             " or ".join(", ".join(ids) for ids in LAYOUTS.values() if all(ids)) + ", of one size",
             "omit --wheels, or take the model of one wheel: `wheelsoil diagnose FOLDER --wheel ID -o FILE`",
         )
-    effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}
+    sensors = [key for key, each in EFFECTS.items() if each.kind == "measurement" and each.goes_with_a_wheel()]
+    effects = {
+        f"{effect.key}@{own}" if own and effect.key in sensors else effect.key: {
+            p.name: p.value for p in effect.parameters
+        }
+        for effect in model.effects
+        if effect.key not in options.effects
+    }
     return replace(
         options,
+        faulty_wheel=faulty_wheel,
+        model_set=str(model.provenance.get("set", "")),
         soil=model.soil.name,
         known_terrain=terrain_of(model),
         model_file=str(path),
