@@ -189,6 +189,10 @@ class FitCode(StrEnum):
     """channel, R0, R0_wong"""
     AVERAGE_OF_SETS = "average_of_sets"
     """sets: (keys, probability) of each, rest: probability, sigma: channel -> one-sigma of the prediction"""
+    OTHER_SOIL = "other_soil"
+    """model, soil: names of the soils of the model file and of the data"""
+    MODEL_NOT_USED = "model_not_used"
+    """why: the model file does not suit the data"""
 
 
 class BevameterCode(StrEnum):

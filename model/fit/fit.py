@@ -157,12 +157,12 @@ def check_chosen(driven: Observations, chosen: Sequence[str]) -> None:
 def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead: str) -> None:
     lacking = [
         Fault(
-            f"effect {effect.key()} needs {name}, which these data do not have",
+            f"effect {effect.key()} needs {', '.join(unknown)}, which these data do not have",
             next_step=f"give it (runs.toml, or the signal's role under [signals]), or {instead}",
         )
         for effect in effects
-        for name in effect.needs.conditions
-        if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
+        if (unknown := [n for n in effect.needs.conditions if not np.isfinite(getattr(driven.conditions, n)).any()])
+        and len(driven)
     ]
     DataError.stop_if_any(lacking)
 
@@ -281,7 +281,9 @@ def fit_observations(
     models = tuple(
         _with_band(fit, model, driven, chosen, threshold) for fit, model in zip(models, forward, strict=True)
     )
-    notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
+    notes: tuple[Note, ...] = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
+    if chosen.extended is not None and chosen.extended.soil.name != soil.name:
+        notes += (Note(FitCode.OTHER_SOIL, Severity.DOUBT, {"model": chosen.extended.soil.name, "soil": soil.name}),)
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 
 

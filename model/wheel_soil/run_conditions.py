@@ -11,7 +11,7 @@ import numpy as np
 
 from daq import EARTH_RADIUS_M, ROLES, BoolArray, FloatArray, IndexArray, Note
 from model.notes import DiagnosisCode
-from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Conditions
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from model.wheel_soil.dual import Number, value_of, where
 from processing import ProcessedRun
 
@@ -268,7 +268,7 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         campaign_time=clock,
         direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),
         pass_number=everywhere(float(run.passage)),
-        inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
+        inflation_kpa=everywhere(run.run.inflation_kpa or REFERENCE_INFLATION_KPA),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
         ground_speed_shift_s=everywhere(0.0),
         compensated_mass_kg=everywhere(0.0 if run.has_accelerometer else run.outboard_mass_kg),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import shutil
 import tomllib
@@ -19,11 +20,14 @@ from daq.errors import ConfigError
 from daq.runs import Run
 from daq.vehicle_sections import SignalName
 from model.diagnosis.core.average import Average, FittedSet
-from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.campaign import Campaign, considered
 from model.diagnosis.core.result import Cause, Diagnosis, ParameterEstimate, SoilEstimate
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
+from model.diagnosis.time_series.samples import coverage_of
 from model.effects import EFFECTS
 from model.extended import ExtendedEffect, ExtendedModel, ModelSet
-from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Wheel
+from model.wheel_soil.run_conditions import conditions_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
 from processing import ProcessedRun, ProcessOptions
 from processing.processed_run import AppliedZero
@@ -32,6 +36,8 @@ from wheelsoil.wording.mending import MENDED
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import campaigns_of
+from wheelsoil.workflows.diagnosis import diagnosis_options
+from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of, refuse_mended
 from wheelsoil.workflows.runs import open_and_process
 
@@ -126,10 +132,10 @@ def test_fit_takes_it_as_a_fifth_model_and_refits_its_cause(campaign, tmp_path):
 
 
 def test_fit_needs_what_its_causes_need(campaign, tmp_path):
-    flat = written(tmp_path, effect("tyre_flattening", radius_gain=0.1))
-    result = invoke("fit", campaign, "--model", flat)
+    pitching = written(tmp_path, effect("body_pitch", share=0.5))
+    result = invoke("fit", campaign, "--model", pitching)
     assert result.code == 1
-    assert "needs inflation_kpa, which these data do not have" in result.err
+    assert "needs body_pitch_rad, which these data do not have" in result.err
     drifting = written(tmp_path, effect("zero_drift", campaign_span_n=100.0))
     extended = ok("fit", campaign, "--model", drifting, "--json").json["models"]["extended"]
     assert abs(extended["estimates"]["zero_drift.campaign_span_n"]["value"]) < 400
@@ -292,10 +298,24 @@ def test_a_report_has_the_average_with_its_band(campaign, tmp_path):
 
 
 def test_sets_need_what_their_causes_need(campaign, tmp_path):
-    sets = sets_of((0.9, 7000.0, ()), (0.1, 7000.0, (effect("tyre_flattening", radius_gain=0.1),)))
+    sets = sets_of((0.9, 7000.0, ()), (0.1, 7000.0, (effect("body_pitch", share=0.5),)))
     result = invoke("fit", campaign, "--model", written(tmp_path, sets=sets))
     assert result.code == 1
-    assert "tyre_flattening needs inflation_kpa, which these data do not have" in result.err
+    assert "body_pitch needs body_pitch_rad, which these data do not have" in result.err
+
+
+def test_fit_takes_every_cause_that_a_diagnosis_of_the_same_runs_weighs(processed):
+    """A tyre's pressure that no run states is the usual one in both."""
+    (campaign,) = campaigns_of([], processed)
+    read = linearise_campaigns((campaign,), diagnosis_options()).campaigns[0].samples
+    causes = considered(coverage_of(campaign, read), tuple(EFFECTS), "balanced")
+    assert "tyre_flattening" in [cause.key() for cause in causes]
+    at_start = [effect(cause.key(), **{p.name: p.start for p in cause.parameters}) for cause in causes]
+    one_each = sets_of(*((1 / len(at_start), 7000.0, (each,)) for each in at_start))
+    fit = fit_runs(processed, FitChoices(extended=ExtendedModel(CAMPAIGN.wheel, CLAY, sets=one_each)), None)
+    assert fit.models[-1].criteria["dp"].samples == fit.models[0].criteria["dp"].samples > 100
+    [used] = {float(c) for c in conditions_of(campaign.runs, 16_500.0)[0].inflation_kpa}
+    assert used == REFERENCE_INFLATION_KPA
 
 
 def test_simulate_drives_one_set_which_its_seed_draws(tmp_path):
@@ -422,6 +442,40 @@ def test_a_latency_that_was_mended_is_not_corrected_twice(campaign, processed, t
 def test_the_file_of_a_single_wheel_without_an_error_of_measurement_says_no_more_than_before(processed):
     model = made(processed, "vasilev")
     assert not {"wheel", "counted_from"} & model.provenance.keys()
+
+
+def test_a_model_of_another_soil_is_said(campaign, tmp_path):
+    path = written(tmp_path, effect("vasilev", H_m=0.02), soil=replace(CLAY, name="north field"))
+    said = "the model file is of soil north field, and this is soil clay"
+    assert said in ok("fit", campaign, "--model", path).err
+    assert "north field" not in ok("fit", campaign, "--model", written(tmp_path, effect("vasilev", H_m=0.02))).err
+    page = tmp_path / "report.html"
+    ok(
+        "report",
+        campaign,
+        "--model",
+        written(tmp_path, soil=replace(CLAY, name="north field")),
+        "--no-diagnosis",
+        "-o",
+        page,
+    )
+    assert said in page.read_text(encoding="utf-8")
+
+
+def test_a_report_keeps_its_fits_without_a_model_that_a_table_cannot_use(tmp_path):
+    (tmp_path / "wheel.toml").write_text("[wheel]\nradius_m = 0.47\nwidth_m = 0.318\n")
+    rows = [f"{s / 10},8000,{100 + 300 * s / 10}" for s in range(1, 10)]
+    (tmp_path / "rows.csv").write_text("\n".join(["slip,vertical_load_n,drawbar_pull_n", *rows]))
+    late = written(tmp_path, effect("speed_latency", extra_delay_s=0.2))
+    table = ("--table", tmp_path / "rows.csv", "--vehicle", tmp_path / "wheel.toml", "--soil", "clay", "--no-diagnosis")
+    found = ok("report", *table, "--model", late, "-o", tmp_path / "r.html", "--json")
+    numbers = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    assert found.json["left_out"].keys() == {"sinkage"}, "of rows without torque"
+    assert "the model file is not used: effect speed_latency needs ground_speed_mps" in found.err.replace("\n  ", " ")
+    assert "the model file is not used" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    ok("report", *table, "-o", tmp_path / "plain.html")
+    plain = json.loads((tmp_path / "plain.json").read_text(encoding="utf-8"))
+    assert numbers["sections"]["criteria"] == plain["sections"]["criteria"]
 
 
 OF_FR = {"provenance": {"wheel": "FR"}}

@@ -149,6 +149,8 @@ def _si(x: float, channel: str) -> str:
 
 SENTENCES: dict[str, Sentence] = {
     FitCode.AVERAGE_OF_SETS: _average,
+    FitCode.OTHER_SOIL: "the model file is of soil {model}, and this is soil {soil}: extended predicts {model}",
+    FitCode.MODEL_NOT_USED: "the model file is not used: {why}",
     FitCode.NO_INFLUENCE: "{names[0]}: has no influence on the residual; any value fits as well",
     FitCode.ONLY_TOGETHER: lambda v: (
         f"{_listed(v['names'])}: not determined singly; moving them together leaves the residual as it is"

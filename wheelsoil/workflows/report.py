@@ -7,15 +7,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from daq import DataError, VehicleConfig, WheelsoilError
+from daq import DataError, Note, Severity, VehicleConfig, WheelsoilError
 from daq.runs import Run, SetAsideRun
-from model import ExtendedModel
+from model import ExtendedModel, FitCode
 from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
-from wheelsoil.console import computing
+from wheelsoil.console import computing, say_folded
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
+from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.choice import Choice, provenance_of
 from wheelsoil.workflows.diagnosis import (
     Processed,
@@ -156,7 +157,7 @@ def report_of_processed(
     if campaign is None:
         try:
             with computing("fitting"):
-                campaign = fit_runs(processed, choices, soil, keep_predictions=True)
+                campaign = _fitted(lambda own: fit_runs(processed, own, soil, keep_predictions=True), choices)
         except DataError as error:
             problem = error.what
     inputs = ReportInputs(
@@ -203,13 +204,15 @@ def report_of_tables(
         The options are wrong. A table that cannot be fitted or diagnosed gives a report that says why.
     """
     found = _diagnosed_tables(benches, options or diagnosis_options(choices.reading)) if diagnose else NOT_DIAGNOSED
-    campaign, problem = None, ""
+    campaign, problem, first = None, "", benches[0]
     if len(benches) > 1:
         problem = "the tables are of several wheels; `wheelsoil fit --table` takes one at a time"
     else:
         try:
             with computing("fitting"):
-                campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
+                campaign = _fitted(
+                    lambda own: fit_table(first.rows, first.wheel, first.soil, own, first.terrain), choices
+                )
         except DataError as error:
             problem = error.what
     soils = dict.fromkeys(wheel_test.soil.name for wheel_test in benches)
@@ -229,6 +232,19 @@ def report_of_tables(
         tables=tuple(benches),
     )
     return build_report(inputs)
+
+
+def _fitted(fit: Callable[[FitChoices], CampaignFit], choices: FitChoices) -> CampaignFit:
+    """Fit the models; where the one of the model file does not suit the data, the others, with a note that says why."""
+    try:
+        return fit(choices)
+    except DataError as error:
+        if choices.extended is None:
+            raise
+        note = Note(FitCode.MODEL_NOT_USED, Severity.DOUBT, {"why": error.what})
+    found = fit(replace(choices, extended=None))
+    say_folded(note_text(note))
+    return replace(found, notes=(note, *found.notes))
 
 
 def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) -> Diagnosed:

@@ -64,8 +64,8 @@ def rows(inputs: ReportInputs) -> Contents:
             **{OUTPUTS[c].field: getattr(wheel_test.rows, OUTPUTS[c].field) for c in channels},
             "predicted": predicted,
         }
-    if inputs.no_fit:
-        blocks.append(Text(f"No fit of the four models: {inputs.no_fit}."))
+    none = [Text(f"No fit of the four models: {inputs.no_fit}.")]
+    blocks += none if inputs.no_fit else [Text(f"{note_text(n)}.", "warning") for n in inputs.fit.notes]
     return blocks, numbers
 
 
