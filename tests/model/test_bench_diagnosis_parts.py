@@ -15,10 +15,11 @@ from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 from daq.notes import Note
+from model.diagnosis.core.naming import Judgement
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
-from model.diagnosis.single_wheel.predictions import _rivals
+from model.diagnosis.single_wheel.predictions import _across_the_peak, _left_open, _parted, _rivals
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import answered, log_likelihood, search
 from model.diagnosis.single_wheel.sets import driven_rows, family_of, library, listed_uses, sets_of, skid_law
@@ -324,4 +325,36 @@ def test_rivals_are_probable_sets_with_a_posterior() -> None:
     improbable, unknown, probable = (Weighed(none, 0.0, 0.0, (), 0.0, known) for known in (posterior, None, posterior))
     sets = (probable, replace(unknown, hypothesis=causes[0]), replace(improbable, hypothesis=causes[1]))
     weighing = cast(Weighing, SimpleNamespace(sets=sets, probabilities=np.array([0.6, 0.4, 0.0])))
-    assert _rivals(weighing) == [(0.6, probable)]
+    assert _rivals(weighing, ()) == [(0.6, probable)]
+
+
+def _weighed(*sets: tuple[float, tuple[str, ...]]) -> Weighing:
+    posterior = cast(SetPosterior, object())
+    found = [Weighed(tuple(map(CauseUse, keys)), 0.0, float(np.log(p)), (), 0.0, posterior) for p, keys in sets]
+    return cast(Weighing, SimpleNamespace(sets=tuple(found), probabilities=np.array([p for p, _ in sets])))
+
+
+def test_sets_to_separate_differ_in_what_the_verdict_leaves_open() -> None:
+    friction, peak = "interface_friction", "stress_peak_shift"
+    weighing = _weighed(
+        (0.4, ("vasilev", friction)), (0.3, ("vasilev", "grouser")), (0.2, (peak,)), (0.1, ("vasilev",))
+    )
+    first, _, third, last = weighing.sets
+    assert _rivals(weighing, ("slip_sinkage", peak)) == [(0.4, first), (0.2, third)]
+    assert _rivals(weighing, ("slip_sinkage", friction)) == [(0.4, first), (0.3, weighing.sets[1]), (0.2, third)]
+    apart = np.array([[0.0, 5.0], [5.0, 0.0]])
+    names = _parted([(0.4, first), (0.2, third)], apart, ("slip_sinkage", friction, peak))
+    assert names == (f"slip_sinkage + {friction}", peak)
+    assert _parted([(0.4, first), (0.1, last)], apart, ("slip_sinkage", friction)) == (friction,)
+
+
+def test_where_a_usual_peak_bars_a_name_these_two_are_to_be_separated() -> None:
+    """By the probability that the name has beside a usual peak; what acts beside both is none of it."""
+    peak = "stress_peak_shift"
+    weighing = _weighed((0.7, ("vasilev", "interface_friction")), (0.2, ("vasilev", peak)), (0.1, (peak, "exit_angle")))
+    why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.6})
+    rivals = _across_the_peak(weighing, why, np.random.default_rng(0))
+    assert rivals == [(0.6, weighing.sets[0]), (0.4, weighing.sets[2])]
+    verdict = Judgement("one_of", ("slip_sinkage", "interface_friction", peak), barred=why)
+    assert _left_open(verdict) == ("slip_sinkage", peak)
+    assert _left_open(replace(verdict, barred=None)) == verdict.families and _left_open(Judgement("named")) == ()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,7 +12,15 @@ from gram_support import column, world
 
 from daq.notes import Note
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.naming import Judgement, asked_again, judgement, less_beside_usual, prior_shifts, unshown
+from model.diagnosis.core.naming import (
+    Judgement,
+    asked_again,
+    judgement,
+    less_beside_usual,
+    prior_shifts,
+    unshown,
+    with_more_probable,
+)
 from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
@@ -157,6 +167,27 @@ def test_a_physical_cause_is_asked_again_beside_the_usual_soil() -> None:
     assert kept_name.beside == ("slip_sinkage", "stress_peak_shift")
     for kept in (Judgement("named", ("torque_zero",)), Judgement("one_of", families)):
         assert again(0.0, kept) == kept
+
+
+def test_a_set_holds_every_family_that_is_more_probable_than_a_member_or_than_not(grams: Grams) -> None:
+    """What acts beside the members of the shortest set; a peak that a rule put there asks for none beside it."""
+    found = made(grams, {("a",): 0.25, ("a", "b"): 0.35, ("c1",): 0.15, ("b", "c1"): 0.15, ("d",): 0.1})
+    assert judgement(found, FINE, gain(9.0)).families == ("a", "c", "d")
+    assert with_more_probable(Judgement("one_of", ("a", "c")), found).families == ("a", "b", "c")
+    assert with_more_probable(Judgement("one_of", ("c",)), found).families == ("a", "b", "c")
+    assert with_more_probable(Judgement("one_of", ("a",)), found).families == ("a", "b")
+    assert with_more_probable(Judgement("named", ("a",)), found) == Judgement("named", ("a",))
+
+
+def test_beside_a_usual_peak_stands_only_what_is_more_probable_than_not() -> None:
+    families = ("slip_sinkage", "interface_friction", "shear_softening", "stress_peak_shift")
+    chances = dict(zip(families, (0.99, 0.7, 0.08, 0.06), strict=True))
+    found = cast(Posterior, SimpleNamespace(families=lambda: chances))
+    members = ("slip_sinkage", "stress_peak_shift")
+    peak = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.7})
+    barred = with_more_probable(Judgement("one_of", members, barred=peak), found)
+    assert barred.families == ("slip_sinkage", "interface_friction", "stress_peak_shift")
+    assert with_more_probable(Judgement("one_of", members), found).families == families
 
 
 def test_a_name_that_is_less_probable_beside_the_usual_soil_says_so() -> None:

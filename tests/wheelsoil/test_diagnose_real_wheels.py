@@ -145,7 +145,9 @@ def test_drawbar_pull_alone_does_not_name_slip_sinkage(blind: Diagnosed) -> None
 def test_with_sinkage_slip_sinkage_leads_and_a_usual_stress_peak_bars_its_name(seeing: Diagnosed) -> None:
     found = seeing.said
     assert found["verdict"] == "one_of"
-    assert [cause["name"] for cause in found["causes"]] == ["slip_sinkage", "stress_peak_shift"]
+    assert [cause["name"] for cause in found["causes"]] == ["slip_sinkage", "interface_friction", "stress_peak_shift"]
+    assert found["causes"][0]["barred"]["code"] == "peak_may_shift"
+    assert all(run["separates"] == ["slip_sinkage", "stress_peak_shift"] for run in found["next_run"])
     assert _probability(found, "slip_sinkage") >= 0.95
     others = [c["name"] for c in found["candidates"] if c["name"] not in ("slip_sinkage", "none")]
     assert others[0] == "interface_friction"

@@ -119,6 +119,11 @@ def test_a_step_that_separates_what_is_separable_is_not_shown() -> None:
     assert next_steps(likely, VehicleConfig())[0].what == "One more run like the others"
 
 
+def test_a_step_that_separates_sets_by_one_cause_decides_whether_it_acts() -> None:
+    found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIKE_OTHERS), ("slope",), 3.0),))
+    assert next_steps(found, VehicleConfig())[0].why == "Decides whether slope acts; expected odds 20 : 1."
+
+
 def test_a_lifted_zero_is_a_command_to_paste() -> None:
     found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
     step = next_steps(found, VehicleConfig())[0]

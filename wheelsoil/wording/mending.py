@@ -146,12 +146,14 @@ def step_of(found: Diagnosis) -> Step:
 
 def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
     open_ones = {cause.name for cause in found.causes} if found.verdict == "one_of" else {""}
-    parted = "them" if open_ones <= set(run.separates) else listed([plain_name(name) for name in run.separates])
+    names = listed([plain_name(name) for name in run.separates])
+    parted = "them" if open_ones <= set(run.separates) else names
     tells = f"; expected odds {odds_text(run.expected_log_bayes_factor)}"
     if named := naming_text(run):
         tells = f": the right name in {named} of such cases, else none"
     cost = f"; as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
-    reason = [f"Separates {parted}{tells}{cost}."] if parted else []
+    decides = f"Decides whether {names} acts" if len(run.separates) == 1 else f"Separates {parted}"
+    reason = [f"{decides}{tells}{cost}."] if parted else []
     lifted = run.step.code == StepCode.LIFTED_ZERO
     written = [f"Write {key}."] if (key := key_text(run)) and not lifted else []
     what = step_text(run) if run.campaign else upper(step_text(run))

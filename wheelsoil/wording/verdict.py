@@ -94,7 +94,8 @@ def headline_of(found: Diagnosis) -> str:
         return _named_headline(found, names)
     if found.verdict == "one_of" and (why := found.grounds.barred) is not None and chances[0] > _SURE:
         if peak_bars(found):
-            return f"{upper(listed(_with_the_peak(found.causes), 'or'))}: these runs do not decide."
+            rows = "rows" if found.grounds.table_channels else "runs"
+            return f"{upper(listed(_with_the_peak(found.causes), 'or'))}: these {rows} do not decide."
         best = f"Most probably {names[0]}, but not named"
         return in_few_words(f"{best}: {note_text(why)}.", f"{best}: the reason is below.")
     if found.verdict == "one_of" and len(names) > 1:
@@ -350,8 +351,8 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
     if found.verdict == "one_of":
         return sentences([*_one_of_table(found, channels), *onward])
     if found.verdict == "unexplained":
-        left, best = found.grounds.lack_of_fit.worst, found.grounds.most_probable
-        tried = listed([with_chance(f, chances[f]) for f in best if f in chances]) or "no cause"
+        left, best = found.grounds.lack_of_fit.worst, found.sets[0]
+        tried = f"{listed(list(map(plain_name, best.causes))) or 'no cause'} ({chance(best.probability)})"
         none_does = (
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
             "and a right model may miss"

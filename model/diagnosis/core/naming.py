@@ -21,7 +21,8 @@
    That R0 of the drawbar pull falls is no demand: a zero of the torque or a cause of the braked wheel shows in the
    score only (docs/decisions/naming.md).
 4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts; a
-   family that is alone in it and not named stands beside its nearest rival.
+   family that is alone in it and not named stands beside its nearest rival. Of a table also every family that is
+   more probable than a member, or than `PROBABLE_AT`.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
 be measured.
@@ -60,6 +61,8 @@ BESIDE_USUAL = 0.5
 SHOWN_AT = 0.97
 """Probability from which a zero is named though no standstill shows it. Of 18 such in blind campaigns all were right;
 the largest probability of a wrong one was .94 (docs/decisions/standstill.md)."""
+PROBABLE_AT = 0.5
+"""Probability from which on a family stands in the set of a single-wheel table, whichever others do."""
 REMAINDER = 0.5
 """Share of the smaller of two causes below which what they leave together is a small remainder."""
 
@@ -85,6 +88,11 @@ class Judgement:
     beside: tuple[str, ...] = ()
     barred: Note | None = None
     kept_back: tuple[tuple[str, Note], ...] = field(default=(), compare=False)
+
+    @property
+    def peak_bar(self) -> Note | None:
+        """Why a name is kept back, where it is because the stress peak may lie ahead of the bottom; else None."""
+        return self.barred if self.barred is not None and self.barred.code == LackCode.PEAK_MAY_SHIFT else None
 
 
 def judgement(
@@ -189,6 +197,21 @@ def one_of(
     return Judgement("one_of", families, barred=barred, kept_back=tuple(kept_back))
 
 
+def with_more_probable(verdict: Judgement, found: Posterior) -> Judgement:
+    """Return "one_of" with every family that is more probable than a member of its set or than not, in their order.
+
+    The shortest set does not hold what acts beside its members, and readers compare probabilities. A member that the
+    rule of the stress peak put there asks for none beside it.
+    """
+    if verdict.verdict != "one_of":
+        return verdict
+    chances = found.families()
+    members = [family for family in verdict.families if verdict.peak_bar is None or not is_usual(family)]
+    least = min([PROBABLE_AT, *(chances[family] for family in members)])
+    families = tuple(family for family, p in chances.items() if p >= least or family in verdict.families)
+    return replace(verdict, families=families)
+
+
 def barred_causes(found: Posterior, verdict: Judgement) -> tuple[BarredCause, ...]:
     """Return the causes that are likely enough for a name and that a rule bars."""
     return tuple(
@@ -278,6 +301,11 @@ def less_beside_usual(
 def is_physical(family: str) -> bool:
     """Return whether a family is a cause in wheel or soil, not an error of measurement."""
     return any(e.name == parted(family)[0] and e.kind == "physical" for e in EFFECTS.values())
+
+
+def is_usual(family: str) -> bool:
+    """Return whether soils usually have a family."""
+    return any(e.name == family and e.is_usual() for e in EFFECTS.values())
 
 
 def doubtful(causes: Sequence[Cause]) -> Note | None:

@@ -13,7 +13,15 @@ from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import OF_TABLES, Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.naming import Judgement, asked_again, barred_causes, confirmed, judgement, prior_shifts
+from model.diagnosis.core.naming import (
+    Judgement,
+    asked_again,
+    barred_causes,
+    confirmed,
+    judgement,
+    prior_shifts,
+    with_more_probable,
+)
 from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, LackOfFit, Verdict, undecided
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
 from model.diagnosis.single_wheel.findings import (
@@ -86,13 +94,14 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
             plain = _verdict(weighing.posterior, weighing, known, gain, options)
             base = Judged(verdict, plain, weighing.posterior)
             after, turned = steady(base, lambda factor: _again(weighing, known, gain, options, factor))
+            after = with_more_probable(after, weighing.posterior)
             if after != verdict:
                 verdict, causes = after, _causes(weighing, after.families, rng)
     worst = findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else ()
     grounds = Grounds(
         barred=verdict.barred,
         beside=verdict.beside,
-        most_probable=tuple(sorted(weighing.sets[0].families)),
+        most_probable=likely_sets(weighing.posterior)[0].causes,
         kept_back=barred_causes(weighing.posterior, verdict),
         lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
@@ -102,7 +111,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         form_matters=turned,
     )
     with clock.stage("verdict"):
-        found = _diagnosis(benches, weighing, known, (verdict.verdict, causes), remarks, options, rng)
+        found = _diagnosis(benches, weighing, known, (verdict, causes), remarks, options, rng)
     return replace(found, gain=gain, grounds=grounds, stages_s=clock.stages_s)
 
 
@@ -141,18 +150,19 @@ def _diagnosis(
     tables: Sequence[Bench],
     weighing: Weighing,
     known: Library,
-    judged: tuple[Verdict, tuple[Cause, ...]],
+    judged: tuple[Judgement, tuple[Cause, ...]],
     remarks: Sequence[Note],
     options: DiagnosisOptions,
     rng: np.random.Generator,
 ) -> Diagnosis:
     problem = weighing.problem
     found = weighing.posterior
-    verdict, causes = judged
+    judgement, causes = judged
+    verdict = judgement.verdict
     best = with_posterior(weighing, _extension(weighing, verdict, causes), rng)
     shown = _shown(weighing, causes)
     plot_data = plot_data_of(weighing, best, shown)
-    runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
+    runs = next_tests(weighing, judgement, rng) if verdict == "one_of" or options.next_run else ()
     skids = {table.name: law for table in tables if (law := skid_law(table)) is not None}
     null = weighing.of_set(())
     return Diagnosis(
@@ -186,6 +196,7 @@ def _judged(
         own = np.random.default_rng(options.seed)
         chances = chances_beside_usual_soil(weighing, known.uses, options.most_causes, own)
         after = asked_again(after, chances, usual, options.name_at)
+    after = with_more_probable(after, found)
     return (verdict, causes) if after == verdict else (after, _causes(weighing, after.families, rng))
 
 
@@ -193,7 +204,8 @@ def _verdict(
     found: Posterior, weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
 ) -> Judgement:
     lacking, cancel = known.not_identifiable, cancelling(weighing)
-    return judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
+    plain = judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
+    return with_more_probable(plain, found)
 
 
 def _again(

@@ -20,12 +20,13 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray, Note
 from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, expected_nats
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
+from model.diagnosis.core.naming import Judgement, is_usual
 from model.diagnosis.core.result import Gain, NextRun
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
+from model.diagnosis.single_wheel.findings import with_posterior
 from model.diagnosis.single_wheel.noise import FORM_SHARE
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.search import Optimum, log_likelihood, search
-from model.diagnosis.single_wheel.sets import family_of
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
 from model.notes import StepCode
 
@@ -163,9 +164,11 @@ class _Design:
     channels: tuple[str, ...]
 
 
-def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, ...]:
-    """Return designs, best first."""
-    rivals = _rivals(weighing)
+def next_tests(weighing: Weighing, verdict: Judgement, rng: np.random.Generator) -> tuple[NextRun, ...]:
+    """Return designs, best first, by how well they separate what the verdict leaves open."""
+    asked = _left_open(verdict)
+    barred = verdict.peak_bar
+    rivals = _rivals(weighing, asked) if barred is None else _across_the_peak(weighing, barred, rng)
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
         predictions = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
@@ -175,29 +178,47 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
         nats = np.array([[_divergence(a, b) for b in known] for a in known])
         expected = expected_nats(nats, [p for p, _ in rivals])
         if expected > WORTH_SAYING:
-            found.append(NextRun(design.step, _parted(rivals, nats), expected))
+            found.append(NextRun(design.step, _parted(rivals, nats, asked), expected))
     return tuple(best_first(found))
 
 
-def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray) -> tuple[str, str]:
-    """Return in what the two sets differ that come apart most, as likely as they are."""
-    p = np.array([probability for probability, _ in rivals])
-    i, j = divmod(int(np.argmax(np.outer(p, p) * (nats + nats.T))), len(rivals))
-    return _name(rivals[i][1], rivals[j][1]), _name(rivals[j][1], rivals[i][1])
+def _left_open(verdict: Judgement) -> tuple[str, ...]:
+    """Return the families that a verdict does not decide; none where it asks for no set."""
+    if verdict.verdict != "one_of":
+        return ()
+    why = verdict.peak_bar
+    return tuple(f for f in verdict.families if why is None or f == why.values["family"] or is_usual(f))
 
 
-def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
-    """Return the most probable sets, one for each combination of families."""
+def _across_the_peak(weighing: Weighing, why: Note, rng: np.random.Generator) -> list[tuple[float, Weighed]]:
+    """Return the most probable set with a name that a usual stress peak bars, and that with a peak in its place."""
+    name, p = why.values["family"], why.values["probability"]
+    ranked = sorted(weighing.sets, key=lambda w: -w.score)
+    alone = next(w for w in ranked if name in w.families and not any(map(is_usual, w.families)))
+    ahead = next(w for w in ranked if name not in w.families and any(map(is_usual, w.families)))
+    return [(p, with_posterior(weighing, alone, rng)), (1.0 - p, with_posterior(weighing, ahead, rng))]
+
+
+def _rivals(weighing: Weighing, asked: Sequence[str]) -> list[tuple[float, Weighed]]:
+    """Return the most probable sets, one for each combination of the families asked for, or of all."""
     found: dict[frozenset[str], tuple[float, Weighed]] = {}
     for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
         if weighed.posterior is not None and p > 0:
-            found.setdefault(weighed.families, (float(p), weighed))
+            own = weighed.families & frozenset(asked) if asked else weighed.families
+            found.setdefault(own, (float(p), weighed))
     return sorted(found.values(), key=lambda pair: -pair[0])[:_SETS]
 
 
-def _name(weighed: Weighed, other: Weighed) -> str:
-    own = [family_of(use) for use in weighed.hypothesis]
-    return " and ".join([family for family in own if family not in other.families] or own) or "nothing more"
+def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray, asked: Sequence[str]) -> tuple[str, ...]:
+    """Return in what the two sets differ that come apart most, as likely as they are; of the families asked for.
+
+    A single one: whether it acts.
+    """
+    p = np.array([probability for probability, _ in rivals])
+    i, j = divmod(int(np.argmax(np.outer(p, p) * (nats + nats.T))), len(rivals))
+    first, second = rivals[i][1].families, rivals[j][1].families
+    own = [[family for family in asked or sorted(a) if family in a - b] for a, b in ((first, second), (second, first))]
+    return tuple(" + ".join(families) for families in own if families)
 
 
 def _designs(problem: BenchProblem) -> list[_Design]:

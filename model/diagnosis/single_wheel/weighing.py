@@ -143,7 +143,7 @@ class Weighing:
     Attributes
     ----------
     sets : tuple of Weighed
-        Most probable first among the adequate ones, then the others.
+        Most probable families first among the adequate ones, of each the most probable form first; then the others.
     threshold : float
         Misfit above which a set is not right enough.
     """
@@ -299,5 +299,10 @@ def _corrected(weighing: Weighing, rng: np.random.Generator) -> Weighing:
         else replace(w, log_evidence=w.log_evidence + shift)
         for w in weighing.sets
     ]
-    done.sort(key=lambda w: (not weighing.adequate(w), -w.score))
+    score: dict[tuple[bool, frozenset[str]], float] = {}
+    for w in done:
+        score[weighing.adequate(w), w.families] = float(
+            np.logaddexp(score.get((weighing.adequate(w), w.families), -np.inf), w.score)
+        )
+    done.sort(key=lambda w: (not weighing.adequate(w), -score[weighing.adequate(w), w.families], -w.score))
     return replace(weighing, sets=tuple(done))
