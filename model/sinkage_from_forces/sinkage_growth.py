@@ -15,6 +15,10 @@ from model.sinkage_from_forces.sinkage import ShapeRanges, Shapes, draw_shapes, 
 DRAWS = 400
 WITHOUT_FORCES = (0.034, 0.454)
 """95 % band of Z/r of all published wheels with measured sinkage and torque (docs/sinkage.md): known without forces."""
+_USUAL_LN = (float(np.mean(np.log(WITHOUT_FORCES))), float(np.ptp(np.log(WITHOUT_FORCES))) / 3.92 * 1.55)
+"""Mean and one-sigma of ln(Z/r) of the next wheel: wider, by Student's t of the five wheels that it comes from."""
+_SHALLOW = 1e-3
+"""Of the radius: as good as no sinkage."""
 _LEAST_SPAN = 0.2
 _OWN_SHARE = 0.02
 """Share of a sinkage by which cells differ beyond their noise: keeps quiet cells from deciding a slope alone."""
@@ -91,11 +95,14 @@ class ForceSinkage:
     ----------
     draws_m : float64 array, shape (m, n)
         Sinkage of every cell in every draw of shape, noise and zeros.
+    as_usual : int array, shape (m,)
+        Draws, each as often as wheels are as deep as in it. The growth counts every draw once.
     """
 
     cells: ForceCells
     draws_m: FloatArray
     shapes: Shapes
+    as_usual: IndexArray
 
     def bins(self) -> list[SlipBin]:
         """Return the sinkage per range of slip (of a table: per row), by slip."""
@@ -105,7 +112,7 @@ class ForceSinkage:
     def _bin(self, inside: BoolArray) -> SlipBin:
         cells, weights = self.cells, self.cells.samples[inside].astype(np.float64)
         share = weights / weights.sum()
-        draws, stays = self.draws_m[:, inside] @ share, self.shapes.peak_stays
+        draws, stays = (self.draws_m[:, inside] @ share)[self.as_usual], self.shapes.peak_stays[self.as_usual]
         found = estimate(draws)
         width = found.interval95[1] - found.interval95[0]
         return SlipBin(
@@ -153,7 +160,20 @@ def sinkage_from_forces(
         error = error + zero * rng.standard_normal((draws, groups))[:, cells.group]
     central = cells.central_m
     share = np.divide(error, central, out=np.zeros_like(error), where=central > 0.0)
-    return ForceSinkage(cells, np.maximum(plain * (1.0 + share), 0.0), shapes)
+    return ForceSinkage(cells, np.maximum(plain * (1.0 + share), 0.0), shapes, _as_usual(plain, cells.radius_m))
+
+
+def _as_usual(sinkage_m: FloatArray, radius_m: float) -> IndexArray:
+    """Return draws, each as often as wheels are as deep as in its mean: ln(Z/r) is normal, see `_USUAL_LN`.
+
+    Parameters
+    ----------
+    sinkage_m : array, shape (m, n)
+    """
+    mean = np.nansum(sinkage_m, axis=1) / max(sinkage_m.shape[1], 1) / radius_m
+    off = (np.log(np.maximum(mean, _SHALLOW)) - _USUAL_LN[0]) / _USUAL_LN[1]
+    total = np.cumsum(np.exp(-0.5 * (off**2 - np.min(off**2))))
+    return np.asarray(np.searchsorted(total, total[-1] * (np.arange(len(total)) + 0.5) / len(total)))
 
 
 def estimate(draws: FloatArray) -> Estimate:

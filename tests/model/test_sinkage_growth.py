@@ -81,6 +81,24 @@ def test_a_number_is_given_where_its_band_says_more_than_is_known_without_forces
         assert {one.tells for one in bins[:5]} == {tells}
 
 
+def test_a_depth_that_wheels_seldom_have_counts_less_in_the_level_and_not_in_the_growth() -> None:
+    """Published wheels: ln(Z/r) is -2.09 in the middle, with a one-sigma of .66 and .66 x 1.55 for the next one."""
+    for depth, sign in ((0.2, -1.0), (0.02, 1.0)):
+        found = sinkage_from_forces(
+            cells_of_table(table(np.full(9, depth), np.full(9, 0.4)), 0.47), np.random.default_rng(0)
+        )
+        plain, usual = found.draws_m[:, 4], found.draws_m[found.as_usual, 4]
+        assert sign * (np.median(usual) - np.median(plain)) > 0
+        assert found.bins()[4].sinkage_m.value == np.median(usual)
+        off = (np.log(found.draws_m.mean(axis=1) / 0.47) + 2.09) / (0.66 * 1.55)
+        share = np.exp(-0.5 * off**2)
+        assert np.median(usual) == pytest.approx(
+            np.quantile(plain, 0.5, weights=share, method="inverted_cdf"), rel=0.02
+        )
+        every = replace(found, as_usual=np.arange(len(found.shapes)))
+        assert found.growth() == every.growth()
+
+
 @pytest.mark.parametrize("grows_m", [0.0, 0.03, 0.08])
 def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
     found = growth_of(cells_of_table(table(0.1 + grows_m * SLIPS, 0.3 + 0.32 * SLIPS), 0.47))

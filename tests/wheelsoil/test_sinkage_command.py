@@ -88,7 +88,7 @@ def test_measured_sinkage_stands_beside(measured: Path) -> None:
     assert found["schema"] == "wheelsoil/sinkage/1"
     for one in found["bins"]:
         assert one["interval95_m"][0] < one["measured_m"] < one["interval95_m"][1]
-        assert one["if_peak_stays_m"] == pytest.approx(one["measured_m"], rel=0.25)  # the band allows a bow wave
+        assert one["if_peak_stays_m"] == pytest.approx(one["measured_m"], rel=0.3)  # a bow wave, and a deep wheel
     growth = found["growth"]
     assert growth["measured"]["value"] == pytest.approx(0.08, abs=0.015)
     low, high = growth["if_peak_stays"]["interval95"]

@@ -100,12 +100,23 @@ def test_one_wheel_is_asked_for_where_one_is_expected(tmp_path: Path) -> None:
     path = two_wheels(tmp_path, "lug_height_m", "0", "0.01")
     with pytest.raises(ConfigError, match="the rows are of several wheels"):
         read_wheel_table(path)
-    for command in ("fit", "sinkage"):
-        more = ["--soil", "lunar"] if command == "fit" else []
-        said = invoke(command, "--table", path, "--vehicle", wheel_file(tmp_path), *more)
-        assert said.code == 2
-        assert "several wheels" in said.err
-        assert "next: choose the rows of one" in said.err
+    said = invoke("fit", "--table", path, "--vehicle", wheel_file(tmp_path), "--soil", "lunar")
+    assert said.code == 2
+    assert "several wheels" in said.err
+    assert "next: choose the rows of one" in said.err
+
+
+def test_sinkage_takes_each_wheel_of_a_table_in_turn(tmp_path: Path) -> None:
+    lines = [f"{s},25,3,0.8,{r},0.1" for r in (0.1, 0.2) for s in (0.1, 0.3, 0.5)]
+    head = "slip,vertical_load_n,drawbar_pull_n,driving_torque_nm,radius_m,width_m"
+    (tmp_path / "two.csv").write_text("\n".join([head, *lines]))
+    found = invoke("sinkage", "--table", tmp_path / "two.csv", "--json").json
+    assert [(one["wheel"], one["wheel_size"]["radius_m"], len(one["bins"])) for one in found] == [
+        ("two, radius_m 0.1", 0.1, 3),
+        ("two, radius_m 0.2", 0.2, 3),
+    ]
+    said = invoke("sinkage", "--table", tmp_path / "two.csv").out
+    assert said.startswith("wheel two, radius_m 0.1\n") and "\nwheel two, radius_m 0.2\n" in said
 
 
 SIZE = st.sampled_from(["", "0.1", "0.15"])

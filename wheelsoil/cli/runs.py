@@ -340,17 +340,22 @@ def sinkage_command(
     A measured sinkage is printed beside it, and every driven row is checked against a bound that holds on every soil.
     """
     from wheelsoil.workflows.runs import Files, noted_in
-    from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
+    from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs, sinkage_of_table
+    from wheelsoil.workflows.tables import read_wheels
 
     options.use_cores(context, jobs)
     options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
-        facts = _sinkage_of_table(table, rename, where, vehicle)
-        if json:
-            print_json(sinkage_as_json(facts))
-        else:
-            print_sinkage(facts)
+        read = read_wheels([table], (str(vehicle),) if vehicle else (), rename=rename, where=where)
+        by_name = {found.name if len(read) > 1 else "": found for found in read}
+        of_table = PerWheel({name: [] for name in by_name}, json=json)
+
+        def show(_: list[Run]) -> None:
+            facts = sinkage_of_table(by_name[of_table.wheel].rows, by_name[of_table.wheel].section)
+            of_table.show(lambda: sinkage_as_json(facts), lambda: print_sinkage(facts))
+
+        of_table.each(show)
         return
     files = Files(
         vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
@@ -364,17 +369,6 @@ def sinkage_command(
         wheels.show(lambda: sinkage_as_json(found), lambda: print_sinkage(found))
 
     wheels.each(work)
-
-
-def _sinkage_of_table(
-    path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None
-) -> SinkageFacts:
-    from wheelsoil.workflows.sinkage import sinkage_of_table
-    from wheelsoil.workflows.tables import one_wheel, read_wheels
-
-    vehicles = (str(vehicle),) if vehicle else ()
-    found = one_wheel(read_wheels([path], vehicles, rename=rename, where=where))
-    return sinkage_of_table(found.rows, found.section)
 
 
 def print_sinkage(facts: SinkageFacts) -> None:

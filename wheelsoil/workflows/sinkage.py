@@ -36,9 +36,10 @@ IN_THE_BAND = (
     "the 95 % band holds: noise of load, drawbar pull and torque, their zeros' uncertainty where one was taken off, "
     "the radius (1 %), where the stress peaks (ahead, as Wong and Reece measured, or at the bottom), the sinkage "
     "exponent (0.5 to 1.4), an exit behind the bottom (none, or up to a fifth of the entry angle at no slip, and up to "
-    "0.8 of it more at full slip), soil pushed in front (none, or up to two fifths of the resistance), and 20 % for "
-    "what else differs from wheel to wheel. It does not hold a tyre that flattens, or a gain of the transducer. On "
-    "measured wheels it is a range, not a proven 95 %: few tests have torque and sinkage (docs/sinkage.md)"
+    "0.8 of it more at full slip), soil pushed in front (none, or up to two fifths of the resistance), 20 % for what "
+    "else differs from wheel to wheel, and how deep wheels usually are. It does not hold a tyre that flattens, or a "
+    "gain of the transducer. On measured wheels it is a range, not a proven 95 %: few tests have torque and sinkage "
+    "(docs/sinkage.md)"
 )
 
 

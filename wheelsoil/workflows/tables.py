@@ -200,19 +200,6 @@ def _refuse_other_force_units(rows: WheelTable, radius_m: float) -> None:
         raise DataError(*faults)
 
 
-def one_wheel(found: Sequence[WheelRows]) -> WheelRows:
-    """Return the rows of the only wheel.
-
-    Raises
-    ------
-    ConfigError
-        There are several.
-    """
-    if len(found) > 1:
-        raise ConfigError(several_wheels([wheel_rows.rows for wheel_rows in found]))
-    return found[0]
-
-
 def read_bench(
     path: Path, files: Files, *, rename: Iterable[str] | None = None, where: Iterable[str] | None = None
 ) -> BenchFiles:
