@@ -341,7 +341,7 @@ def test_sets_to_separate_differ_in_what_the_verdict_leaves_open() -> None:
     )
     first, _, third, last = weighing.sets
     assert _rivals(weighing, ("slip_sinkage", peak)) == [(0.4, first), (0.2, third)]
-    assert _rivals(weighing, ("slip_sinkage", friction)) == [(0.4, first), (0.3, weighing.sets[1]), (0.2, third)]
+    assert _rivals(weighing, ("slip_sinkage", friction)) == [(0.4, first), (0.3, weighing.sets[1])]
     apart = np.array([[0.0, 5.0], [5.0, 0.0]])
     names = _parted([(0.4, first), (0.2, third)], apart, ("slip_sinkage", friction, peak))
     assert names == (f"slip_sinkage + {friction}", peak)

@@ -200,11 +200,14 @@ def _across_the_peak(weighing: Weighing, why: Note, rng: np.random.Generator) ->
 
 
 def _rivals(weighing: Weighing, asked: Sequence[str]) -> list[tuple[float, Weighed]]:
-    """Return the most probable sets, one for each combination of the families asked for, or of all."""
+    """Return the most probable sets, one for each combination of the families asked for, or of all.
+
+    A set with none of those asked for is none to separate.
+    """
     found: dict[frozenset[str], tuple[float, Weighed]] = {}
     for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
-        if weighed.posterior is not None and p > 0:
-            own = weighed.families & frozenset(asked) if asked else weighed.families
+        own = weighed.families & frozenset(asked) if asked else weighed.families
+        if weighed.posterior is not None and p > 0 and (own or not asked):
             found.setdefault(own, (float(p), weighed))
     return sorted(found.values(), key=lambda pair: -pair[0])[:_SETS]
 
