@@ -72,6 +72,7 @@ from .units import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .units import Quantity as Quantity
 from .units import Unit as Unit
 from .units import find_unit as find_unit
+from .units import known_units as known_units
 from .units import unit_suffix as unit_suffix
 from .units import unit_text as unit_text
 from .vehicle_sections import ALL_WHEELS as ALL_WHEELS

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from math import inf
 from typing import TYPE_CHECKING
 
 from daq import FloatArray, IntArray, Quantity, data_frame, unit_suffix, unit_text
@@ -49,6 +50,8 @@ class ChannelDefinition:
         Whether an angle stays in degrees, as positions do.
     of_wheel : bool
         Whether each wheel has its own, not the whole vehicle.
+    possible : tuple of float
+        Least and largest size that a run can reach, in `unit`; a value beyond has another unit than is declared.
     """
 
     role: str
@@ -58,6 +61,7 @@ class ChannelDefinition:
     required: bool = False
     in_degrees: bool = False
     of_wheel: bool = False
+    possible: tuple[float, float] = (0.0, inf)
 
     @property
     def name(self) -> str:
@@ -103,16 +107,16 @@ CHANNELS = (
     ChannelDefinition("vertical_load", (Quantity.FORCE,), Use.INPUT, "w", required=True, of_wheel=True),
     ChannelDefinition("drawbar_pull", (Quantity.FORCE,), Use.OUTPUT, "dp", required=True, of_wheel=True),
     ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True, of_wheel=True),
-    ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z", of_wheel=True),
-    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA, of_wheel=True),
-    ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA, of_wheel=True),
-    ChannelDefinition("longitudinal_acceleration", (Quantity.ACCELERATION,), Use.EXTRA),
-    ChannelDefinition("yaw_rate", (Quantity.ANGULAR_SPEED,), Use.EXTRA),
-    ChannelDefinition("pitch", (Quantity.ANGLE,), Use.EXTRA),
-    ChannelDefinition("steering_angle", (Quantity.ANGLE,), Use.EXTRA),
+    ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z", of_wheel=True, possible=(0.0, 1.0)),
+    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA, of_wheel=True, possible=(5e3, 5e6)),
+    ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA, of_wheel=True, possible=(0.0, 20.0)),
+    ChannelDefinition("longitudinal_acceleration", (Quantity.ACCELERATION,), Use.EXTRA, possible=(0.0, 20.0)),
+    ChannelDefinition("yaw_rate", (Quantity.ANGULAR_SPEED,), Use.EXTRA, possible=(0.0, 2.0)),
+    ChannelDefinition("pitch", (Quantity.ANGLE,), Use.EXTRA, possible=(0.0, 0.7)),
+    ChannelDefinition("steering_angle", (Quantity.ANGLE,), Use.EXTRA, possible=(0.0, 1.0)),
     ChannelDefinition("ground_speed_valid", (Quantity.RATIO,), Use.FLAG),
-    ChannelDefinition("latitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
-    ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
+    ChannelDefinition("latitude", (Quantity.ANGLE,), Use.AID, in_degrees=True, possible=(0.0, 90.0)),
+    ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True, possible=(0.0, 180.0)),
     ChannelDefinition("course", (Quantity.ANGLE,), Use.AID),
     ChannelDefinition("gnss_time", (Quantity.TIME,), Use.AID),
     ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID, of_wheel=True),

@@ -217,7 +217,7 @@ class SamplingEstimator:
         if not isfinite(period_ns) or self._last_ns is None:
             return nan
         expected = (self._last_ns - self._first_ns) / period_ns + 1
-        return max(0.0, 1.0 - self._count / expected)
+        return max(0.0, 1.0 - self._count / expected) if expected >= 1 else nan
 
 
 def sampling_of(time_ns: IntArray) -> Sampling:

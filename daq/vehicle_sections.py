@@ -154,7 +154,7 @@ class SensorSection(Placed):
 
     only_if_set = frozenset(_PLACE)
 
-    latency_s: Finite = 0.0
+    latency_s: Annotated[float, Field(ge=-5, le=5)] = 0.0
     sigma: NonNegative | None = None
     z_m: Finite | None = None
 

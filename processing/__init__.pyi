@@ -19,6 +19,7 @@ from .processed_run import Segment as Segment
 from .processed_run import SensorFacts as SensorFacts
 from .processed_run import Standstill as Standstill
 from .processed_run import block_of as block_of
+from .processed_run import is_refusal as is_refusal
 from .processed_run import is_refused as is_refused
 from .processed_run import purposes_served as purposes_served
 from .processed_run import units_of as units_of

@@ -71,6 +71,9 @@ class RunCode(StrEnum):
     """number (of the reading, from 1), time_s, reason (why its sample is excluded, a `Reason`)"""
     OVERLOADED = "overloaded"
     """load_n (median), weight_n, mass_kg, added_kg (of the vehicle)"""
+    WRONG_SIZE = "wrong_size"
+    """role, size (90 % of the values are below), least, most (of what is possible), units (that would make it
+    possible)"""
     ZERO_TAKEN_OFF = "zero_taken_off"
     """roles, source, methods, ages_s"""
     ZERO_OLD = "zero_old"

@@ -358,7 +358,12 @@ def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
 
 def is_refused(run: ProcessedRun) -> bool:
     """Return whether a run is impossible as it is declared; see `processing.referee`."""
-    return any(note.code == RunCode.IMPLAUSIBLE and note.severity == Severity.FAULT for note in run.quality.notes)
+    return any(map(is_refusal, run.quality.notes))
+
+
+def is_refusal(note: Note) -> bool:
+    """Return whether a note says that its run is impossible as it is declared."""
+    return note.severity == Severity.FAULT and note.code in (RunCode.IMPLAUSIBLE, RunCode.WRONG_SIZE)
 
 
 _NOT_WHOLE = (RunCode.ROLE_MISSING, RunCode.NOT_MEASURED, RunCode.NEVER_USABLE)

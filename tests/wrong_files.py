@@ -213,6 +213,25 @@ CASES = (
         table("time,Fz [N]", [f"0 days 00:00:00.{10_000 * i:06d}" for i in _STEPS], list(_FORCE)),
         {"Fz [N]": _FORCE},
     ),
+    Case(
+        "milliseconds that do not say so",
+        table("t,Fz [N]", [f"{10 * i}.{i % 7 + 1}" for i in _STEPS], list(_FORCE)),
+        said="the unit of time is not stated",
+        refused=True,
+    ),
+    Case(
+        "days of a spreadsheet",
+        table("t,Fz [N]", [f"{45000 + i / 8.64e6:.12f}" for i in _STEPS], list(_FORCE)),
+        said="the unit of time is not stated",
+        refused=True,
+    ),
+    Case(
+        "seconds at 1 Hz that do not say so",
+        table("t,Fz [N]", [f"{i}.{i % 7 + 1}" for i in _STEPS], list(_FORCE)),
+        {"Fz [N]": _FORCE},
+        "the time column states no unit: taken for s",
+        [i + (i % 7 + 1) / 10 for i in _STEPS],
+    ),
     Case("ts_ms", table("ts_ms,Fz [N]", [10 * i for i in _STEPS], list(_FORCE)), {"Fz [N]": _FORCE}),
     Case("rate beside a time", "".join(_whole()), said="times of its own", layout={"rate_hz": 50.0}, refused=True),
     Case(

@@ -92,6 +92,8 @@ class SignalRef:
         SI value = decoded value * si_factor + si_offset.
     no_data : NoData
         Which decoded values mean no data.
+    replaced_unit : str
+        Unit of the DBC or file in place of which vehicle.toml states another one.
     """
 
     role: str
@@ -103,6 +105,7 @@ class SignalRef:
     si_factor: float
     si_offset: float = 0.0
     no_data: NoData = field(default_factory=NoData)
+    replaced_unit: str = ""
 
     @property
     def name(self) -> str:
@@ -288,6 +291,7 @@ def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -
         si_factor=name.sign * factor,
         si_offset=name.sign * unit.offset,
         no_data=replace(place.no_data, words={}) if ROLES[role].use is Use.FLAG else place.no_data,
+        replaced_unit=place.unit if find_unit(place.unit, quantities) not in (None, unit) else "",
     )
 
 

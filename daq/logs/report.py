@@ -135,8 +135,15 @@ class LogReport:
             lines.append("times have no date: they count from a zero of the logger's own")
         if self.local_time:
             lines.append("dates are local time of the computer that recorded: they are taken for UTC")
-        if self.damage:
-            lines.append(f"after frame {self.frames}: {self.damage}")
+        lines += self.losses()
+        if self.out_of_order:
+            lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
+        lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())
+        return lines
+
+    def losses(self) -> list[str]:
+        """Return what of the log is not in its frames, a sentence each."""
+        lines = [f"after frame {self.frames}: {self.damage}"] if self.damage else []
         lines.extend(f"lost: {part}" for part in self.lost[:_LISTED])
         if len(self.lost) > _LISTED:
             lines.append(f"lost: {len(self.lost) - _LISTED} more parts, to {self.lost[-1]}")
@@ -147,9 +154,6 @@ class LogReport:
             lines += [
                 f"{loss.count:,} {balance.unit} {kind}" for kind, loss in balance.losses.items() if kind != _UNREADABLE
             ]
-        if self.out_of_order:
-            lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
-        lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())
         return lines
 
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq import ROLES, Channel, Note, RecordingCode
+from daq import ROLES, Channel, Note, RecordingCode, Severity
 from daq.can import Decoder, FrameBatch
 from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus, signals_of
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.config import OfWheel, RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import ConfigError, DatabaseError, Fault, RecordingError, nearest
-from daq.logs import read_log
+from daq.logs import LogReport, read_log
 from daq.recording import RunRecording
 from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
 from daq.series import Series, SeriesBlock, read_series
@@ -162,6 +162,7 @@ class Run:
     vehicle_source: str = VEHICLE_FILE
     series: Series | None = None
     static: tuple[StaticTest, ...] = ()
+    _reports: list[LogReport] = field(default_factory=list, repr=False, compare=False)
 
     def for_wheel(self, name: str | None = None) -> Run:
         """Return the run of one wheel: its configuration, and the rut readings and static tests of it.
@@ -225,7 +226,11 @@ class Run:
         """
         if self.series:
             return iter(())
-        return self.recording.frame_batches() if self.recording else read_log(self.path)
+        if self.recording:
+            return self.recording.frame_batches()
+        reading = read_log(self.path)
+        self._reports[:] = [reading.report]
+        return reading
 
     def channel_batches(
         self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
@@ -278,8 +283,15 @@ class Run:
                 if reference.message in by_topic
             }
 
-    def validity_notes(self) -> list[Note]:
-        """Return a note on a validity of the ground speed that has no role; raises as `channels`."""
+    def reading_notes(self) -> list[Note]:
+        """Return notes on what the last reading of a log or of series lost, and what it read in one of two ways."""
+        reports = [self.series.report] if self.series else self._reports
+        lost = [(Severity.DOUBT, text) for report in reports for text in report.losses()]
+        read = [(Severity.REMARK, text) for report in reports for text in report.readings]
+        return [Note(RecordingCode.READ, severity, {"text": text}) for severity, text in lost + read]
+
+    def signal_notes(self) -> list[Note]:
+        """Return notes on a validity of the ground speed without a role and on replaced units; raises as `channels`."""
         roles = set(ROLES) - {replaced_speed(self.vehicle)}
         if self.series:
             references = resolve_columns(self.vehicle, self.series.topics, (), roles, source=self.path.name)
@@ -288,7 +300,12 @@ class Run:
             references = resolve_roles(self.vehicle, self.databases, (), roles)
             signals = signals_of(self.databases)
         unused = unused_validity(references, signals)
-        return [Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else []
+        replaced = [
+            Note(RecordingCode.UNIT_REPLACED, values={"role": role, "unit": of.unit, "written": of.replaced_unit})
+            for role, of in references.items()
+            if of.replaced_unit
+        ]
+        return replaced + ([Note(RecordingCode.VALIDITY_UNUSED, values={"signal": unused})] if unused else [])
 
     def scales(self, roles: Collection[str]) -> dict[str, str]:
         """Return what one bit of the signal of some roles is in SI, and what is added; nothing without DBCs.

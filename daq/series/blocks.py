@@ -58,8 +58,6 @@ class SeriesReport:
         Whether time stamps are dates; None before the first.
     unzoned : bool
         Whether dates came without a time zone, and are taken for UTC.
-    assumed_unit : str
-        Unit of time stamps that the file does not state.
     balance : Balance
         Of the rows: a row of each topic, and what is no row of the table.
     out_of_order : mapping topic -> int
@@ -83,7 +81,6 @@ class SeriesReport:
     share: float = 0.0
     absolute_time: bool | None = None
     unzoned: bool = False
-    assumed_unit: str = ""
     balance: Balance = field(default_factory=Balance)
     out_of_order: dict[str, int] = field(default_factory=dict)
     bad_cells: dict[str, int] = field(default_factory=dict)
@@ -134,24 +131,25 @@ class SeriesReport:
             self._last_ns[topic] = int(block.time_ns[-1])
         return block
 
-    def remarks(self) -> list[str]:
-        """Return what a user should know of this file, a sentence each."""
-        lines = [*self.known, *self.readings]
-        if self.absolute_time is False:
-            lines.append("times have no date: they count from a zero of the logger's own")
-        if self.unzoned:
-            lines.append("dates have no time zone: they are taken for UTC")
-        if self.assumed_unit:
-            lines.append(f"the time column states no unit: taken for {self.assumed_unit} ([series] time_unit sets it)")
-        if self.damage:
-            lines.append(self.damage)
+    def losses(self) -> list[str]:
+        """Return what of the file is not in its samples, a sentence each."""
+        lines = [*self.known, *([self.damage] if self.damage else [])]
         lines += [f"{self.balance.unit} {kind}, excluded: {loss}" for kind, loss in self.balance.losses.items()]
-        lines += [f"{topic}: {count} rows are out of order" for topic, count in self.out_of_order.items()]
         cells = [
             f"{count} in {column!r}, the first in {self.first_bad_cell[column]}"
             for column, count in self.bad_cells.items()
         ]
-        lines += [f"cells that hold no number: {_some(cells, '; ')}"] if cells else []
+        return lines + ([f"cells that hold no number: {_some(cells, '; ')}"] if cells else [])
+
+    def remarks(self) -> list[str]:
+        """Return what a user should know of this file, a sentence each."""
+        lines = list(self.readings)
+        if self.absolute_time is False:
+            lines.append("times have no date: they count from a zero of the logger's own")
+        if self.unzoned:
+            lines.append("dates have no time zone: they are taken for UTC")
+        lines += self.losses()
+        lines += [f"{topic}: {count} rows are out of order" for topic, count in self.out_of_order.items()]
         reasons: dict[str, list[str]] = {}
         for column, why in self.skipped.items():
             reasons.setdefault(why, []).append(repr(column))

@@ -35,6 +35,8 @@ _LOOSE = re.compile(rf"(?:t[ _].*|(?i:(?:.*[ _./])?(?:{_WORDS})(?:[ _].*)?)){_SU
 _EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """A date after 1990 is above these in each unit, and below the one before it."""
 _EPOCH_S = EARLIEST_DATE_NS / 1e9
+_SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-5, 1.5
+"""Usual intervals of numbers that are seconds without saying so; others may be ms, minutes or days."""
 _LAST_NS = float(LAST_TIME_NS)
 _ZONE = re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")
@@ -199,8 +201,9 @@ class TimeStamps:
         first = abs(float(finite[0])) if len(finite) else 0.0
         if first >= _EPOCH_S:
             return next((unit for least, unit in _EPOCH_UNITS if first >= least), "s")
-        if len(finite) and np.any(finite != np.floor(finite)):
-            self._report.assumed_unit = "s"
+        step_s = float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
+        if np.any(finite != np.floor(finite)) and _SHORTEST_STEP_S <= step_s <= _LONGEST_STEP_S:
+            self._report.note_reading("the time column states no unit: taken for s ([series] time_unit sets it)")
             return "s"
         where = f"{self._report.path}, column {self._column!r}"
         found = ", ".join(f"{cell:g}" for cell in finite[:4])

@@ -32,6 +32,8 @@ _FROZEN_S, _FROZEN_SAMPLES, _LEAST_ALIVE = 2.0, 8, 0.1
 _CHANGE, _AS_USUAL = 0.05, 0.5
 _SWING, _PARTS = 0.25, 16
 """Shares of the load by which the pull differs among so many parts of a time, and no constant torque lets it."""
+_EVER_NEW, _OF_INTERPOLATED = 0.95, (1, 5, 10)
+"""Share of samples with a new value in a channel that repeats none; it may be interpolated: noise is in each 5th."""
 _QUICK_S, _QUICK_SHARE, _USUAL_SHARE = 0.25, 0.95, 0.9
 _CLIPPED_S, _CLIPPED_SAMPLES, _IN_A_ROW, _CLIPPED_STRETCHES, _FAR = 0.3, 20, 3, 5, 0.5
 _MOVING, _AT_REST = 0.1, 0.001
@@ -191,7 +193,8 @@ def frozen(series: Series, held: Held, partners: Sequence[Series], speeds: Seque
     if held.until_s[rest].sum() < _LEAST_ALIVE * held.until_s[suspect].sum():
         return none
     values = series[1][held.rows(rest)]
-    if not _quick(held, rest) or not _noisy(values):
+    apart = _OF_INTERPOLATED if rest.sum() >= _EVER_NEW * len(values) else (1,)
+    if not _quick(held, rest) or not any(_noisy(values[::step]) for step in apart):
         return none
     for k in np.flatnonzero(suspect):
         within_ns = series[0][[held.start[k], held.stop[k] - 1]]

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from math import nan
+from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
 
-from daq import EARTH_RADIUS_M, ROLES, STANDARD_GRAVITY_MPS2, BoolArray, FloatArray, Note, Severity, VehicleConfig
+from daq import (
+    CHANNELS,
+    EARTH_RADIUS_M,
+    ROLES,
+    STANDARD_GRAVITY_MPS2,
+    BoolArray,
+    FloatArray,
+    Note,
+    Severity,
+    Use,
+    VehicleConfig,
+    find_unit,
+    known_units,
+)
 from processing import ProcessedRun, RunCode
 from processing.referee.judgement import Evidence, Ruling, is_judged, judge
 from processing.referee.mends import JUDGED_ROLES
@@ -30,30 +43,40 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     """
     evidence = evidence_of(run, vehicle)
     ruling = judge(evidence)
+    sized = list(_of_wrong_size(run, vehicle))
     if not ruling.doubted:
-        return _overloaded(run, vehicle), {}
+        return [*sized, *_overloaded(run, vehicle)], {}
     held = _held_rows(evidence.channels, run)
     frozen, whole = _frozen(run, evidence, held)
     if frozen:
-        return [], frozen
+        return sized, frozen
     severity = Severity.FAULT if ruling.refused else Severity.DOUBT
     values = _values(run, vehicle, evidence, ruling)
     if whole:
         values |= {"held": whole}
-    return [Note(RunCode.IMPLAUSIBLE, severity, values)], {}
+    return [Note(RunCode.IMPLAUSIBLE, severity, values), *sized], {}
+
+
+def _of_wrong_size(run: ProcessedRun, vehicle: VehicleConfig) -> Iterator[Note]:
+    """Yield a note for each channel beyond what is possible; a fault where a model is fitted to it."""
+    for channel in (known for known in CHANNELS if known.role in vehicle.signals and isfinite(known.possible[1])):
+        least, most = channel.possible
+        size = _quantile(np.abs(run.column(channel.field)), 0.9)
+        if isfinite(size) and size and not least <= size <= most:
+            stated = find_unit(vehicle.signals[channel.role].unit or "", channel.quantities)
+            units = [find_unit(unit, channel.quantities) for unit in known_units(channel.quantities[0])]
+            fits = [u.symbol for u in units if u and stated and least <= size * u.factor / stated.factor <= most]
+            values = {"role": channel.role, "size": size, "least": least, "most": most, "units": tuple(fits)}
+            yield Note(RunCode.WRONG_SIZE, Severity.FAULT if channel.use is Use.OUTPUT else Severity.DOUBT, values)
 
 
 def _overloaded(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
     """Return a note where one wheel carries more than the vehicle weighs, of which the ruling may know no mend."""
-    mass_kg, added_kg = vehicle.vehicle.mass_kg, run.run.added_load_kg
-    load = np.abs(run.vertical_load_n[np.isfinite(run.vertical_load_n)])
-    if mass_kg is None or not len(load):
-        return []
-    load_n, weight_n = float(np.median(load)), (mass_kg + max(added_kg, 0.0)) * STANDARD_GRAVITY_MPS2
-    if load_n <= weight_n:
-        return []
+    mass_kg, added_kg = vehicle.vehicle.mass_kg or inf, run.run.added_load_kg
+    load_n = _quantile(np.abs(run.vertical_load_n), 0.5)
+    weight_n = (mass_kg + max(added_kg, 0.0)) * STANDARD_GRAVITY_MPS2
     values = {"load_n": load_n, "weight_n": weight_n, "mass_kg": mass_kg, "added_kg": added_kg}
-    return [Note(RunCode.OVERLOADED, Severity.DOUBT, values)]
+    return [Note(RunCode.OVERLOADED, Severity.DOUBT, values)] if load_n > weight_n else []
 
 
 def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[str, BoolArray]:
@@ -95,8 +118,7 @@ def _frozen(
 
 def _values(run: ProcessedRun, vehicle: VehicleConfig, evidence: Evidence, ruling: Ruling) -> dict[str, Any]:
     shares = dict(ruling.mends)
-    load = np.abs(run.vertical_load_n)
-    usual = (float(np.nanmedian(load)) if np.isfinite(load).any() else nan) or nan
+    usual = _quantile(np.abs(run.vertical_load_n), 0.5) or nan
     weight = nan if evidence.mass_kg is None else evidence.mass_kg * STANDARD_GRAVITY_MPS2
     declared = {role: vehicle.signals[role] for role in JUDGED_ROLES if role in vehicle.signals}
     return {
@@ -140,8 +162,6 @@ def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[s
     """Return the median of each channel's size over the speed of the positions, in windows in which these move."""
     step = max(round(_WINDOW_S * run.rate_hz), 1)
     latitude, longitude = np.deg2rad(run.latitude_deg[::step]), np.deg2rad(run.longitude_deg[::step])
-    if len(latitude) < 2 or not np.isfinite(latitude).any():
-        return {}
     north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
     chord_m = EARTH_RADIUS_M * np.hypot(north, east)
     far = chord_m > _LEAST_CHORD_M

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq import STANDARD_GRAVITY_MPS2, FloatArray
 from processing.referee import densities as known
-from processing.referee.mends import JUDGED_ROLES, MENDS, RADIUS, Kind, Mend
+from processing.referee.mends import JUDGED_ROLES, MENDS, RADIUS, UNLISTED, Kind, Mend
 
 REFUSED_BELOW = 1e-3
 NAMED_ABOVE = 0.99
@@ -109,7 +109,8 @@ def judge(evidence: Evidence) -> Ruling:
     rough = _scores(evidence, rows[:, ::_ROUGH], possible, samples)
     kept = np.flatnonzero((rough > rough.max() - _HOPELESS) | (np.arange(len(possible)) == 0))
     possible = [possible[i] for i in kept]
-    logs = _scores(evidence, rows, possible, samples)
+    logs = np.append(_scores(evidence, rows, possible, samples), known.UNLISTED * samples)
+    possible.append(UNLISTED)
     logs[1:] += log(known.MEND_PRIOR)
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()

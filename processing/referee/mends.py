@@ -37,6 +37,8 @@ class Kind(StrEnum):
     """The values are in SI, and were taken for `unit`."""
     SIGN = "sign"
     EXCHANGED = "exchanged"
+    UNLISTED = "unlisted"
+    """None of these, or several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +108,7 @@ MENDS = (
     *(Mend(Kind.EXCHANGED, exchanged=pair) for pair in combinations(JUDGED_ROLES, 2)),
 )
 """Every mistake that the referee knows; one at a time."""
+UNLISTED = Mend(Kind.UNLISTED)
 LISTED = tuple(mend.key for mend in MENDS if mend.kind is not Kind.DECLARED and len(mend.factors) < 2)
 """The thirty that the documentation lists, each of one channel or one pair."""
-BY_KEY = {mend.key: mend for mend in MENDS}
+BY_KEY = {mend.key: mend for mend in (*MENDS, UNLISTED)}

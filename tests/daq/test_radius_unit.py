@@ -21,3 +21,15 @@ def test_a_radius_in_mm_or_inches_is_told_from_metres(radius: float, said: str, 
         parse_toml(f"[wheel]\nradius_m = {radius}\nwidth_m = 0.3\n", VehicleConfig, "vehicle.toml")
     assert said in str(caught.value)
     assert unsaid not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "sound"), [(0.07, True), (-0.02, True), (5.0, True), (70.0, False), (-70, False)]
+)
+def test_a_latency_in_ms_is_refused(latency_s: float, sound: bool) -> None:
+    text = f"[sensors.ground_speed]\nlatency_s = {latency_s}\n"
+    if sound:
+        assert parse_toml(text, VehicleConfig, "vehicle.toml").latency_s("ground_speed") == latency_s
+        return
+    with pytest.raises(ConfigError, match="latency_s"):
+        parse_toml(text, VehicleConfig, "vehicle.toml")

@@ -110,3 +110,11 @@ def test_a_nanosecond_is_an_interval() -> None:
 def test_bursts_are_regular_once_sixteen_blocks_of_eight_take_equal_times(intervals: int, regular: bool) -> None:
     steps = np.resize([1, 19], intervals) * 10**6
     assert sampling_of(10**18 + np.cumsum([0, *steps])).regular == regular
+
+
+@pytest.mark.parametrize("hours", [1, 0.02])
+def test_a_clock_that_is_set_back_leaves_no_share_above_all(hours: float) -> None:
+    """The end of summer time, within a run of 40 s."""
+    time_s = np.arange(4000) / 100
+    missing = sampling_of(_stamps(np.where(time_s < 20, time_s, time_s - 3600 * hours))).missing_share
+    assert np.isnan(missing) or 0 <= missing <= 1

@@ -15,11 +15,13 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from wrong_files import CASES, Case
 
+from daq import Severity
 from daq.balance import UNACCOUNTED
-from daq.config import SeriesSection
-from daq.errors import ConfigError
+from daq.config import SeriesSection, VehicleConfig
+from daq.errors import ConfigError, DataError
 from daq.gunzip import Gunzip, unpacked
 from daq.logs import parse_columns, read_log
+from daq.runs.run import Configuration, log_run, series_run
 from daq.series import read_shear_tests, read_wheel_tables
 from daq.series.formats import read_series, series_format
 from daq.series.readers import delimited
@@ -42,7 +44,7 @@ def test_a_file_that_can_be_read_in_two_ways(case: Case, tmp_path: Path) -> None
     path = tmp_path / "run.csv"
     path.write_text(case.text, encoding="utf-8")
     if case.refused:
-        with pytest.raises(ConfigError, match=case.said):
+        with pytest.raises((ConfigError, DataError), match=case.said):
             all_of(path, **case.layout)
         return
     columns, time_s, said = all_of(path, **case.layout)
@@ -51,6 +53,48 @@ def test_a_file_that_can_be_read_in_two_ways(case: Case, tmp_path: Path) -> None
         np.testing.assert_allclose(columns[name], values)
     np.testing.assert_allclose(np.subtract(time_s, time_s[0]), np.subtract(case.time_s, case.time_s[0]))
     assert case.said in said
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.said and not case.refused], ids=lambda case: case.name)
+def test_every_command_is_told_how_a_table_was_read(case: Case, tmp_path: Path) -> None:
+    """Not only `info`: a run has notes on its file, doubts on what of it is lost."""
+    path = tmp_path / "run.csv"
+    path.write_text(case.text, encoding="utf-8")
+    named = next(iter(case.columns))
+    signals = {"vertical_load": {"signal": named, "unit": "N"}}
+    layout = {"series": dict(case.layout), "signals": signals}
+    run = series_run(path, Configuration(VehicleConfig.model_validate(layout)))
+    list(run.channel_batches())
+    notes = run.reading_notes()
+    assert any(case.said in note.values["text"] for note in notes)
+    lost = run.series.report.balance.losses or run.series.report.bad_cells  # type: ignore[union-attr]
+    assert any(note.severity == Severity.DOUBT for note in notes) is bool(lost)
+
+
+def test_a_log_with_lines_that_cannot_be_read_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    line = "({}) can0 123#0011\n"
+    path.write_text(
+        "".join(line.format(f"{1.7e9 + i / 10:.6f}") for i in range(50)) + "(1700000009.0) can0 12#XX\n" * 9
+    )
+    run = log_run(path, Configuration())
+    for _ in range(2):
+        assert sum(map(len, run.frame_batches())) == 50
+        [note] = run.reading_notes()
+        assert note.severity == Severity.DOUBT and note.values["text"].startswith("9 unreadable")
+
+
+@pytest.mark.parametrize(
+    ("written", "unit", "noted"), [("kN", "N", True), ("N", "N", False), ("kN", "kilonewton", False)]
+)
+def test_a_unit_in_place_of_that_of_the_file_is_noted(tmp_path: Path, written: str, unit: str, noted: bool) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f"time [s],Fz [{written}]\n" + "".join(f"{i / 10},{i}\n" for i in range(50)))
+    signals = {"vertical_load": {"signal": "Fz", "unit": unit}}
+    run = series_run(path, Configuration(VehicleConfig.model_validate({"signals": signals})))
+    assert [note.values for note in run.signal_notes()] == (
+        [{"role": "vertical_load", "unit": unit, "written": written}] if noted else []
+    )
 
 
 def test_a_gzipped_series_that_is_cut_keeps_what_stands_before_the_cut(tmp_path: Path) -> None:

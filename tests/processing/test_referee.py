@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from referee_study import base_world, is_right, ruling_of
 from referee_world import WAYS, Way, World, firm, mistaken, sound_world
 
-from daq import Severity, VehicleConfig
+from daq import ROLES, Severity, VehicleConfig, find_unit
 from model.wheel_soil import SOILS
 from processing import RunCode, is_refused
 from processing.referee import BY_KEY, LISTED, MENDS, Evidence, Kind, Ruling, evidence_of, judge
+from wheelsoil.wording.notes import note_text
 
 UNLISTED_SEED = 9000
 
@@ -34,7 +37,69 @@ def test_a_listed_mistake_is_named_and_refused(sound, key: str) -> None:  # type
 
 def test_thirty_are_listed() -> None:
     assert len(LISTED) == 30
-    assert len(BY_KEY) == len(MENDS)
+    assert len(BY_KEY) == len(MENDS) + 1
+
+
+@pytest.mark.parametrize(
+    ("role", "turned"),
+    [
+        ("driving_torque", lambda values: 0.1 * values),
+        ("driving_torque", lambda values: 0.05 * values),  # of the motor
+        ("wheel_speed", lambda values: values / (2 * np.pi)),
+        ("ground_speed", lambda values: 100.0 * values),
+        ("ground_speed", lambda values: 1.0 * (values > 1)),
+        ("driving_torque", lambda values: np.where(np.arange(len(values)) > len(values) // 2, -values, values)),
+    ],
+)
+def test_a_mistake_that_is_not_listed_gets_no_mend(sound, role: str, turned) -> None:  # type: ignore[no-untyped-def]
+    channels = dict(sound.channels)
+    channels[role] = replace(channels[role], values=turned(channels[role].values))
+    ruling = ruling_of(World(channels, sound.vehicle))
+    assert ruling.refused
+    assert [mend.kind for mend in ruling.named] == [Kind.UNLISTED]
+
+
+@pytest.mark.parametrize(
+    ("role", "size", "unit", "fits"),
+    [
+        ("sinkage", 50.0, "m", {"mm", "cm", "um"}),
+        ("sinkage", 0.05, "m", None),
+        ("tyre_pressure", 2.4, "Pa", {"bar", "psi"}),
+        ("tyre_pressure", 2.4e5, "bar", {"Pa"}),
+        ("tyre_pressure", 0.0, "Pa", None),
+        ("pitch", 5.0, "rad", {"deg", "min", "arcsec", "mrad"}),
+        ("yaw_rate", 10.0, "rad/s", {"deg/s", "rpm"}),
+        ("steering_angle", 15.0, "rad", {"deg", "min", "arcsec", "mrad"}),
+        ("longitudinal_acceleration", 100.0, "m/s^2", {"mm/s^2", "mg"}),
+        ("wheel_acceleration_x", 1.0, "m/s^2", None),
+        ("latitude", 3120.0, "deg", {"min", "arcsec"}),
+        ("latitude", 52.0, "deg", None),
+        ("pitch", 5.0, None, set()),
+    ],
+)
+def test_a_channel_beyond_what_is_possible_has_another_unit(
+    sound,  # type: ignore[no-untyped-def]
+    role: str,
+    size: float,
+    unit: str | None,
+    fits: set[str] | None,
+) -> None:
+    one = sound.channels["vertical_load"]
+    values = size * find_unit(unit or ROLES[role].unit, ROLES[role].quantities).factor  # type: ignore[union-attr]
+    values = np.degrees(values) if ROLES[role].in_degrees else values
+    channels = dict(sound.channels)
+    channels[role] = replace(
+        one, name=role, values=np.full(len(one), values) + 1e-6 * values * np.sin(np.arange(len(one)))
+    )
+    signals = {role: {"signal": role} | ({"unit": unit} if unit else {})}
+    given = sound.vehicle.model_dump(exclude_unset=True) | {"signals": signals}
+    run = World(channels, VehicleConfig.model_validate(given)).processed()
+    notes = [note for note in run.quality.notes if note.code == RunCode.WRONG_SIZE]
+    assert [note.values["role"] for note in notes] == ([] if fits is None else [role])
+    assert is_refused(run) is (role == "sinkage" and fits is not None)
+    for note in notes:
+        assert set(note.values["units"]) == fits
+        assert all(f'unit = "{unit}"' in note_text(note) for unit in fits or ())
 
 
 @pytest.mark.parametrize(

@@ -317,6 +317,21 @@ def test_coarse_and_held_channels_are_sound(role: str, how: str) -> None:
         assert not faults and not bad[role].any(), (seed, faults)
 
 
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0])
+@pytest.mark.parametrize("held_s", [0.0, 3.0])
+def test_an_interpolated_ground_speed_that_is_frozen_is_found(rate_hz: float, held_s: float) -> None:
+    """Between two samples of the receiver it has no noise: its noise is in every fifth value, or every tenth."""
+    run, channels = recording("clay", 0)
+    one = channels["ground_speed"]
+    at_ns = np.arange(one.time_ns[0], one.time_ns[-1], round(1e9 / rate_hz))
+    values = np.round(np.interp(at_ns, one.time_ns, one.values), 4)
+    at = (at_ns - at_ns[0]) * 1e-9
+    values = np.where((at > 15) & (at < 15 + held_s), values[np.searchsorted(at, 15)], values)
+    changed = process(channels | {"ground_speed": replace(one, time_ns=at_ns, values=values)}, run.vehicle, run.info)
+    found_s = {role: facts["time_s"] for (role, _), facts in facts_of(changed).items()}
+    assert found_s == ({"ground_speed": pytest.approx(held_s, abs=0.2)} if held_s else {})
+
+
 def cruise(rng: np.random.Generator) -> dict[str, Channel]:
     """Return channels that are shaken for 5 s and calm for 5 s, again and again."""
     channels = speeds(40.0, 0.1, rng=rng) | forces(40.0, 200.0, rng)

@@ -90,15 +90,16 @@ def test_a_weak_doubt_that_few_runs_share_is_not_told(campaign: Path) -> None:
 
 
 def test_a_channel_that_never_changes_is_named_before_a_unit() -> None:
-    values = implausible("unit:ground_speed=kt").values | {"held": {"ground_speed": 40.0}}
-    step = refusal(values, "").next_step
+    note = implausible("unit:ground_speed=kt")
+    held = replace(note, values={**note.values, "held": {"ground_speed": 40.0}})
+    step = refusal(held, "").next_step
     assert step.startswith("ground speed stays the same for 40.0 s: check the sensor and drive again. If it is sound, ")
     assert "knots" in step
 
 
 def test_a_pasted_unit_is_read(campaign: Path, tmp_path: Path) -> None:
     """The line that is printed is one that vehicle.toml takes."""
-    text = refusal(implausible("unit:ground_speed=kt").values, "").next_step
+    text = refusal(implausible("unit:ground_speed=kt"), "").next_step
     line = text.split("write ")[1].split(" under")[0]
     assert line == 'ground_speed = {signal = "GNSS.Speed", unit = "kt"}'
     folder = _copy(campaign, tmp_path, (_KNOTS[0], line.replace("GNSS.Speed", "GNSS_2.Speed")), ("run-1.mcap",))

@@ -8,6 +8,7 @@ from math import isfinite, nan
 from typing import Any
 
 from daq import ROLES, Fault, Note, number
+from processing import RunCode
 from processing.referee import BY_KEY, Kind, Mend
 
 Values = Mapping[str, Any]
@@ -26,12 +27,25 @@ def plausibility_sentence(v: Values) -> str:
 
 def without_numbers(note: Note) -> Note:
     """Return a note that is the same for runs with the same mistake."""
-    without = {key: nan for key in ("slip", "load_n") if key in note.values}
+    without = {key: nan for key in ("slip", "load_n", "size") if key in note.values}
     return replace(note, values={**note.values, **without})
 
 
-def refusal(v: Values, where: str) -> Fault:
+def size_sentence(v: Values) -> str:
+    """Return what is noted of a channel whose values are beyond what is possible."""
+    role, units = ROLES[v["role"]], " or ".join(f'unit = "{unit}"' for unit in v["units"])
+    reached = f" {number(v['size'], 3)} {role.unit_text}" if isfinite(v["size"]) else " what is impossible"
+    return (
+        f"{role.name} reaches{reached}, where {v['least']:g} to {v['most']:g} {role.unit_text} is possible: "
+        f"write {units or 'its unit'} for {v['role']} under [signals] of vehicle.toml"
+    )
+
+
+def refusal(note: Note, where: str) -> Fault:
     """Return the fault of a run that is refused; `where` names the run and its vehicle.toml."""
+    v = note.values
+    if note.code == RunCode.WRONG_SIZE:
+        return Fault(f"the run is impossible as it is declared: {size_sentence(v)}", where, next_step=ANYWAY)
     step = f"{_next_step(v)}. To go on as it is: {ANYWAY}"
     return Fault(_what(v), where, _found(v), _EXPECTED, step)
 
@@ -78,6 +92,8 @@ def _share(share: float) -> str:
 
 
 def _mistake(mend: Mend) -> str:
+    if mend.kind is Kind.UNLISTED:
+        return "no single mistake that is known explains it"
     if mend.kind is Kind.EXCHANGED:
         return f"{_names(mend.roles)} seem to be exchanged"
     verb = "seem" if len(mend.roles) > 1 else "seems"
@@ -96,6 +112,11 @@ def _names(roles: Sequence[str]) -> str:
 
 
 def _cure(mend: Mend, v: Values) -> str:
+    if mend.kind is Kind.UNLISTED:
+        return (
+            "check unit, sign and name of every speed, force and torque, [wheel] radius_m, and whether one of them "
+            "changes within the run"
+        )
     if "radius_m" in mend.factors:
         return f"write radius_m = {v['radius_m'] * mend.factors['radius_m']:.4g} under [wheel] of vehicle.toml"
     lines = [_line(role, mend, v) for role in mend.roles]

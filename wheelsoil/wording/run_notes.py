@@ -8,7 +8,7 @@ from typing import Any
 
 from daq import ROLES, RecordingCode
 from processing import RunCode, ZeroCode
-from wheelsoil.wording.plausibility_text import plausibility_sentence
+from wheelsoil.wording.plausibility_text import plausibility_sentence, size_sentence
 
 Values = Mapping[str, Any]
 Sentence = str | Callable[[Values], str]
@@ -162,8 +162,10 @@ SENTENCES: dict[str, Sentence] = {
     RecordingCode.VALIDITY_UNUSED: (
         '{signal} is not used: add ground_speed_valid = "{signal}" to [signals], so that invalid fixes are excluded'
     ),
+    RecordingCode.UNIT_REPLACED: "{role} is taken in {unit}, as vehicle.toml says; the DBC or the file says {written}",
     RecordingCode.PARTS_APART: "{length_s:.2f} s between part {before} and part {after} were not recorded",
     RecordingCode.PARTS_OVERLAP: "part {after} begins {length_s:.2f} s before the last frame of part {before}",
+    RecordingCode.READ: "{text}",
     RunCode.LATE_STAMPS: "{role}: samples excluded because their stamps run backward: {count}",
     RunCode.NEVER_USABLE: "{role}: frames came, but never a usable value",
     RunCode.NOT_MEASURED: "{role}: never a usable value; treated as not measured",
@@ -219,6 +221,7 @@ SENTENCES: dict[str, Sentence] = {
     RunCode.DISTANCE_BRIDGED: "distance: {length_m:.1f} m were not seen and are bridged with the speeds around them",
     RunCode.RUT_NOT_USED: _rut_not_used,
     RunCode.OVERLOADED: _overloaded,
+    RunCode.WRONG_SIZE: size_sentence,
     RunCode.ZERO_TAKEN_OFF: _taken_off,
     RunCode.ZERO_OLD: lambda v: f"the zero was taken {age_text(v['age_s'])}: take one before and after every run",
     RunCode.ZERO_TEMPERATURE: "the zero was taken at {zero_degc:.0f} degC, and the run began at {run_degc:.0f} degC",

@@ -136,7 +136,8 @@ def _doubts_of_soil(terrain: TerrainConfig) -> Iterator[str]:
 
 def plausibility_of(run: ProcessedRun) -> list[Note]:
     """Return why a run is implausible as it is declared; nothing where it is sound."""
-    return [note for note in run.quality.notes if note.code in (RunCode.IMPLAUSIBLE, RunCode.OVERLOADED)]
+    codes = (RunCode.IMPLAUSIBLE, RunCode.OVERLOADED, RunCode.WRONG_SIZE)
+    return [note for note in run.quality.notes if note.code in codes]
 
 
 def _unused_ruts(run: ProcessedRun) -> list[Note]:

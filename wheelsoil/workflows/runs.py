@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,6 +18,7 @@ from daq import (
     DataError,
     Fault,
     Note,
+    RecordingCode,
     UncertainTimestamps,
     WheelsoilError,
 )
@@ -34,7 +36,7 @@ from daq.runs import (
     open_runs,
 )
 from model import in_parallel
-from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refused, keep_only
+from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, RunCode, is_refusal, is_refused, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.wording.plausibility_text import refusal
@@ -262,6 +264,8 @@ def process_runs(
         else:
             with collected.catch():
                 processed.append((run, _as_chosen(used, result, chosen.source)))
+            for note in (note for note in result.quality.notes if note.code == RecordingCode.READ and note.severity):
+                say(f"run {run.id}: {note.values['text']}")
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             if is_being_recorded(run.files[-1]):
@@ -353,11 +357,9 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -
         None is; it names each run, with what would mend it.
     """
     refused = [
-        (run, refusal(note.values, f"{_name(run)}, {run.vehicle_source}"), "held" not in note.values)
+        (run, refusal(note, f"{_name(run)}, {run.vehicle_source}"), "held" not in note.values)
         for run, processed_run in processed
-        if is_refused(processed_run)
-        for note in processed_run.quality.notes
-        if note.code == RunCode.IMPLAUSIBLE
+        for note in islice(filter(is_refusal, processed_run.quality.notes), 1)
     ]
     if len(refused) == len(processed) and refused:
         raise ConfigError(*(fault for _, fault, _ in refused))
@@ -401,7 +403,7 @@ def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Pat
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
     gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-    of_run = (*unsure.notes(), *gaps, *run.validity_notes())
+    of_run = (*unsure.notes(), *gaps, *run.reading_notes(), *run.signal_notes())
     processed = replace(processed, quality=replace(processed.quality, notes=(*of_run, *processed.quality.notes)))
     if place:
         place.put(processed)
