@@ -243,8 +243,11 @@ def _turned(grams: RunGrams, campaign: Campaign, turn: FloatArray, rank: int, se
 
 def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
     """Yield shapes with their campaign's name."""
-    vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
-    yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
+    of = campaign.of_vehicle
+    vehicle, wheel = (of.campaign, of.wheel) if of else ("", "")
+    yield from (
+        replace(shape, campaign=campaign.name, vehicle=vehicle, wheel=wheel) if several else shape for shape in shapes
+    )
 
 
 def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
