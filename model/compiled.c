@@ -678,7 +678,7 @@ static void move_covariance(double *x, const double *stationary, int64_t s, cons
  * shares (R, N, 3, L); columns, out (R, N, C, M); log_determinants (R); work (S M + S S + 2 S).
  * means (R, N, S, M), covariances (R, N, S, S): of the states given the data so far; NULL: not kept.
  */
-EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *decay, const double *stationary,
+EXPORT CLONED void whiten(const int64_t *sizes, const double *loadings, const double *decay, const double *stationary,
                    const double *white, const int64_t *later, const int64_t *now, const int64_t *before,
                    const double *shares, const double *columns, double *restrict out, double *log_determinants,
                    double *means, double *covariances, double *work) {
@@ -699,12 +699,11 @@ EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *d
             for (int64_t c = 0; c < channels; c++) {
                 const double *h = loadings + (at * channels + c) * s, *data = columns + (at * channels + c) * m;
                 double *restrict innovation = out + (at * channels + c) * m, variance = 0.0;
-                for (int64_t k = 0; k < s; k++) {
-                    double sum = 0.0;
-                    for (int64_t l = 0; l < s; l++) sum += covariance[k * s + l] * h[l];
-                    loaded[k] = sum;
-                    variance += sum * h[k];
-                }
+                memset(loaded, 0, (size_t)s * sizeof(double));
+                for (int64_t k = 0; k < s; k++) /* symmetric; most states load no one channel */
+                    if (h[k] != 0.0)
+                        for (int64_t l = 0; l < s; l++) loaded[l] += covariance[k * s + l] * h[k];
+                for (int64_t k = 0; k < s; k++) variance += loaded[k] * h[k];
                 variance += white[at * channels + c];
                 for (int64_t k = 0; k < m; k++) innovation[k] = data[k];
                 for (int64_t k = 0; k < s; k++)
@@ -726,7 +725,7 @@ EXPORT void whiten(const int64_t *sizes, const double *loadings, const double *d
 }
 
 /* Solve a x = b in place by elimination with row pivots; a and b: (s, s). */
-static void solve(double *a, double *b, int64_t s) {
+CLONED static void solve(double *a, double *b, int64_t s) {
     for (int64_t i = 0; i < s; i++) {
         int64_t pivot = i;
         for (int64_t k = i + 1; k < s; k++)
@@ -757,7 +756,7 @@ static void solve(double *a, double *b, int64_t s) {
  *
  * After Rauch, Tung & Striebel (1965); decay (samples, s), shares (samples, 3, neighbours) of the steps to each sample.
  */
-EXPORT void smooth_back(const int64_t *sizes, const double *decay, const double *stationary, const int64_t *later,
+EXPORT CLONED void smooth_back(const int64_t *sizes, const double *decay, const double *stationary, const int64_t *later,
                         const int64_t *now, const int64_t *before, const double *shares, double *means,
                         double *covariances, double *work) {
     const int64_t samples = sizes[0], s = sizes[1], square = s * s;

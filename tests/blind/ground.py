@@ -19,6 +19,8 @@ SPREAD = {
     "frictional": 0.10,
 }
 """Laboratory's relative one-sigma, stated in terrain.toml; the field is drawn from it (log-normal)."""
+PATCH = 0.02
+"""Usual one-sigma of the stiffness along a track; of the friction half of it."""
 RUN_SCATTER = {"stiffness": 0.03, "friction": 0.015, "cohesion": 0.03}
 """Relative one-sigma from run to run."""
 UNIT_WEIGHT_N_M3 = 16_500.0
@@ -91,8 +93,8 @@ class Patchiness:
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> Patchiness:
-        """2 % of the stiffness, half of that of the friction, more or less."""
-        size = 0.02 * float(np.exp(0.25 * rng.standard_normal()))
+        """`PATCH` of the stiffness, half of that of the friction, more or less."""
+        size = PATCH * float(np.exp(0.25 * rng.standard_normal()))
         return Patchiness(size, 0.5 * size, float(rng.uniform(1.5, 4.0)))
 
     def along(self, distance_m: FloatArray, rng: np.random.Generator) -> dict[str, Column]:

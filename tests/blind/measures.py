@@ -131,7 +131,7 @@ def told(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], member: int 
     for forms in RIVALS:
         if ALL[forms[0]].family in no_rivals:
             continue
-        left = gram[0, 0] - _explained(gram, [1 + len(partners) + keys.index(key) for key in forms], forms)
+        left = gram[0, 0] - explained(gram, [1 + len(partners) + keys.index(key) for key in forms], forms)
         if left < least:
             least, rival = left, ALL[forms[0]].family
     return Told(yardstick.loudness(change), _root(gram[0, 0]), _root(least), rival)
@@ -144,7 +144,7 @@ def _projected(gram: FloatArray, positions: Iterable[int]) -> FloatArray:
     return gram
 
 
-def _explained(gram: FloatArray, positions: Sequence[int], forms: Sequence[str]) -> float:
+def explained(gram: FloatArray, positions: Sequence[int], forms: Sequence[str]) -> float:
     """Return how much of the first column some others explain; one-sided causes have a sign to keep."""
     best = 0.0
     for count in range(1, len(positions) + 1):
@@ -176,7 +176,7 @@ def forms_apart(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], membe
         return 0.0
     columns = np.stack([yardstick.whitened(change), *(yardstick.signatures[other] for other in others)], axis=1)
     gram = yardstick.gram(columns)
-    return min(_root(gram[0, 0] - _explained(gram, [i], [other])) for i, other in enumerate(others, 1))
+    return min(_root(gram[0, 0] - explained(gram, [i], [other])) for i, other in enumerate(others, 1))
 
 
 def left_by_three(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], without: str = "") -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -84,20 +84,25 @@ def _same_default(name: str, physics: Physics, plain: Physics) -> bool:
 
 def sight_of(day: FieldDay) -> Sight:
     """Look at a campaign at 5 Hz."""
+    return sight_along(day.moments, day.ground, day.scatter)
+
+
+def sight_along(runs: Sequence[Moments], soil: Ground, scatter: Sequence[Mapping[str, float]]) -> Sight:
+    """Look at runs at 5 Hz, each with its own scatter of the soil."""
     parts, delayed, run, logs = [], [], [], []
-    for index, moments in enumerate(day.moments):
+    for index, moments in enumerate(runs):
         rows = slice(STEP // 2, None, STEP)
         part = moments.at(rows)
         parts.append(part)
         delayed.append(lambda dt, rows=rows, later=moments.later: later(dt)[rows])
         run.append(np.full(len(part.speed), index))
-        logs.append({key: np.full(len(part.speed), value) for key, value in day.scatter[index].items()})
+        logs.append({key: np.full(len(part.speed), value) for key, value in scatter[index].items()})
     joined = Moments(
         **{name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS},
         later=lambda dt: np.concatenate([d(dt) for d in delayed]),
-        vehicle=day.world.vehicle,
+        vehicle=runs[0].vehicle,
     )
-    ground = day.ground.changed({key: np.concatenate([x[key] for x in logs]) for key in logs[0]})
+    ground = soil.changed({key: np.concatenate([x[key] for x in logs]) for key in logs[0]})
     m = joined
     rolls = np.maximum(m.speed, m.vehicle.radius_m * m.omega) >= _LEAST_MPS
     rests = (m.speed < 1e-3) & (m.omega < 1e-3)

@@ -72,6 +72,27 @@ def test_a_wheel_on_another_clock_is_said(processed: dict[str, Processed], late_
     assert f"the speed of wheel RL comes {said} than that of wheel FL" in doubt.what and "--apart" in doubt.next_step
 
 
+def test_a_transducer_on_another_clock_is_said(processed: dict[str, Processed]) -> None:
+    """Its bus has a clock of its own, the wheel speeds have one."""
+    late = changed(processed["RL"], lambda run: replace(run, driving_torque_nm=np.roll(run.driving_torque_nm, 30)))
+    [doubt] = doubts_of_wheels(processed | {"RL": late})
+    assert re.fullmatch(r"the torque of wheel RL comes 0\.(29|30|31) s later than that of wheel FL", doubt.what)
+    assert "latency_s of driving_torque" in doubt.next_step
+    nothing = changed(late, lambda run: replace(run, driving_torque_nm=np.full(len(run), np.nan)))
+    assert doubts_of_wheels(processed | {"RL": nothing}) == [], "a torque that is not measured has no time"
+
+
+def test_fit_and_process_say_the_doubts_too(
+    processed: dict[str, Processed], capsys: pytest.CaptureFixture[str]
+) -> None:
+    per_wheel = PerWheel({"FL": [], "RL": []}, json=False)
+    late = changed(processed["RL"], lambda run: replace(run, start_ns=run.start_ns + 300_000_000))
+    per_wheel.doubt({"FL": processed["FL"], "RL": late, "RR": []})
+    assert "the speed of wheel RL comes 0.30 s later" in capsys.readouterr().err and len(per_wheel.doubts) == 1
+    per_wheel.doubt({"FL": processed["FL"], "RR": []})
+    assert per_wheel.doubts == (), "one wheel alone is not late"
+
+
 def test_a_doubt_stands_in_the_json_of_all_wheels_together(capsys: pytest.CaptureFixture[str]) -> None:
     per_wheel = PerWheel({"FL": [], "FR": []}, json=True)
 

@@ -295,6 +295,9 @@ def test_the_zero_of_one_transducer_is_found_at_its_wheel(diagnosed: tuple[list[
     best = both["candidates"][0]
     assert (best["wheel"], best["name"]) == ("RL", "torque_zero"), "of all wheels together, at the wheel where it acts"
     assert [cause["wheel"] for cause in both["causes"][:1]] == ["RL"] and len(both["soils"]) == 1
+    of_wheels = [finding for finding in both["what_is_wrong"] if finding["where"].startswith("wheel ")]
+    assert of_wheels and all(f"wheel {finding['wheel']}: " in finding["where"] for finding in of_wheels)
+    assert not any("wheel" in finding for finding in (*front["what_is_wrong"], *rear["what_is_wrong"]))
 
 
 def test_the_model_file_of_a_vehicle_predicts_at_each_wheel_what_the_diagnosis_of_all_does(

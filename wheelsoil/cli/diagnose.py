@@ -91,7 +91,6 @@ def diagnose_command(
     from wheelsoil.workflows import TableFiles, bench_of, campaigns_of, diagnosis_options, plan_campaigns, read_benches
     from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
-    from wheelsoil.workflows.vehicle import doubts_of_wheels
 
     options.use_cores(context, jobs)
     options.keep_results(context, no_cache)
@@ -164,9 +163,7 @@ def diagnose_command(
         of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
-        per_wheel.doubts = doubts_of_wheels(of_wheels)
-        for doubt in per_wheel.doubts:
-            say(str(doubt))
+        per_wheel.doubt(of_wheels)
         chosen = replace(settings, average=output is not None)
         found = _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force, alone=by_wheel)
         if next_run or found.next_run:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
+    from wheelsoil.workflows.diagnosis import Processed
     from wheelsoil.workflows.runs import Check, Files
 
 _OF_CAUSES = ("causes", "further_causes")
@@ -109,6 +110,15 @@ class PerWheel:
                 message = f"set aside: run {run.id}, wheel {self.wheel}: {why}"
                 self.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
         return [each for each, why in zip(found, lacking, strict=True) if purpose == "diagnose" or not why]
+
+    def doubt(self, of_wheels: Mapping[str, Processed]) -> None:
+        """Print what makes it doubtful that the wheels have one clock and their places (stderr), and keep it."""
+        from wheelsoil.workflows.vehicle import doubts_of_wheels
+
+        there = {wheel: processed for wheel, processed in of_wheels.items() if processed}
+        self.doubts = doubts_of_wheels(there) if len(there) > 1 else ()
+        for doubt in self.doubts:
+            say(str(doubt))
 
     def set_aside(self, run: SetAsideRun) -> None:
         """Print why a run of this wheel is not used (stderr), and list it below the result."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from daq.runs import Run, SetAsideRun
     from model.fit import CampaignFit
     from processing import ProcessedRun
+    from wheelsoil.workflows.diagnosis import Processed
     from wheelsoil.workflows.sinkage import SinkageFacts
 
 _BLOCK_ROWS = 1 << 16
@@ -74,12 +75,12 @@ def process_command(
         vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
     )
     unreadable: list[SetAsideRun] = []
-    found: list[tuple[str, ProcessedRun]] = []
+    of_wheels: dict[str, Processed] = {}
     aside: list[tuple[str, SetAsideRun]] = []
     wheels = PerWheel(files.runs_of_wheels(runs, noted_in(unreadable)), json=json, unreadable=unreadable)
 
     def work(of_wheel: list[Run]) -> None:
-        done = process_runs(
+        of_wheels[wheels.wheel] = process_runs(
             of_wheel,
             settings,
             zero=zero,
@@ -87,14 +88,14 @@ def process_command(
             accept_implausible=accept_implausible,
             set_aside=wheels.set_aside,
         )
-        found.extend((wheels.wheel, run) for _, run in done)
         aside.extend((wheels.wheel, run) for run in wheels.set_aside_runs)
 
     try:
         wheels.each(work)
     finally:
-        if found:
+        if found := [(wheel, run) for wheel, processed in of_wheels.items() for _, run in processed]:
             _show_processed(found, aside, target, json=json)
+        wheels.doubt(of_wheels)
 
 
 def _show_processed(
@@ -232,12 +233,12 @@ def fit_command(
     models = models_of_wheels(model, opened)
     wheels = PerWheel(opened, json=json, unreadable=unreadable)
 
-    of_all: list[tuple[Run, ProcessedRun]] = []
+    of_wheels: dict[str, Processed] = {}
 
     def work(of_wheel: list[Run]) -> None:
         processed = wheels.processed(by_hand.fit_choices().purpose, of_wheel, files, by_hand, one_terrain)
         fitted(processed)
-        of_all.extend(processed)
+        of_wheels[wheels.wheel] = processed
 
     def fitted(processed: Sequence[tuple[Run, ProcessedRun]]) -> None:
         with computing("fitting"):
@@ -245,6 +246,8 @@ def fit_command(
         wheels.show(lambda: fit_as_json(found), lambda: print_fit(found))
 
     def together() -> None:
+        wheels.doubt(of_wheels)
+        of_all = [each for processed in of_wheels.values() for each in processed]
         if model and not models[wheels.wheel]:
             say("a cause of --model acts at one wheel alone: its model is not fitted to all wheels")
         if of_one_size(run for run, _ in of_all):

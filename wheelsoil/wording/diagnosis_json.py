@@ -6,7 +6,7 @@ from typing import Any
 
 from daq import Note
 from model import LackCode
-from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
+from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores, Shape
 from model.effects import parted
 from wheelsoil.wording.grounds_text import chances_of
 from wheelsoil.wording.names import place_text
@@ -107,7 +107,10 @@ def _further(family: str, found: Diagnosis) -> dict[str, Any]:
 
 
 def _finding(found: Finding, median: float) -> dict[str, Any]:
+    """Return a residual, and of one at one of several wheels that wheel."""
+    wheel = found.place.wheel if isinstance(found.place, Shape) else ""
     return {
+        **({"wheel": wheel} if wheel else {}),
         "channel": found.channel,
         "where": place_text(found.place),
         "size": found.size,

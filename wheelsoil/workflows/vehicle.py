@@ -24,6 +24,11 @@ _TOGETHER = 0.98
 AT = "at_mean_slip_0.2"
 _LATE_S, _LATEST_S, _ALIKE, _BETTER = 0.1, 1.0, 0.8, 0.05
 """A wheel is late from the first to at most the second; how alike the accelerations are then, and more than at none."""
+_TIMED: Mapping[str, tuple[str, Callable[[ProcessedRun], FloatArray]]] = {
+    "wheel_speed": ("speed", lambda run: run.wheel_acceleration_radps2),
+    "driving_torque": ("torque", lambda run: np.diff(run.driving_torque_nm, prepend=run.driving_torque_nm[:1])),
+}
+"""What changes at all wheels at one time, by the role that measures it: a transducer may be on a bus of its own."""
 _TURNING_RADPS, _FEWEST_TURNING, _TOGETHER_TURNING = 0.03, 100, 0.7
 """Yaw rate, number of samples and correlation from which on a curve tells left from right."""
 
@@ -243,7 +248,7 @@ def doubts_of_wheels(processed: Mapping[str, Processed]) -> list[Fault]:
         if at.axle == beside.axle and (at.side, beside.side) == ("left", "right")
     ]
     first, *others = processed
-    late = [_lateness(first, other, _shared_rows(processed[first], processed[other])) for other in others]
+    late = [_late(first, other, _shared_rows(processed[first], processed[other])) for other in others]
     exchanged = [_exchanged(pair, _shared_rows(*(processed[name] for name in pair))) for pair in sides]
     return [fault for fault in (*late, *exchanged) if fault is not None]
 
@@ -262,14 +267,20 @@ def _shared_rows(first: Processed, second: Processed) -> Shared:
     return found
 
 
-def _lateness(first: str, name: str, shared: Shared) -> Fault | None:
-    """Return that the speed of a wheel comes later or earlier than that of the first one."""
+def _late(first: str, name: str, shared: Shared) -> Fault | None:
+    """Return that the speed of a wheel, else that its torque, comes later or earlier than that of the first one."""
+    return next(filter(None, (_lateness(role, first, name, shared) for role in _TIMED)), None)
+
+
+def _lateness(role: str, first: str, name: str, shared: Shared) -> Fault | None:
+    """Return that what a role measures at a wheel comes later or earlier than at the first one."""
     if not shared:
         return None
+    what, change = _TIMED[role]
     reach, rate = round(_LATEST_S * shared[0][0].rate_hz), shared[0][0].rate_hz
     products, powers = np.zeros(2 * reach + 1), np.zeros(2)
     for one, rows, other, there in shared:
-        a, b = np.nan_to_num(one.wheel_acceleration_radps2[rows]), np.nan_to_num(other.wheel_acceleration_radps2[there])
+        a, b = np.nan_to_num(change(one)[rows]), np.nan_to_num(change(other)[there])
         if len(a) > 2 * reach:
             products += np.correlate(b, a[reach:-reach], "valid")
             powers += [float(a @ a), float(b @ b)]
@@ -279,10 +290,10 @@ def _lateness(first: str, name: str, shared: Shared) -> Fault | None:
         return None
     later = "later" if best > reach else "earlier"
     return Fault(
-        f"the speed of wheel {name} comes {abs(best - reach) / rate:.2f} s {later} than that of wheel {first}",
+        f"the {what} of wheel {name} comes {abs(best - reach) / rate:.2f} s {later} than that of wheel {first}",
         expected="wheels on one clock",
-        next_step="check latency_s of wheel_speed, and the clocks that stamp their frames; until then rely on each "
-        "wheel by itself (--apart)",
+        next_step=f"check latency_s of {role}, and the clocks that stamp its frames; until then rely on each wheel by "
+        "itself (--apart)",
     )
 
 

@@ -57,8 +57,8 @@ class Shape:
         Where the shape is one run's own, or one campaign's among several.
     cause : str
         Key of the effect whose formula it changes.
-    vehicle : str
-        Campaign of all wheels, where the shape is of one of several wheels of a vehicle.
+    vehicle, wheel : str
+        Campaign of all wheels, and the wheel's id, where the shape is of one of several wheels of a vehicle.
     """
 
     kind: str
@@ -70,6 +70,7 @@ class Shape:
     campaign: str = ""
     cause: str = ""
     vehicle: str = ""
+    wheel: str = ""
 
     @property
     def slips(self) -> tuple[float, float] | None:

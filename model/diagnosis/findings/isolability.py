@@ -159,9 +159,11 @@ def isolability(grams: Grams, sizes: Mapping[str, Sequence[float]] | None = None
     families = tuple(grams.causes[where[key][0]].family for key in keys)
     chosen = {key: np.ones(len(where[key])) for key in keys}
     chosen |= {key: np.asarray(size, float) for key, size in (sizes or {}).items() if key in where}
+    roots = [_inverse_root(projected.information[np.ix_(where[key], where[key])]) for key in keys]
     cosine = np.eye(len(keys))
     for i, j in combinations(range(len(keys)), 2):
-        cosine[i, j] = cosine[j, i] = _cosine(projected.information, where[keys[i]], where[keys[j]])
+        across = projected.information[np.ix_(where[keys[i]], where[keys[j]])]
+        cosine[i, j] = cosine[j, i] = _cosine(roots[i].T @ across @ roots[j])
     apart = [_apart(grams, projected, key, chosen[key]) for key in keys]
     deviation = np.array([_length(projected.information, where[key], chosen[key]) for key in keys])
     raw = np.array([_length(projected.raw, where[key], chosen[key]) for key in keys])
@@ -184,10 +186,13 @@ def own_columns(grams: Grams, key: str) -> list[int]:
 
 
 def separation_of(grams: Grams, projected: Projected, key: str, size: FloatArray, rival: str) -> float:
-    """Return what a rival leaves of an effect of a given size, both signs of it where both are possible; d units."""
+    """Return what a rival leaves of an effect of a given size, both signs of it where both are possible; d units.
+
+    Of a rival that is one-sided nowhere both signs leave the same.
+    """
     own, other = own_columns(grams, key), own_columns(grams, rival)
     sided = np.array([grams.causes[i].one_sided for i in other])
-    signs = (1.0,) if any(grams.causes[i].one_sided for i in own) else (1.0, -1.0)
+    signs = (1.0,) if any(grams.causes[i].one_sided for i in own) or not sided.any() else (1.0, -1.0)
     return min(least_left(projected.information, own, sign * size, other, sided) for sign in signs)
 
 
@@ -201,20 +206,26 @@ def least_left(
     for count in range(1, len(other) + 1):
         for free in map(list, combinations(range(len(other)), count)):
             rows = [other[i] for i in free]
-            b = np.linalg.pinv(information[np.ix_(rows, rows)], rcond=_NOTHING, hermitian=True) @ cross[free]
+            b = _solved(information[np.ix_(rows, rows)], cross[free])
             if not np.any((b < 0) & one_sided[free]):
                 best = min(best, power - float(cross[free] @ b))
     return float(np.sqrt(max(best, 0.0)))
+
+
+def _solved(matrix: FloatArray, side: FloatArray) -> FloatArray:
+    """Return the least-squares solution of a symmetric system; most are of one number."""
+    if len(side) == 1:
+        return np.asarray(side / matrix[0] if matrix[0, 0] > 0.0 else np.zeros(1))
+    return np.asarray(np.linalg.pinv(matrix, rcond=_NOTHING, hermitian=True) @ side)
 
 
 def _length(information: FloatArray, own: Sequence[int], size: FloatArray) -> float:
     return float(np.sqrt(max(float(size @ information[np.ix_(own, own)] @ size), 0.0)))
 
 
-def _cosine(information: FloatArray, own: Sequence[int], other: Sequence[int]) -> float:
-    """Return the largest canonical correlation between two sets of columns."""
-    a, b = _inverse_root(information[np.ix_(own, own)]), _inverse_root(information[np.ix_(other, other)])
-    singular = np.linalg.svd(a.T @ information[np.ix_(own, other)] @ b, compute_uv=False)
+def _cosine(across: FloatArray) -> float:
+    """Return the largest canonical correlation between two sets of columns, from their whitened cross products."""
+    singular = np.linalg.svd(across, compute_uv=False)
     return float(min(singular[0], 1.0)) if singular.size else 0.0
 
 

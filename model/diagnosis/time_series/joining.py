@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -242,8 +243,11 @@ def _turned(grams: RunGrams, campaign: Campaign, turn: FloatArray, rank: int, se
 
 def _of_campaign(campaign: Campaign, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
     """Yield shapes with their campaign's name."""
-    vehicle = campaign.of_vehicle.campaign if campaign.of_vehicle else ""
-    yield from (replace(shape, campaign=campaign.name, vehicle=vehicle) if several else shape for shape in shapes)
+    of = campaign.of_vehicle
+    vehicle, wheel = (of.campaign, of.wheel) if of else ("", "")
+    yield from (
+        replace(shape, campaign=campaign.name, vehicle=vehicle, wheel=wheel) if several else shape for shape in shapes
+    )
 
 
 def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:
@@ -303,7 +307,7 @@ def smoothed_speeds(
     for i, (wheel, own) in enumerate(zip(aligned, coefficients, strict=True)):
         columns = wheel.columns
         value = columns.rows[..., : columns.shared] @ own
-        index = [list(_constants(aligned)).index(label) for label in _labels(wheel, i)]
+        index = [list(_constants(aligned)).index(label) for label in _labels(wheel.linear.channels, i)]
         scale = np.array([wheel.values[name] for name in columns.constants])
         of_runs = -constants_of[:, index] * scale
         value += np.einsum("cnl,nl->cn", columns.rows[..., columns.varying :], of_runs[wheel.samples.run])
@@ -386,13 +390,12 @@ def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> I
     for drive, members in enumerate(drives.values()):
         for i, run in members:
             sizes[drive, i] = len(wheels[i].columns.catch_all.of_run[run].shapes)
+    at, resting_of = places_of(aligned[0].samples.run, len(drives)), [_resting(wheel) for wheel in aligned]
     for first, last in some_runs(len(drives), len(wheels)):
         rows, rests, log_determinants = [], [], np.zeros(last - first)
-        for i, (wheel, turn) in enumerate(zip(aligned, turns, strict=True)):
+        for i, (wheel, turn, (resting, logs)) in enumerate(zip(aligned, turns, resting_of, strict=True)):
             into = _embedded(aligned, i, turn, own, sizes[first:last])
-            at = places_of(wheel.samples.run, wheel.samples.runs)
             rows.append(_times(at.padded_runs(wheel.columns.rows, first, last), into))
-            resting, logs = _resting(wheel)
             standing, of_run = ~wheel.samples.rests.lifted, wheel.samples.rests.run
             rest_at = places_of(of_run[standing], wheel.samples.runs)
             padded = _times(rest_at.padded_runs(resting[:, standing], first, last), into)
@@ -418,7 +421,7 @@ def _lifted(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], width: in
 
 def _times(rows: FloatArray, into: FloatArray) -> FloatArray:
     """Return (drives, n, c, m) times (drives, m, width)."""
-    return np.asarray(np.einsum("dncm,dmw->dncw", rows, into, optimize=True))
+    return np.asarray(rows @ into[:, None])
 
 
 def _embedded(
@@ -443,21 +446,20 @@ def _embedded(
     for drive, size in enumerate(sizes):
         begin = width + int(size[:i].sum())
         out[drive, columns.shared : columns.shared + size[i], begin : begin + size[i]] = np.eye(size[i])
-    for row, label in enumerate(_labels(wheels[i], i), columns.varying):
+    for row, label in enumerate(_labels(wheels[i].linear.channels, i), columns.varying):
         out[:, row, at[label]] = wheels[i].values[columns.constants[row - columns.varying]]
     return out
 
 
-def _labels(wheel: OfCampaign, i: int) -> list[tuple[str, str]]:
-    """Return what each value of a run is of: the soil's of all wheels, others of the wheel."""
-    return [
-        (name if name.endswith(_OF_A_RUN) else f"{i} {name}", seen) for name, seen in constants(wheel.linear.channels)
-    ]
+@cache
+def _labels(channels: tuple[str, ...], i: int) -> tuple[tuple[str, str], ...]:
+    """Return what each value of a run is of, of a wheel with these channels: the soil's of all, others of the wheel."""
+    return tuple((name if name.endswith(_OF_A_RUN) else f"{i} {name}", seen) for name, seen in constants(channels))
 
 
 def _constants(wheels: Sequence[OfCampaign]) -> dict[tuple[str, str], None]:
     """Return the values of a run of all wheels, in their order."""
-    return dict.fromkeys(label for i, wheel in enumerate(wheels) for label in _labels(wheel, i))
+    return dict.fromkeys(label for i, wheel in enumerate(wheels) for label in _labels(wheel.linear.channels, i))
 
 
 def _resting(wheel: OfCampaign) -> tuple[FloatArray, FloatArray]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -82,6 +83,7 @@ class Noise:
         return replace(self, values={**self.values, name: value})
 
 
+@cache
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     """Return the processes that go on within a run."""
     own = [
@@ -99,6 +101,7 @@ def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     )
 
 
+@cache
 def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return deviation and loading of what is one value a run."""
     turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
