@@ -56,6 +56,7 @@ def unit_text(unit: str) -> str:
     return "N m" if unit == Quantity.MOMENT.value else unit
 
 
+@cache
 def unit_suffix(unit: str) -> str:
     """Return one of our units as names end in it: "radps" of "rad/s"; a number without a dimension has none."""
     return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p").replace("^", "")

@@ -125,6 +125,8 @@ class RunRecording:
     @cached_property
     def gaps(self) -> tuple[Gap, ...]:
         """Times between two parts that were not recorded: the logger died, and the later part was begun anew."""
+        if len(self.parts) == 1:
+            return ()
         filled = [(part, span) for part in self.parts if part.has_raw_frames and (span := part.time_range_ns)]
         return tuple(
             Gap(part_number(before.path)[1], part_number(after.path)[1], before_ns[1], after_ns[0])

@@ -297,11 +297,14 @@ def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
 
 def _repeats(run: ProcessedRun, other: ProcessedRun) -> bool:
     def agree(rows: slice) -> bool:
-        noisy, even = (
-            [_apart(run, other, channel, rows) for channel in channels] for channels in (_NOISY, _MAY_BE_EVEN)
-        )
-        if np.isfinite(noisy).any():
-            return bool(np.nanmax([*noisy, *even]) < _SAME_NOISE)
+        noisy = False
+        for channel in (*_NOISY, *_MAY_BE_EVEN):
+            apart = _apart(run, other, channel, rows)
+            if apart >= _SAME_NOISE:
+                return False
+            noisy |= channel in _NOISY and np.isfinite(apart)
+        if noisy:
+            return True
         pairs = [(run.column(c.field)[rows], other.column(c.field)[rows]) for c in _OF_A_COPY]
         return len(run) == len(other) and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 

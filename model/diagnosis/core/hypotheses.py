@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 from math import comb
 
@@ -110,9 +110,15 @@ def listed_sets(family_of: Mapping[str, str], most: int = 3, triples: bool = Tru
     triples : bool
         Without: sets of three wait for `with_triples`; their prior counts all the same.
     """
-    families = tuple(dict.fromkeys(family_of.values()))
-    family = np.array([families.index(own) for own in family_of.values()], np.intp)
-    listed = Hypotheses(tuple(family_of), families, family, np.zeros((0, max(most, 1)), np.intp), _NONE)
+    return _listed_sets(tuple(family_of.items()), most, triples)
+
+
+@lru_cache(maxsize=8)  # the same ones are weighed hundreds of times
+def _listed_sets(family_of: tuple[tuple[str, str], ...], most: int, triples: bool) -> Hypotheses:
+    families = tuple(dict.fromkeys(own for _, own in family_of))
+    family = np.array([families.index(own) for _, own in family_of], np.intp)
+    effects = tuple(effect for effect, _ in family_of)
+    listed = Hypotheses(effects, families, family, np.zeros((0, max(most, 1)), np.intp), _NONE)
     sizes = range(min(most, 3 if triples else 2) + 1)
     return _listing(listed, [_combinations(len(family_of), size) for size in sizes], most)
 
@@ -130,7 +136,8 @@ def with_triples(pairs: Hypotheses, promising: IndexArray) -> Hypotheses:
     two = pairs.members[promising]
     third = np.arange(len(pairs.effects))
     triples = np.column_stack([np.repeat(two[:, :2], third.size, axis=0), np.tile(third, len(two))])
-    triples = np.unique(np.sort(triples, axis=1), axis=0)
+    triples = np.sort(triples, axis=1)
+    triples = triples[np.unique(triples @ np.array([third.size**2, third.size, 1]), return_index=True)[1]]
     sizes = (pairs.members >= 0).sum(axis=1)
     sets = [pairs.members[sizes == size][:, :size] for size in range(3)]
     return _listing(pairs, [*sets, triples], pairs.members.shape[1])

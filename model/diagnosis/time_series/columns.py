@@ -171,7 +171,12 @@ class Grams:
     @cached_property
     def total(self) -> FloatArray:
         """Sum over runs, and what the lifted wheel read, shape (m, m)."""
-        return np.asarray(self.matrices.sum(axis=0) + self.static)
+        return np.asarray(self.of_runs + self.static)
+
+    @cached_property
+    def of_runs(self) -> FloatArray:
+        """Sum over runs, shape (m, m)."""
+        return np.asarray(self.matrices.sum(axis=0))
 
     @cached_property
     def net(self) -> FloatArray:
@@ -214,7 +219,7 @@ class Grams:
         """Return the Grams of all runs but one, put together as one run."""
         return replace(
             self,
-            matrices=(self.matrices.sum(axis=0) - self.matrices[run])[None],
+            matrices=(self.of_runs - self.matrices[run])[None],
             log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[run],
             samples=self.samples.sum(keepdims=True) - self.samples[run],
             run_names=(f"all but {self.run_names[run]}",),

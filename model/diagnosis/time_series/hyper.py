@@ -102,13 +102,14 @@ def blocks_of(
     found = []
     resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
     second = known_variance(linear, speed_variance)
+    seen, elapsed_s = _seen(samples, linear), np.cumsum(block_steps(samples))
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero((samples.rests.run == run) & ~samples.rests.lifted)
         for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
-                found.append(_block(samples, linear, columns, second, resting, piece, here))
+                found.append(_block(samples, linear, columns, second, resting, piece, here, seen, elapsed_s))
     return found
 
 
@@ -120,6 +121,19 @@ def _pieces(own: IndexArray, most: int, first: int) -> list[IndexArray]:
     return pieces[first % apart :: apart] or pieces[:1]
 
 
+Seen = Sequence[tuple[Process, Sequence[tuple[int, FloatArray]]]]
+"""Of each process: at which places a sample sees it (itself, a block later, a block before), and how, shape (c, n)."""
+
+
+def _seen(samples: Samples, linear: Linear) -> Seen:
+    by_slope = slope_loading(linear, samples)
+    slope = [(1, by_slope), (2, -by_slope)]
+    return [
+        (p, [(0, loading(linear, samples, p.loading)), *(slope if p.has_slope else [])])
+        for p in processes(linear.channels)
+    ]
+
+
 def _block(
     samples: Samples,
     linear: Linear,
@@ -128,6 +142,8 @@ def _block(
     resting: FloatArray,
     piece: IndexArray,
     rest: IndexArray,
+    seen: Seen,
+    elapsed_s: FloatArray,
 ) -> Block:
     channels = linear.channels
     sample, channel = np.nonzero(columns.present[:, piece].T)
@@ -140,18 +156,14 @@ def _block(
     def of_drive(x: FloatArray) -> FloatArray:
         return np.asarray(x[channel, at])
 
-    ticks = np.cumsum(block_steps(samples))[piece] + samples.block_s * np.array([[0.0], [1.0], [-1.0]])
+    ticks = elapsed_s[piece] + samples.block_s * np.array([[0.0], [1.0], [-1.0]])
     _, first, site = np.unique(np.round(ticks / (_SAME_SITE * samples.block_s)), return_index=True, return_inverse=True)
     site = site.reshape(ticks.shape)
     seconds, metres = ticks.ravel()[first], np.tile(samples.distance_m[piece], 3)[first]
-    by_slope = slope_loading(linear, samples)
 
-    def by_site(process: Process) -> csr_array:
-        seen = [(0, of_drive(loading(linear, samples, process.loading)))]
-        if process.has_slope:
-            seen += [(1, of_drive(by_slope)), (2, -of_drive(by_slope))]
-        values = np.concatenate([x for _, x in seen])
-        at = np.concatenate([site[place, sample] for place, _ in seen]), np.tile(np.arange(drives), len(seen))
+    def by_site(places: Sequence[tuple[int, FloatArray]]) -> csr_array:
+        values = np.concatenate([of_drive(x) for _, x in places])
+        at = np.concatenate([site[place, sample] for place, _ in places]), np.tile(np.arange(drives), len(places))
         found = csr_array((values, at), shape=(len(seconds), len(both)))
         found.eliminate_zeros()
         return found
@@ -167,7 +179,7 @@ def _block(
         columns=both[:, : columns.shared],
         seconds=np.abs(seconds[:, None] - seconds),
         metres=np.abs(metres[:, None] - metres),
-        processes=tuple((p, by_site(p)) for p in processes(channels)),
+        processes=tuple((p, by_site(places)) for p, places in seen),
         constants=tuple((name, turning[:, i]) for i, (name, _) in enumerate(constants(channels))),
         white=tuple(white),
         fixed=np.concatenate([of_drive(second), resting[row, standing]]),
@@ -414,6 +426,7 @@ def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
     root, failed = dpotrf(covariance.T, lower=1)
     if failed:
         raise np.linalg.LinAlgError("a covariance of the noise is not positive definite")
-    inverse, _ = dpotri(root, lower=1)
-    lower = np.tril(inverse, -1)
-    return lower + lower.T + np.diag(np.diag(inverse)), 2.0 * float(np.log(np.diag(root)).sum())
+    lower, _ = dpotri(root, lower=1)
+    inverse = lower + lower.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
+    return inverse, 2.0 * float(np.log(np.diag(root)).sum())
