@@ -7,6 +7,7 @@
  *   balance   model/wheel_soil/balance.py   the sinkage that carries the load
  *   whiten, smooth_back   model/diagnosis/time_series/whitening.py   the Kalman filter and smoother
  *   kernels, add_covariance, slope_products, slope_traces   model/diagnosis/time_series/hyper.py   the noise's likelihood
+ *   weigh     model/diagnosis/time_series/evidence.py   the evidence of sets of causes
  */
 
 #include <math.h>
@@ -47,6 +48,8 @@ enum { LOAD_S, LOAD_C, PULL_S, PULL_C, TORQUE_S, TORQUE_C, RESULTANTS };
 enum { SUMS = 9 };
 
 #define SOFTENING_LENGTH_M 0.15
+#define ROOT_HALF 0.70710678118654752440
+#define LOG_SQRT_2PI 0.91893853320467274178
 
 typedef struct {
     int64_t count;
@@ -925,5 +928,76 @@ EXPORT CLONED void slope_traces(const int64_t *sizes, const int64_t *starts, con
         }
         out[2 * p] = variance * rate * lagged;
         out[2 * p + 1] = 2.0 * variance * plain;
+    }
+}
+
+/* ln of the probability that a standard normal number is below x; far out its series, whose rest is below 1e-12. */
+static double log_normal(double x) {
+    const double z = 1.0 / (x * x);
+    if (x > 0.0) return log1p(-0.5 * erfc(x * ROOT_HALF));
+    if (x > -35.0) return log(0.5 * erfc(-x * ROOT_HALF));
+    return -0.5 * x * x - log(-x) - LOG_SQRT_2PI + log1p(-z * (1.0 - z * (3.0 - z * (15.0 - z * 105.0))));
+}
+
+/* The log probability of [a, b] under a standard normal, and mean and variance within. */
+static double interval(double a, double b, double *mean, double *variance) {
+    const int flip = a > 0.0;
+    const double low = larger(flip ? -b : a, -3000.0), high = smaller(flip ? -a : b, 30.0);
+    const double below_low = log_normal(low), below_high = log_normal(high);
+    const double log_p = below_high + log1p(-exp(smaller(below_low - below_high, -1e-12)));
+    const double at_low = exp(-0.5 * low * low - LOG_SQRT_2PI - log_p), at_high = exp(-0.5 * high * high - LOG_SQRT_2PI - log_p);
+    const double within = at_low - at_high;
+    *mean = flip ? -within : within;
+    *variance = smaller(larger(1.0 + low * at_low - high * at_high - within * within, 1e-6), 1.0);
+    return log_p;
+}
+
+/* Invert a positive definite matrix (m, m) in place; return ln of its determinant. */
+static double invert(double *a, int64_t m) {
+    double log_determinant = 0.0;
+    for (int64_t k = 0; k < m; k++) {
+        const double pivot = a[k * m + k];
+        log_determinant += log(pivot);
+        a[k * m + k] = 1.0;
+        for (int64_t j = 0; j < m; j++) a[k * m + j] /= pivot;
+        for (int64_t i = 0; i < m; i++) {
+            const double factor = a[i * m + k];
+            if (i == k) continue;
+            a[i * m + k] = 0.0;
+            for (int64_t j = 0; j < m; j++) a[i * m + j] -= factor * a[k * m + j];
+        }
+    }
+    return log_determinant;
+}
+
+/* Of R replicates of S sets with m columns each: ln det of the precision, the residual's fall times two, and the log
+ * probability of the box of bounds, (R, S) each.
+ *
+ * precision (m, m, R, S); side (m, R, S); lower, upper (m, S); work (m m + m).
+ */
+EXPORT void weigh(int64_t m, int64_t replicates, int64_t sets, const double *precision, const double *side,
+                  const double *lower, const double *upper, double *log_determinants, double *falls, double *inside,
+                  double *restrict work) {
+    const int64_t count = replicates * sets;
+    double *restrict mean = work + m * m;
+    for (int64_t at = 0; at < count; at++) {
+        for (int64_t i = 0; i < m * m; i++) work[i] = precision[i * count + at];
+        log_determinants[at] = invert(work, m);
+        falls[at] = inside[at] = 0.0;
+        for (int64_t i = 0; i < m; i++) {
+            mean[i] = 0.0;
+            for (int64_t j = 0; j < m; j++) mean[i] += work[i * m + j] * side[j * count + at];
+            falls[at] += side[i * count + at] * mean[i];
+        }
+        for (int64_t i = 0; i < m; i++) {
+            const double sigma = sqrt(work[i * m + i]), *low = lower + i * sets, *high = upper + i * sets;
+            double shift, variance;
+            inside[at] += interval((low[at % sets] - mean[i]) / sigma, (high[at % sets] - mean[i]) / sigma, &shift, &variance);
+            for (int64_t j = i + 1; j < m; j++) {
+                const double gain = work[i * m + j] / sigma;
+                mean[j] += gain * shift;
+                for (int64_t k = i + 1; k < m; k++) work[j * m + k] -= gain * (work[i * m + k] / sigma) * (1.0 - variance);
+            }
+        }
     }
 }

@@ -109,6 +109,43 @@ def balance(
     return found
 
 
+def weigh(
+    core: ctypes.CDLL, precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Return what decides the evidence of R replicates of S sets with m columns.
+
+    Parameters
+    ----------
+    precision : array, shape (m, m, R, S)
+    side : array, shape (m, R, S)
+    lower, upper : array, shape (m, S)
+        Bounds of the coefficients.
+
+    Returns
+    -------
+    array, shape (3, R, S)
+        ln det of the precision; the fall of the residual's square; the log probability of the bounds' box.
+
+    Raises
+    ------
+    ValueError
+        A size or type is wrong.
+    """
+    shape = columns, replicates, sets = side.shape
+    side, lower, upper = (np.ascontiguousarray(x, float) for x in (side, lower, upper))
+    found, work = np.empty((3, replicates, sets)), np.empty(columns * columns + columns)
+    core.weigh(
+        *shape,
+        _sized(precision, (columns, *shape)),
+        _sized(side, shape),
+        _sized(lower, (columns, sets)),
+        _sized(upper, (columns, sets)),
+        *(x.ctypes.data for x in found),
+        work.ctypes.data,
+    )
+    return found
+
+
 class StateSpace:
     """Noise of R runs of N samples in C channels by S states, as the compiled filter takes it.
 

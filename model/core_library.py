@@ -27,6 +27,7 @@ _ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "add_covariance": (_POINTER,) * 8,
     "slope_products": (_POINTER,) * 12,
     "slope_traces": (_POINTER,) * 12,
+    "weigh": (_INT, _INT, _INT, *[_POINTER] * 8),
 }
 
 

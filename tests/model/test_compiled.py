@@ -22,6 +22,7 @@ from daq import ConfigError
 from model import compiled, core_in_use, core_library
 from model.core_build import compile_core
 from model.core_library import Core, load
+from model.diagnosis.time_series.evidence import _invert, log_box_probability
 from model.diagnosis.time_series.hyper import Block, _Processes
 from model.diagnosis.time_series.noise import Process
 from model.diagnosis.time_series.whitening import Neighbours, StateSpace, _steps, smoothed, whiten
@@ -243,6 +244,25 @@ def test_covariance_of_the_noise_against_numpy(core: ctypes.CDLL, seed: int, sit
         (ours.slope_traces(x + x.T), theirs.slope_traces(x + x.T)),
     ):
         np.testing.assert_allclose(mine, expected, rtol=1e-9, atol=1e-9)
+
+
+@several
+@given(seed=st.integers(0, 2**32), columns=st.integers(1, 5), replicates=st.integers(1, 3))
+def test_evidence_of_sets_against_numpy(core: ctypes.CDLL, seed: int, columns: int, replicates: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape = columns, replicates, 20
+    rows = rng.normal(size=(replicates, 20, columns, columns + 2))
+    precision = np.moveaxis(rows @ rows.swapaxes(2, 3), (2, 3), (0, 1)) + np.eye(columns)[..., None, None]
+    side, width = 30.0 * rng.normal(size=shape), rng.choice([0.0, 0.1, 1.0, 100.0, np.inf], size=(2, columns, 20))
+    lower, upper = -width[0], np.maximum(width[1], 0.1)
+    ours = compiled.weigh(core, precision.copy(), side, lower, upper)
+    log_det = _invert(precision)
+    mean = np.einsum("ij...,j...->i...", precision, side)
+    inside = log_box_probability(mean, precision, lower[:, None], upper[:, None])
+    np.testing.assert_allclose(ours, [log_det, (side * mean).sum(axis=0), inside], rtol=1e-8, atol=1e-8)
+    for wrong in ((precision[:, :, :0], side, lower, upper), (precision, side, lower[:, 1:], upper)):
+        with pytest.raises(ValueError, match="of shape"):
+            compiled.weigh(core, *wrong)
 
 
 def test_a_noise_of_another_size_is_refused(core: ctypes.CDLL) -> None:

@@ -33,6 +33,8 @@ import numpy as np
 from scipy.special import expit, log_ndtr, logit, logsumexp
 
 from daq import FloatArray, IntArray
+from model import compiled
+from model.core_library import library
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, listed_sets, probabilities, with_triples
 from model.diagnosis.time_series.columns import CauseColumn, Grams
 from model.fit.linear_step import bounded_least_squares
@@ -224,10 +226,14 @@ def _of_one_size(
     for i in range(len(at)):
         matrix[i, i] += width**-2.0
     side = products[0][at].swapaxes(-1, -2)
-    log_det = _invert(matrix)
-    mean = np.einsum("ij...,j...->i...", matrix, side)
-    fit = 0.5 * np.einsum("i...,i...->...", side, mean) - 0.5 * log_det - len(at) * np.log(width)
-    inside = log_box_probability(mean, matrix, lower[columns][:, None, :], upper[columns][:, None, :])
+    if core := library():
+        log_det, fall, inside = compiled.weigh(core, matrix, side, lower[columns], upper[columns])
+    else:
+        log_det = _invert(matrix)
+        mean = np.einsum("ij...,j...->i...", matrix, side)
+        fall = np.einsum("i...,i...->...", side, mean)
+        inside = log_box_probability(mean, matrix, lower[columns][:, None, :], upper[columns][:, None, :])
+    fit = 0.5 * fall - 0.5 * log_det - len(at) * np.log(width)
     prior_mass = log_interval_probability(lower / width, upper / width)[columns].sum(axis=0)
     return np.asarray(fit + inside - prior_mass)
 
