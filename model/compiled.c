@@ -647,7 +647,7 @@ typedef struct {
 } Near;
 
 /* What is left of states (s, m) a step later, in place. */
-static void move(double *restrict x, int64_t s, int64_t m, const double *decay, const double *shares, const Near *near) {
+ALWAYS_INLINE void move(double *restrict x, int64_t s, int64_t m, const double *decay, const double *shares, const Near *near) {
     for (int64_t l = 0; l < near->count; l++) {
         const double of_later = shares[l], before_of_later = shares[near->count + l],
                      before_of_now = shares[2 * near->count + l];
@@ -665,7 +665,7 @@ static void move(double *restrict x, int64_t s, int64_t m, const double *decay, 
     }
 }
 
-static void transpose(double *x, int64_t s) {
+ALWAYS_INLINE void transpose(double *x, int64_t s) {
     for (int64_t i = 0; i < s; i++)
         for (int64_t k = 0; k < i; k++) {
             const double kept = x[i * s + k];
@@ -675,7 +675,7 @@ static void transpose(double *x, int64_t s) {
 }
 
 /* The states' covariance a step later, in place. */
-static void move_covariance(double *x, const double *stationary, int64_t s, const double *decay, const double *shares,
+ALWAYS_INLINE void move_covariance(double *x, const double *stationary, int64_t s, const double *decay, const double *shares,
                             const Near *near) {
     for (int64_t i = 0; i < s * s; i++) x[i] -= stationary[i];
     move(x, s, s, decay, shares, near);

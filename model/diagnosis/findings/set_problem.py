@@ -241,10 +241,11 @@ def _score(rows: Sequence[FloatArray]) -> FloatArray:
 
 def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
     """Project out the columns behind `keep`, N(0, 1) each in every run; rows of shape (runs, n, m)."""
-    left, size, _ = np.linalg.svd(rows[..., keep:], full_matrices=False)
-    shared = rows[..., :keep]
-    share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
-    return np.asarray(shared - left @ (share[..., None] * (left.swapaxes(-1, -2) @ shared)))
+    shared, constants = rows[..., :keep], rows[..., keep:]
+    power, axes = np.linalg.eigh(constants.swapaxes(-1, -2) @ constants)
+    across, root = constants @ axes, np.sqrt(1.0 + np.maximum(power, 0.0))
+    share = 1.0 / (root * (1.0 + root))
+    return np.asarray(shared - across @ (share[..., None] * (across.swapaxes(-1, -2) @ shared)))
 
 
 def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:

@@ -198,21 +198,27 @@ def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> Floa
     products = np.moveaxis(reduced.reshape(-1, *reduced.shape[-2:]), 0, -1)
     columns = set_columns(grams, listed)
     lower, upper = box(grams.causes)
+    mass = _prior_masses(lower, upper)
     sizes = (columns >= 0).sum(axis=1)
     found = np.zeros((products.shape[-1], len(listed)))
     for size in range(1, columns.shape[1] + 1):
         of_size = np.flatnonzero(sizes == size)
         if of_size.size:
-            found[:, of_size] = _of_one_size(products, columns[of_size, :size].T, lower, upper, 1.0)
+            found[:, of_size] = _of_one_size(products, columns[of_size, :size].T, lower, upper, 1.0, mass[1.0])
             alone = of_size[(listed.members[of_size] >= 0).sum(axis=1) == 1]
             if alone.size:
-                large = _of_one_size(products, columns[alone, :size].T, lower, upper, LARGE) + np.log(LARGE_SHARE)
-                found[:, alone] = np.logaddexp(found[:, alone] + np.log1p(-LARGE_SHARE), large)
+                large = _of_one_size(products, columns[alone, :size].T, lower, upper, LARGE, mass[LARGE])
+                found[:, alone] = np.logaddexp(found[:, alone] + np.log1p(-LARGE_SHARE), large + np.log(LARGE_SHARE))
     return found.reshape(*reduced.shape[:-2], len(listed))
 
 
+def _prior_masses(lower: FloatArray, upper: FloatArray) -> dict[float, FloatArray]:
+    """Return, for each width of the prior, the logarithm of its share within the bounds of each column, shape (k,)."""
+    return {width: log_interval_probability(lower / width, upper / width) for width in (1.0, LARGE)}
+
+
 def _of_one_size(
-    products: FloatArray, columns: IntArray, lower: FloatArray, upper: FloatArray, width: float
+    products: FloatArray, columns: IntArray, lower: FloatArray, upper: FloatArray, width: float, mass: FloatArray
 ) -> FloatArray:
     """Return evidence and box probability of sets with equally many columns, shape (replicates, sets).
 
@@ -220,6 +226,8 @@ def _of_one_size(
     ----------
     width : float
         One-sigma of the coefficients' prior.
+    mass : array, shape (k,)
+        From `_prior_masses`.
     """
     at = columns + 1
     matrix = products[at[:, None], at[None, :]].swapaxes(-1, -2).copy()
@@ -234,7 +242,7 @@ def _of_one_size(
         fall = np.einsum("i...,i...->...", side, mean)
         inside = log_box_probability(mean, matrix, lower[columns][:, None, :], upper[columns][:, None, :])
     fit = 0.5 * fall - 0.5 * log_det - len(at) * np.log(width)
-    prior_mass = log_interval_probability(lower / width, upper / width)[columns].sum(axis=0)
+    prior_mass = mass[columns].sum(axis=0)
     return np.asarray(fit + inside - prior_mass)
 
 
@@ -322,7 +330,8 @@ def _size_precision(grams: Grams, keys: tuple[str, ...]) -> float:
         return 1.0
     own = np.array([at - grams.cause_columns.start for at in grams.columns_of(keys[0])], np.intp)
     products, (lower, upper) = without_soil(grams, grams.total)[..., None], box(grams.causes)
-    usual, large = (_of_one_size(products, own[:, None], lower, upper, width).item() for width in (1.0, LARGE))
+    masses = _prior_masses(lower, upper).items()
+    usual, large = (_of_one_size(products, own[:, None], lower, upper, *each).item() for each in masses)
     share = expit(large - usual + logit(LARGE_SHARE))
     return float(1.0 - share * (1.0 - LARGE**-2.0))
 

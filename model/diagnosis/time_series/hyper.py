@@ -385,7 +385,7 @@ class Piece:
         moved = self._covariance.slopes_times(left)
         information = 0.5 * moved.T @ self._inverse @ moved
         across = self._solved[:, 1:].T @ moved
-        self._inverse -= _square(self._solved[:, 1:] @ back) + np.outer(left, left)
+        self._inverse -= _square(np.column_stack([self._solved[:, 1:] @ back, left]))
         return 0.5 * self._covariance.slope_traces(self._inverse), information, across
 
 
