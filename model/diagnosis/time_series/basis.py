@@ -191,22 +191,29 @@ class Basis:
 
     Attributes
     ----------
-    columns : array, shape (c, n, b)
+    rows : array, shape (c, n, more + b + o + more)
+        Columns and those of single runs, with room beside them for others, since they are large.
+    columns : view of it, shape (c, n, b)
         In N, N m and m.
-    own : array, shape (c, n, o)
+    own : view of it, shape (c, n, o)
         Of the shapes of the sample's run.
     rests : array, shape (2, m, b)
         Of drawbar pull and torque at standstill.
     """
 
     catch_all: CatchAll
+    rows: FloatArray
     columns: FloatArray
     own: FloatArray
     rests: FloatArray
 
 
 def basis(
-    samples: Samples, linear: Linear, changes: Mapping[str, FloatArray] | None = None, freed: Freed = frozenset()
+    samples: Samples,
+    linear: Linear,
+    changes: Mapping[str, FloatArray] | None = None,
+    freed: Freed = frozenset(),
+    beside: tuple[int, int] = (0, 0),
 ) -> Basis:
     """Return the shapes of the channels, the zeros that standstills show, the inputs' and the formulas'.
 
@@ -216,6 +223,8 @@ def basis(
         What effects at the point change; of those in `freed`.
     freed : set of (key, Kind)
         Effects whose formulas are set free: times a curve over a kind of shape.
+    beside : (int, int)
+        For how many other columns there is room before and behind.
     """
     before, after = ([(s, x) for s, x in of(samples, linear) if np.std(x) > 0] for of in (_placed, _driven))
     formulas = [
@@ -227,8 +236,8 @@ def basis(
     in_time, zeros, inputs = _in_time(samples), _channels_with_zeros(samples, linear), list(input_shapes(linear))
     channels = linear.channels
     width = (len(before) + len(after)) * len(channels) + len(zeros) + len(inputs) + len(formulas)
-    columns, rests = np.zeros((*linear.value.shape, width)), np.zeros((len(AT_REST), len(samples.rests), width))
-    own = np.zeros((*linear.value.shape, len(channels) * max(map(len, in_time), default=0)))
+    rows, columns, own = _room(linear, beside, width, len(channels) * max(map(len, in_time), default=0))
+    rests = np.zeros((len(AT_REST), len(samples.rests), width))
     heights = np.full(width, np.nan)
     rank = count()
     listed: list[tuple[int, Shape]] = []
@@ -265,18 +274,24 @@ def basis(
         column = place(shape)
         columns[..., column], form[column] = x, 1.0
     shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
-    return Basis(CatchAll(shared.shapes, shared.order, heights, runs, form, freed), columns, own, rests)
+    return Basis(CatchAll(shared.shapes, shared.order, heights, runs, form, freed), rows, columns, own, rests)
 
 
 def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:
     return RunShapes(tuple(shape for _, shape in listed), np.array([rank for rank, _ in listed], np.intp))
 
 
-def no_basis(samples: Samples, linear: Linear) -> Basis:
+def no_basis(samples: Samples, linear: Linear, beside: tuple[int, int] = (0, 0)) -> Basis:
     """Return no shapes at all, for a fit that has no use for them."""
-    none = np.zeros((*linear.value.shape, 0))
     catch_all = CatchAll((), np.arange(0), np.zeros(0), (RunShapes(),) * samples.runs, np.zeros(0))
-    return Basis(catch_all, none, none, np.zeros((len(AT_REST), len(samples.rests), 0)))
+    return Basis(catch_all, *_room(linear, beside, 0, 0), np.zeros((len(AT_REST), len(samples.rests), 0)))
+
+
+def _room(linear: Linear, beside: tuple[int, int], width: int, own: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return zeros for all columns, and the views of the shared ones and of those of single runs."""
+    start, stop = beside[0] + width, beside[0] + width + own
+    rows = np.zeros((*linear.value.shape, stop + beside[1]))
+    return rows, rows[..., beside[0] : start], rows[..., start:stop]
 
 
 def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:

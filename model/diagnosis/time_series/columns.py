@@ -394,17 +394,19 @@ def columns_of(
     scale = np.array([c.scale for c in causes])
     at = np.array([(c.centre - c.neutral) / c.scale for c in causes])
     changes = _changes(causes, linear) if freed else {}
-    shapes = basis(samples, linear, changes, freed) if catch_all else no_basis(samples, linear)
+    by_run = constants(linear.channels)
+    soils = slice(1, 1 + linear.soil.shape[-1])
+    beside = (soils.stop + len(causes), len(by_run))
+    shapes = basis(samples, linear, changes, freed, beside) if catch_all else no_basis(samples, linear, beside)
     measured = np.stack([_compensated(samples, linear) if c == "dp" else samples.measured[c] for c in linear.channels])
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
     residual += (linear.causes * scale) @ at + linear.speed * linear.point.speed_mps
     residual += linear.acceleration * linear.point.acceleration_mps2
     present = np.isfinite(residual) & linear.usable
-    by_run = constants(linear.channels)
-    turning = [loading(linear, samples, name) for _, name in by_run]
-    parts = [residual[..., None], linear.soil, linear.causes, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
-    rows = np.concatenate(parts, axis=-1)
-    rows[..., 1 + linear.soil.shape[-1] :][..., : len(causes)] *= scale
+    rows = shapes.rows
+    rows[..., 0], rows[..., soils], rows[..., soils.stop : beside[0]] = residual, linear.soil, linear.causes * scale
+    for i, (_, name) in enumerate(by_run):
+        rows[..., i - len(by_run)] = loading(linear, samples, name)
     rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
