@@ -297,13 +297,9 @@ def repetitions(runs: Sequence[ProcessedRun]) -> dict[int, int]:
 
 def _repeats(run: ProcessedRun, other: ProcessedRun) -> bool:
     def agree(rows: slice) -> bool:
-        noisy = False
-        for channel in (*_NOISY, *_MAY_BE_EVEN):
-            apart = _apart(run, other, channel, rows)
-            if apart >= _SAME_NOISE:
-                return False
-            noisy |= channel in _NOISY and np.isfinite(apart)
-        if noisy:
+        if any(_apart(run, other, channel, rows) >= _SAME_NOISE for channel in (*_NOISY, *_MAY_BE_EVEN)):
+            return False
+        if any(np.isfinite(_apart(run, other, channel, rows)) for channel in _NOISY):
             return True
         pairs = [(run.column(c.field)[rows], other.column(c.field)[rows]) for c in _OF_A_COPY]
         return len(run) == len(other) and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
