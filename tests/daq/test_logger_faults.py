@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -33,6 +34,7 @@ from daq.recording import PartWriter, Recording
 from daq.sources.can_source import InterfaceDownError
 from daq.sources.interfaces import open_sink
 from daq.sources.python_can import PythonCanSource
+from daq.sources.reconnect import ReconnectingSource
 from daq.sources.socketcan import fault_of
 
 SCRIPTED = VehicleConfig(bus=(BusSection(channel="x"),))
@@ -372,6 +374,23 @@ def test_a_driver_that_fails_in_its_own_way_is_opened_again(tmp_path: Path, mome
     summary = recorder.end()
     assert summary.frames == {"x": 10}
     assert len(texts(summary, "bus")) == 2
+
+
+def test_a_bus_that_is_away_is_asked_for_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    opener, asked, now = Opener("x"), [], [0.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda wait_s: now.__setitem__(0, now[0] + wait_s))
+    monkeypatch.setattr("daq.sources.reconnect.time", clock)
+
+    def ask(bus: BusSection) -> ScriptedSource:
+        asked.append(now[0])
+        return opener(bus)  # type: ignore[return-value]
+
+    source = ReconnectingSource(SCRIPTED.bus[0], ask)
+    opener.source("x").fail()
+    opener.refused["x"] = "unplugged"
+    while now[0] < 6.0:
+        source.read(0.25)
+    assert asked == [0.0, 0.5, 2.5, 4.5]
 
 
 def test_a_driver_that_hangs_when_it_is_closed_stops_no_other_bus(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import os
 import socket
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -284,7 +285,10 @@ def test_every_turn_of_a_listener_is_a_sign_of_life() -> None:
     assert listener.stuck_s < 50.0
 
 
-def test_the_host_is_measured_once_a_second(tmp_path: Path) -> None:
+def test_the_host_is_measured_once_a_second_and_a_change_is_reported_once(tmp_path: Path) -> None:
     queue: ByteQueue[Arrival] = ByteQueue(1000)
     watch = HostMonitor(HostClock(), [], queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
     assert [watch.refresh(now_s, 0) for now_s in (100.0, 100.9, 101.0, 101.9)] == [True, False, True, False]
+    assert [len(watch.events(behind)) for behind in (False, True, True, False, False)] == [0, 1, 0, 1, 0]
+    watch.disk = replace(watch.disk, level=Level.RED)
+    assert [len(watch.events(False)) for _ in range(2)] == [1, 0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import resource
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -23,7 +24,9 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
 from daq.recording import Recording, RecordingWriter, recover
+from daq.recording.chunks import ChunkEntry
 from daq.recording.contents import read_contents
+from daq.recording.series_topics import series_blocks
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")
@@ -340,6 +343,15 @@ def test_an_interrupt_anywhere_leaves_a_readable_recording(tmp_path):
             assert sum(counts.values()) >= 12 * (given_frames - 1)
     finally:
         signal.signal(signal.SIGALRM, before)
+
+
+def test_series_in_a_chunk_that_ends_within_a_record_are_damaged(tmp_path, monkeypatch):
+    record, said = struct.pack("<BQ3s", 0x80, 3, b"abc"), []
+    (tmp_path / "any.mcap").touch()
+    for end in range(1, len(record)):
+        monkeypatch.setattr("daq.recording.series_topics.read_chunk", lambda *_, end=end: record + record[:end])
+        list(series_blocks(tmp_path / "any.mcap", [ChunkEntry(0, 0, 0, 0)], {}, lambda _, why: said.append(why)))
+    assert said == ["a record is cut off"] * (len(record) - 1)
 
 
 def test_what_is_no_recording_is_reported(tmp_path):

@@ -123,6 +123,7 @@ def test_a_file_of_one_wheel_is_written_as_it_was_and_one_of_several_as_it_is_re
         ([wheel(*FRONT, signals='brakes = "A.B"')], r"no role is called 'brakes' \(nearest: brake\)"),
         ([wheel(*FRONT, more="radious_m = 0.5")], r"unknown key 'radious_m'\n.*\[\[wheel\]\] 1\n.*nearest: radius_m"),
         ([wheel("F L", *FRONT[1:])], "id: an id holds letters, digits, - and _ only"),
+        ([wheel("all", *FRONT[1:])], "id: 'all' is what all wheels together are called"),
         ([wheel(*FRONT).replace('id = "FL"\n', "")], r"key 'id' is missing\n.*, \[\[wheel\]\] 1\n.*add it"),
         ([wheel(*FRONT), '[transducer]\nserial = "A"\n'], r"\[transducer\] beside several \[\[wheel\]\]"),
         ([wheel(*FRONT), "[wheel.sensors.drawbar_pull]\nz_m = 1.0\n"], "drawbar_pull takes no z_m: only ground_speed"),

@@ -27,7 +27,7 @@ from model.diagnosis.time_series.hyper import (
     likelihood,
 )
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
-from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes
+from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes, variance
 from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
 from model.diagnosis.time_series.whitening import run_grams
 from model.effects.catalogue import EFFECTS
@@ -62,14 +62,25 @@ def objective(blocks: Sequence[Block], values: Mapping[str, float]) -> Objective
 def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> None:
     samples, linear, columns = seen
     values = {name: b.centre for name, b in hyper_priors(samples).items()}
-    variance = np.full(len(samples), 9e-4)
-    found = objective(blocks_of(samples, linear, columns, variance, values), values)
-    grams = run_grams(samples, linear, columns, values, variance)
+    of_speed = np.full(len(samples), 9e-4)
+    found = objective(blocks_of(samples, linear, columns, of_speed, values), values)
+    grams = run_grams(samples, linear, columns, values, of_speed)
     total = grams.matrices.sum(axis=0)
     inner = np.eye(len(total) - 1) + total[1:, 1:]
     square = total[0, 0] - total[1:, 0] @ np.linalg.solve(inner, total[1:, 0])
     expected = 0.5 * (grams.log_determinants.sum() + np.linalg.slogdet(inner)[1] + square)
     assert found.value == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_variance_is_the_diagonal_of_the_covariance(seen: tuple[Samples, Linear, Columns]) -> None:
+    samples, linear, columns = seen
+    values, of_speed = {name: b.centre for name, b in hyper_priors(samples).items()}, np.full(len(samples), 9e-4)
+    diagonal = []
+    for block in blocks_of(samples, linear, columns, of_speed, values):
+        driven = np.any([rows for name, rows in block.white if "_white_" in name], axis=0)
+        diagonal.append(np.diag(_Covariance(block, values, list(values)).matrix())[driven])
+    expected = variance(linear, samples, values, of_speed).T[columns.present.T]
+    np.testing.assert_allclose(np.concatenate(diagonal), expected, rtol=1e-9)
 
 
 def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Columns]) -> None:

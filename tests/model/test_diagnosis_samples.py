@@ -90,6 +90,9 @@ def test_three_instants_average_to_the_mean_and_have_the_spread_of_block_and_fil
     times = samples_of(cut).instants.vertical_load_n
     spread = (weights * (times - (weights * times).sum(axis=0)) ** 2).sum(axis=0)
     assert np.allclose(spread, 0.2**2 / 12 + 0.0331**2, rtol=0.1)
+    known = (replace(r, vertical_load_n=np.where(r.used, r.vertical_load_n, np.nan)) for r in campaign.runs)
+    beside = samples_of(replace(campaign, runs=tuple(known)))
+    assert np.allclose((weights * beside.instants.vertical_load_n).sum(axis=0), beside.conditions.vertical_load_n)
 
 
 def _first(run: ProcessedRun, count: int) -> ProcessedRun:

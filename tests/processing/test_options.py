@@ -17,6 +17,7 @@ SPEEDS = NEEDED_ROLES["process"]
     [
         ({"rate_hz": 0.0}, ["rate_hz"]),
         ({"rate_hz": float("nan"), "max_gap_s": -1.0}, ["rate_hz", "max_gap_s"]),
+        ({"rate_hz": 0.5}, ["rate_hz", "1 to 10000"]),
         ({"cutoff_hz": 30.0}, ["cutoff_hz", "at most 10 Hz"]),
         ({"min_speed_mps": -0.1}, ["min_speed_mps"]),
         ({"purpose": "fitt"}, ["fitt", "nearest: fit"]),

@@ -139,6 +139,8 @@ def test_pieces_of_any_size_give_the_same(frame: str, sparse: bool, late_ns: int
     np.testing.assert_array_equal(parts.reason, whole.reason)
     # the collector joins what lies on one node in another order
     np.testing.assert_allclose(parts.vertical_load_n[whole.used], whole.vertical_load_n[whole.used], atol=0.02)
+    ages_s = {role: zero.ages_s[0] for role, zero in whole.quality.zeros.items()}
+    assert {role: zero.ages_s[0] for role, zero in parts.quality.zeros.items()} == pytest.approx(ages_s, abs=0.5)
 
 
 def _torque(run: ProcessedRun) -> float:
