@@ -121,6 +121,14 @@ def test_a_role_is_asked_for_only_when_needed() -> None:
     assert list(found) == ["vertical_load"]
 
 
+@pytest.mark.parametrize(("name", "role", "shown"), [("FL", "brake", ""), ("", "sinkage", ""), ("FL", "sinkage", "FL")])
+def test_a_fault_names_the_wheel_where_the_role_is_of_one(name: str, role: str, shown: str) -> None:
+    wheel = {"id": name, "radius_m": 0.5, "width_m": 0.3} if name else {"radius_m": 0.5, "width_m": 0.3}
+    with pytest.raises(ConfigError) as caught:
+        resolve_roles(VehicleConfig.model_validate({"wheel": wheel}), {"can0": [hub()]}, [role])
+    assert caught.value.faults[0].where == "vehicle.toml [signals]" + (f", wheel {shown}" if shown else "")
+
+
 def test_a_signal_on_several_buses_needs_the_bus() -> None:
     databases = {"can0": [hub()], "can1": [hub()]}
     with pytest.raises(ConfigError, match=r'on several buses(.|\n)*"can0:Hub.Force_Z" or "can1:Hub.Force_Z"'):

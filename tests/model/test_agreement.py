@@ -55,6 +55,7 @@ def test_the_variances_are_those_of_the_final_interval() -> None:
     wide = ParameterEstimate("a", "m", 0.1, (0.0, 0.2), 0.1)
     assert disagreements(grams, RUNS, [cause()])
     assert not disagreements(grams, RUNS, [cause("a", "a", wide)])
+    assert not disagreements(grams, RUNS, [cause("a", "a", replace(wide, sigma=0.0, interval95=(np.nan, np.nan)))])
 
 
 def test_what_one_campaign_cannot_show_is_not_asked() -> None:

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
@@ -56,7 +56,8 @@ def test_a_constant_slip_stays_constant_through_accelerations(slip: float, rate:
 
 
 @given(st.integers(0, 2**32), st.sampled_from(MODEL_ROLES), st.floats(3.0, 14.0), st.floats(0.15, 3.0))
-@examples(25, gate=6)
+@example(0, "ground_speed", 5.01, 0.1)
+@examples(25, gate=5)
 def test_nothing_crosses_a_gap_and_the_gap_says_so(seed: int, role: str, start: float, length: float) -> None:
     rng = np.random.default_rng(seed)
     channels = speeds(20.0, 0.1, rng=rng, jitter=0.3) | forces(20.0)

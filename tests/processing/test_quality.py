@@ -11,7 +11,7 @@ from synthetic_run import RADIUS_M, channel, forces, speeds, stamps, vehicle
 from daq.channels import Channel
 from processing.pipeline.latency import SpeedComparison
 from processing.pipeline.pipeline import process
-from processing.pipeline.quality import speed_notes
+from processing.pipeline.quality import _zero_notes, speed_notes
 from processing.processed_run import ProcessedRun, SensorFacts
 from wheelsoil.wording.notes import note_text, texts_of
 
@@ -68,6 +68,9 @@ def test_what_a_standstill_shows_depends_on_the_brakes(declared: str, said: str)
     assert [stand.released for stand in run.quality.standstills] == [declared == "released"] * 2
     (note,) = (text for text in texts_of(run.quality.notes) if "drawbar pull at standstill" in text)
     assert note.endswith(said)
+    stands = run.quality.standstills * 3
+    [often, _] = texts_of(_zero_notes(stands))
+    assert often.count(" ± ") == 4 and len(stands) == 6 and often.endswith(said)
 
 
 @pytest.mark.parametrize("full", [1.0, 40e5])

@@ -46,6 +46,8 @@ def test_what_stands_on_the_ground_meanwhile_is_left_out() -> None:
     assert part is not None
     assert part.start_s >= 11.8
     assert find_spin(_motion(np.full(len(at), 7.0), 8800.0), 1700.0) is None
+    rest = find_standstill(_motion(np.zeros(len(at)), np.where(at < 12, 8800.0, -700.0)), (0.0, 1700.0))
+    assert rest is not None and (rest.start_s, rest.stop_s) == pytest.approx((12.5, 29.75))
 
 
 def test_rocking_is_no_spin() -> None:
