@@ -393,9 +393,11 @@ def test_a_cell_without_a_number_is_none_and_a_word_is_a_bad_cell(
     assert np.array_equal(np.delete(found["a"][1], 250), -1.5 * np.delete(np.arange(300), 250))
 
 
-def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
-    time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", "1,2", "3,4"), rate_hz=200.0))["b"]
-    assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]
+def test_a_rate_stands_for_a_missing_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.series.readers.delimited._PIECE", 20)
+    rows = [f"{row},{2 * row}" for row in range(30)]
+    time_ns, values, _ = columns(read(text(tmp_path / "run.csv", "a,b", *rows), rate_hz=200.0))["b"]
+    assert time_ns.tolist() == list(range(0, 150_000_000, 5_000_000)) and values.tolist() == list(range(0, 60, 2))
     pq.write_table(pa.table({"b": [2.0, 4.0]}), tmp_path / "run.parquet")
     time_ns, values, _ = columns(read(tmp_path / "run.parquet", rate_hz=200.0))["b"]
     assert time_ns.tolist() == [0, 5_000_000] and values.tolist() == [2, 4]

@@ -76,5 +76,7 @@ def test_what_is_there_is_drawn_and_what_is_missing_is_said(view: View, home: Pa
 
 
 def test_without_any_role_a_run_has_failed(view: View) -> None:
-    [run] = view.campaigns()[-1]["runs"]
-    assert run["state"] == "failed" and "no signal has a role that can be shown" in run["why"]
+    campaign, why = view.campaigns()[-1], "no signal has a role that can be shown"
+    [run] = campaign["runs"]
+    assert run["state"] == "failed" and why in run["why"]
+    assert why in view.tell("/api/fit", campaign=campaign["key"]).faults[0]["what"]
