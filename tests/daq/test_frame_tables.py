@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok
 from frames_support import content
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from support import data_dir
 
@@ -211,6 +211,7 @@ _CELLS = st.tuples(
 @given(
     rows=st.lists(_CELLS, min_size=2, max_size=12), program=st.sampled_from(["python-can", "SavvyCAN", "Kvaser", "CSS"])
 )
+@example(rows=[(1, True, b"\x01", 0, "")] * 2, program="CSS")
 def test_a_table_by_columns_is_the_table_line_by_line(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, bool, bytes, int, str]], program: str
 ) -> None:

@@ -20,7 +20,7 @@ from daq.can.frames import FrameBatch, FrameFlag, joined
 from daq.config import SeriesSection
 from daq.errors import RecordingError
 from daq.logs import read_log
-from daq.logs.mf4 import frames_apart
+from daq.logs.mf4 import _kind, frames_apart
 from daq.series.blocks import SeriesReport
 from daq.series.readers.mdf import read_mdf
 
@@ -132,6 +132,15 @@ def test_frames_of_two_groups_come_in_order_with_what_they_hold(monkeypatch: pyt
     ]
     assert frames["flags"][2] & FrameFlag.TRANSMITTED and not frames["flags"][0] & FrameFlag.TRANSMITTED
     assert frames["data"][0][:3].tolist() == [0, 1, 0] and frames["data"][2][:8].tolist() == [*range(8, 16)]
+
+
+@pytest.mark.parametrize(
+    ("flags", "bus", "is_of_frames"), [(2, 2, True), (6, 2, True), (0, 2, False), (1, 2, False), (2, 3, False), (2, 0, False)]
+)
+def test_frames_are_in_the_groups_of_a_can_bus(flags: int, bus: int, is_of_frames: bool) -> None:
+    head = SimpleNamespace(flags=flags, acq_source=SimpleNamespace(bus_type=bus) if bus else None)
+    group = SimpleNamespace(channel_group=head, channels=[SimpleNamespace(name=name) for name in ("t", "CAN_DataFrame")])
+    assert _kind(group) == ("CAN_DataFrame" if is_of_frames else None)
 
 
 def test_channels_have_their_times(monkeypatch: pytest.MonkeyPatch) -> None:

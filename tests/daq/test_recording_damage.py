@@ -354,6 +354,13 @@ def test_series_in_a_chunk_that_ends_within_a_record_are_damaged(tmp_path, monke
     assert said == ["a record is cut off"] * (len(record) - 1)
 
 
+def test_run_information_that_is_none_is_reported(whole):
+    recording = Recording.open(whole[0])
+    recording.metadata["run_start"]["run"] = "{"
+    with pytest.raises(RecordingError, match="the run information cannot be read"):
+        _ = recording.run
+
+
 def test_what_is_no_recording_is_reported(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"(1.0) can0 123#00\n")
     (tmp_path / "empty.mcap").touch()

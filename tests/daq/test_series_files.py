@@ -32,6 +32,7 @@ from daq.series.apart import apart
 from daq.series.blocks import Series, SeriesReport
 from daq.series.formats import read_series, series_format
 from daq.series.readers import matlab
+from daq.series.readers.bags import _numbers
 from daq.series.readers.groups import Column, array_column, series_of
 from daq.series.time_stamps import time_columns
 
@@ -330,7 +331,16 @@ def test_what_no_column_takes_is_listed_with_its_reason(tmp_path: Path) -> None:
         for name, values in held.items():
             file[name] = values
         matlab._visit(file, "", columns, of_hdf5)
+        file["counts"] = np.arange(3, dtype=np.uint16)
+        assert not matlab._matlab_text(file["counts"])
     assert columns == [] and of_hdf5.skipped == expected
+    of_bag = SeriesReport("run.bag", "")
+    assert not list(_numbers("ranges", np.zeros(65), "/scan", of_bag)) and len(of_bag.skipped) == 1
+    with TdmsWriter(tmp_path / "run.tdms") as writer:
+        named = [("Fz", np.arange(3.0), {"wf_increment": 0.1}), ("name", ["a", "b", "c"], {})]
+        writer.write_segment([ChannelObject("rack", name, cells, more) for name, cells, more in named])
+    series = read(tmp_path / "run.tdms")
+    assert series.topics == {"table": {"rack/Fz": ""}} and series.report.skipped == {"rack/name": "no numbers"}
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
@@ -372,8 +382,12 @@ def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin
     ],
 )
 def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layout: dict[str, str], what: str) -> None:
+    path = text(tmp_path / "run.csv", *lines)
     with pytest.raises(DataError, match=what):
-        columns(read(text(tmp_path / "run.csv", *lines), **layout))
+        columns(read(path, **layout))
+    path.write_text("\n".join(lines), encoding="utf-16")
+    with pytest.raises(DataError, match="the file is UTF-16 text"):
+        read(path, **layout)
 
 
 @pytest.mark.parametrize("piece", [4 << 20, 60])

@@ -125,6 +125,13 @@ def test_two_numbers_above_a_header_are_a_row_that_is_lost(row: list[str], lost:
     assert _is_lost(row, under_header=False, is_header=False) == lost
 
 
+def test_headers_among_the_rows_are_no_rows_and_say_their_order(tmp_path: Path) -> None:
+    head, other = "time [s],Fz [N]", "Fz [N],time [s]"
+    (path := tmp_path / "run.csv").write_text("\n".join([head, "0.0,1", "0.1,2", other, "3,0.2", "4,0.3", head, ""]))
+    columns, _, said = all_of(path)
+    assert columns["Fz [N]"] == [1, 2, 3, 4] and "another order from line 4" in said
+
+
 def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

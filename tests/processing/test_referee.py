@@ -38,6 +38,13 @@ def test_a_listed_mistake_is_named_and_refused(sound, key: str) -> None:  # type
 def test_thirty_are_listed() -> None:
     assert len(LISTED) == 30
     assert len(BY_KEY) == len(MENDS) + 1
+    declared = [mend for mend in MENDS if mend.kind is Kind.DECLARED]
+    for mend in declared:
+        mistaken_for_si = BY_KEY[mend.key.replace(Kind.DECLARED, Kind.UNIT)]
+        assert {role: factor * mend.factors[role] for role, factor in mistaken_for_si.factors.items()} == pytest.approx(
+            dict.fromkeys(mend.roles, 1.0)
+        )
+    assert len(declared) > 2
 
 
 @pytest.mark.parametrize(
