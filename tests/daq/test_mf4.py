@@ -134,6 +134,16 @@ def test_frames_of_two_groups_come_in_order_with_what_they_hold(monkeypatch: pyt
     assert frames["data"][0][:3].tolist() == [0, 1, 0] and frames["data"][2][:8].tolist() == [*range(8, 16)]
 
 
+def test_a_damaged_file_of_series_is_an_error_with_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    def damaged(_: Path) -> None:
+        raise ValueError("the block at 12 is none")
+
+    monkeypatch.setitem(sys.modules, "asammdf", SimpleNamespace(MDF=damaged))
+    with pytest.raises(RecordingError, match="asammdf cannot read this MF4 file") as caught:
+        read_mdf(Path("run.mf4"), SeriesSection(), SeriesReport("run.mf4", "MF4"))
+    assert (caught.value.faults[0].where, caught.value.faults[0].found) == ("run.mf4", "the block at 12 is none")
+
+
 @pytest.mark.parametrize(
     ("flags", "bus", "is_of_frames"), [(2, 2, True), (6, 2, True), (0, 2, False), (1, 2, False), (2, 3, False), (2, 0, False)]
 )

@@ -108,6 +108,8 @@ def test_a_load_that_swings_by_less_than_a_tenth_of_a_newton_is_steady(swing_n: 
     swing = (swing - swing.mean()) / swing.std()
     steady = replace(samples, conditions=replace(samples.conditions, vertical_load_n=5000.0 + swing_n * swing))
     assert (with_likely_load(steady, values) is not steady) == moves
+    apart = replace(steady, run=np.arange(len(swing)), run_names=tuple(map(str, range(len(swing)))))
+    assert with_likely_load(apart, values) is apart, "no sample has one before it"
 
 
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
