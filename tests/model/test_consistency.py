@@ -8,7 +8,7 @@ import numpy as np
 from stressed_wheel import StressedWheel
 
 from model.diagnosis.core.campaign import Bench, Campaign
-from model.diagnosis.core.consistency import inconsistencies
+from model.diagnosis.core.consistency import SIGMAS, bound_rows_of_runs, inconsistencies
 from model.fit.observations import Observations
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS, prior_of
@@ -64,7 +64,10 @@ def test_each_part_says_its_own() -> None:
     (alone,) = inconsistencies([bench("a", 0.02)])
     assert (alone.channel, alone.rows) == ("sinkage", 9)
     assert note_text(alone.why).startswith("T/r - Dp")
-    first, second = inconsistencies([bench("a", 0.02), bench("b"), campaign(0.001)])
+    field = campaign(0.001)
+    first, second = inconsistencies([bench("a", 0.02), bench("b"), field])
     assert note_text(first.why) == f"a: {note_text(alone.why)}"
     assert note_text(second.why).startswith("field: ")
-    assert second.rows > 100
+    rows = bound_rows_of_runs(field.runs)
+    over = rows.slip[rows.excess_n > SIGMAS * rows.sigma_n]
+    assert second.rows == len(over) > 100 and second.why.values["slips"] == (over.min(), over.max())
