@@ -114,6 +114,9 @@ def test_short_frames_of_a_long_message_are_no_pieces() -> None:
 def test_a_message_that_stalls_is_dropped() -> None:
     found, transport = received(by_bam(1, GROUP, bytes(20)), step_ns=2_000_000_000)
     assert not found and transport.interrupted()["can0"] == 1
+    for group, whole in ((0x3FFFF, True), (0x40000, False)):
+        found, transport = received(by_bam(1, group, bytes(20)))
+        assert (len(found), transport.interrupted()["can0"]) == (whole, not whole), "a group has 18 bits"
 
 
 @given(st.lists(st.tuples(st.sampled_from([ISO_ID, 0x1CECFF01, 0x1CEBFF01]), st.binary(max_size=8)), max_size=60))
