@@ -145,11 +145,14 @@ def test_a_damaged_file_of_series_is_an_error_with_the_file(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("flags", "bus", "is_of_frames"), [(2, 2, True), (6, 2, True), (0, 2, False), (1, 2, False), (2, 3, False), (2, 0, False)]
+    ("flags", "bus", "is_of_frames"),
+    [(2, 2, True), (6, 2, True), (0, 2, False), (1, 2, False), (2, 3, False), (2, 0, False)],
 )
 def test_frames_are_in_the_groups_of_a_can_bus(flags: int, bus: int, is_of_frames: bool) -> None:
     head = SimpleNamespace(flags=flags, acq_source=SimpleNamespace(bus_type=bus) if bus else None)
-    group = SimpleNamespace(channel_group=head, channels=[SimpleNamespace(name=name) for name in ("t", "CAN_DataFrame")])
+    group = SimpleNamespace(
+        channel_group=head, channels=[SimpleNamespace(name=name) for name in ("t", "CAN_DataFrame")]
+    )
     assert _kind(group) == ("CAN_DataFrame" if is_of_frames else None)
 
 

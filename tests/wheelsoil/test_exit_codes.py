@@ -33,7 +33,8 @@ def test_each_kind_of_error_has_its_code(error: type[WheelsoilError], code: int)
     ],
 )
 def test_a_wrong_path_is_usage_and_a_full_disk_is_hardware(number: int, kind: type[WheelsoilError]) -> None:
-    assert type(_from_system(OSError(number, "what", "where"))) is kind
+    [fault] = (error := _from_system(OSError(number, "what", "where"))).faults
+    assert type(error) is kind and (fault.what, fault.where) == ("what", "where")
 
 
 def test_a_fault_is_a_message_on_stderr(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Contents
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
-from wheelsoil.report.sections.glance import header_facts
+from wheelsoil.report.sections.glance import _dates, header_facts
 from wheelsoil.report.sections.verdict import rank
 from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.report import report_of_processed
@@ -172,6 +172,17 @@ def test_a_tyre_without_a_name_is_not_in_the_head(material):
         vehicle = material.vehicle.model_copy(update={"wheel": wheel.model_copy(update={"tyre": tyre})})
         facts = header_facts(replace(material, runs=runs, vehicle=vehicle))
         assert [value for label, value in facts if label == "Tyre"] == expected
+
+
+def test_the_days_of_the_runs_are_said_where_a_clock_was_set() -> None:
+    day = 1_714_564_800 * 10**9
+    said = {
+        "date unknown": [0],
+        "1 May 2024, 12:00 UTC": [day],
+        "1 May 2024, 12:00 to 13:00 UTC": [day, 0, day + 3600 * 10**9],
+    }
+    said["1 May 2024 to 2 May 2024"] = [day, day + 86400 * 10**9]
+    assert {_dates(starts_ns): starts_ns for starts_ns in said.values()} == said
 
 
 def test_a_missing_channel_costs_its_section(material):
