@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from daq.errors import ConfigError, DataError
 from model.effects.catalogue import EFFECTS
-from model.fit.fit import fit_observations, judge_alike
+from model.fit.fit import _tempering, fit_observations, judge_alike
 from model.fit.intervals import blocks_of, correlation_time, sandwich
 from model.fit.observations import Observations
 from model.fit.result import FitOptions
@@ -230,6 +230,14 @@ def test_an_interval_does_not_depend_on_the_unit() -> None:
         j = jacobian * scale
         found.append(sandwich(j, j[:, 0] * error[:, None], blocks).covariance)
     np.testing.assert_allclose(found[0], found[1] * np.outer(unit, unit), rtol=1e-9)
+
+
+def test_the_prior_counts_against_independent_samples() -> None:
+    series, slow = measured(1, "wong"), blocks_of(np.zeros(4), np.arange(4.0), np.zeros(4, int), independent=True)
+    times_s = np.array([np.nan, 1e-9, 4.0 * np.median(np.diff(series.time_s))])
+    found = [_tempering(replace(slow, correlation_time_s=time_s), series) for time_s in times_s]
+    assert found == pytest.approx([1.0, 1.0, 0.25])
+    assert _tempering(replace(slow, correlation_time_s=9.0), replace(series, independent=True)) == 1.0
 
 
 def test_correlation_time_of_a_first_order_process() -> None:

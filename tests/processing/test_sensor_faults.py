@@ -21,7 +21,7 @@ from processing import ProcessedRun, Reason, RunCode
 from processing.pipeline import process
 from processing.pipeline.collection import collect
 from processing.pipeline.fault_gate import FaultGate
-from processing.pipeline.sensor_faults import values_apart
+from processing.pipeline.sensor_faults import moving_at, values_apart
 from wheelsoil.wording.notes import note_text
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -270,6 +270,11 @@ def test_a_dropout_that_lasts_is_kept() -> None:
         values = np.where((at > 9) & (at < 9 + lasting_s), 0.0, channels["ground_speed"].values)
         lost = channels | {"ground_speed": replace(channels["ground_speed"], values=values)}
         assert found(lost, vehicle())[1] == kinds
+
+
+def test_a_tenth_of_the_usual_largest_speed_is_motion() -> None:
+    at_ns, speed = np.arange(100), np.where(np.arange(100) < 50, 5.0, np.where(np.arange(100) < 75, 0.6, 0.4))
+    assert np.flatnonzero(~moving_at(at_ns, [(at_ns, speed)])).tolist() == list(range(75, 100))
 
 
 def test_a_stop_is_no_dropout() -> None:

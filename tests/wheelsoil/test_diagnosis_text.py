@@ -45,6 +45,17 @@ def text_of(found: Diagnosis, width: int = 96, *, verbose: bool = True) -> str:
     return "\n".join(diagnosis_lines(found, VehicleConfig(), width, verbose=verbose))
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_a_soil_is_of_a_campaign_where_there_are_several(several: bool) -> None:
+    found = diagnosis()
+    clay = replace(found.soils[0], laboratory={"cohesion_pa": (3800.0, 200.0)})
+    soils = (clay, replace(clay, campaign="sand")) if several else (clay,)
+    lines = text_of(replace(found, soils=soils)).splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("Soil here less"))
+    shown = "\n".join(lines[at + 1 : at + 3])
+    assert ("clay: " in shown) == ("sand: " in shown) == several
+
+
 def squeezed(text: str) -> str:
     return re.sub(r"\s+", " ", text)
 
