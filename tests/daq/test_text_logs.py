@@ -106,11 +106,19 @@ def test_an_impossible_line_takes_none_with_it_that_looks_like_it() -> None:
         assert (len(batch), report.bad) == (3, 1)
 
 
-@pytest.mark.parametrize(("line", "bad"), [("12345678  4  ZZ 00 00 00", 1), ("FFFFFFFF  4  00 00 00 08", 0)])
-def test_only_the_state_of_the_bus_is_an_event_without_a_word(line: str, bad: int) -> None:
+@pytest.mark.parametrize(
+    ("line", "frames", "bad"),
+    [
+        ("12345678  4  ZZ 00 00 00", 1, 1),
+        ("FFFFFFFF  4  00 00 00 08", 1, 0),
+        ("12345678 12  01 02 03 04 05 06 07 08", 2, 0),
+    ],
+)
+def test_only_the_state_of_the_bus_is_an_event_without_a_word(line: str, frames: int, bad: int) -> None:
+    """A length of 9 to 15 is that of eight bytes."""
     lines = ["     1)         0  12345678  4  01 02 03 04", f"     2)       100  {line}"]
     batch, report = read(".trc", "\n".join(lines).encode())
-    assert (len(batch), report.bad) == (1, bad)
+    assert (len(batch), report.bad) == (frames, bad)
 
 
 @pytest.mark.parametrize(

@@ -117,6 +117,9 @@ def test_a_message_that_stalls_is_dropped() -> None:
     for group, whole in ((0x3FFFF, True), (0x40000, False)):
         found, transport = received(by_bam(1, group, bytes(20)))
         assert (len(found), transport.interrupted()["can0"]) == (whole, not whole), "a group has 18 bits"
+    head, first, *rest = by_bam(1, GROUP, bytes(20))
+    found, transport = received([head, first, (first[0], True, bytes(8)), *rest])
+    assert not found and transport.interrupted()["can0"] == 1, "no packet has the number 0"
 
 
 @given(st.lists(st.tuples(st.sampled_from([ISO_ID, 0x1CECFF01, 0x1CEBFF01]), st.binary(max_size=8)), max_size=60))
