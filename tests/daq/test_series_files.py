@@ -312,6 +312,15 @@ def test_rpc_iii_comes_back_to_its_resolution(tmp_path: Path) -> None:
     assert unit == "kN" and (values[50:] == 0).all()
 
 
+@pytest.mark.parametrize("key", ["CHANNELS", "DELTA_T", "SCALE.CHAN_1"])
+def test_a_number_of_an_rpc_iii_header_that_is_none_is_named(tmp_path: Path, key: str) -> None:
+    rpc3(tmp_path / "run.rsp", [VALUES], [0.01])
+    before, name, behind = (tmp_path / "run.rsp").read_bytes().partition(key.encode().ljust(32, b"\0"))
+    (tmp_path / "run.rsp").write_bytes(before + name + b"many".ljust(96, b"\0") + behind[96:])
+    with pytest.raises(RecordingError, match=f"the RPC III header has no number {key}"):
+        read(tmp_path / "run.rsp")
+
+
 def test_a_cut_rpc_iii_file_gives_its_whole_groups(tmp_path: Path) -> None:
     path = tmp_path / "run.rsp"
     rpc3(path, [VALUES], [0.01])

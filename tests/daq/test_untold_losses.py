@@ -130,6 +130,8 @@ def test_headers_among_the_rows_are_no_rows_and_say_their_order(tmp_path: Path) 
     (path := tmp_path / "run.csv").write_text("\n".join([head, "0.0,1", "0.1,2", other, "3,0.2", "4,0.3", head, ""]))
     columns, _, said = all_of(path)
     assert columns["Fz [N]"] == [1, 2, 3, 4] and "another order from line 4" in said
+    path.write_text("\n".join([head, "0.0,1", "0.1,2", "Zeit,Kraft", "0.2,3"]))
+    assert "a row of words is among the numbers, perhaps another header: Zeit, Kraft" in all_of(path)[2]
 
 
 def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(
