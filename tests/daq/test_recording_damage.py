@@ -26,7 +26,8 @@ from daq.errors import HardwareError, RecordingError
 from daq.recording import Recording, RecordingWriter, recover
 from daq.recording.chunks import ChunkEntry
 from daq.recording.contents import read_contents
-from daq.recording.series_topics import series_blocks
+from daq.recording.decoded_topics import layout_of
+from daq.recording.series_topics import SeriesTopic, series_blocks
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")
@@ -346,12 +347,17 @@ def test_an_interrupt_anywhere_leaves_a_readable_recording(tmp_path):
 
 
 def test_series_in_a_chunk_that_ends_within_a_record_are_damaged(tmp_path, monkeypatch):
-    record, said = struct.pack("<BQ3s", 0x80, 3, b"abc"), []
+    topic = SeriesTopic("wheel", {"Fz": "N"}, layout_of(("Fz",)))
+    row = np.zeros(1, topic.dtype)
+    row["opcode"], row["record_length"], row["channel_id"] = 5, row.itemsize - 9, 3
     (tmp_path / "any.mcap").touch()
-    for end in range(1, len(record)):
-        monkeypatch.setattr("daq.recording.series_topics.read_chunk", lambda *_, end=end: record + record[:end])
-        list(series_blocks(tmp_path / "any.mcap", [ChunkEntry(0, 0, 0, 0)], {}, lambda _, why: said.append(why)))
-    assert said == ["a record is cut off"] * (len(record) - 1)
+    for record in (struct.pack("<BQ3s", 0x80, 3, b"abc"), row.tobytes()):
+        said = []
+        for end in range(1, len(record)):
+            monkeypatch.setattr("daq.recording.series_topics.read_chunk", lambda *_, cut=record + record[:end]: cut)
+            chunks = [ChunkEntry(0, 0, 0, 0)]
+            list(series_blocks(tmp_path / "any.mcap", chunks, {3: topic}, lambda _, why: said.append(why)))
+        assert said == ["a record is cut off"] * (len(record) - 1)
 
 
 def test_run_information_that_is_none_is_reported(whole):

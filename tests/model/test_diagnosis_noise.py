@@ -74,7 +74,7 @@ def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> N
 
 def test_the_variance_is_the_diagonal_of_the_covariance(seen: tuple[Samples, Linear, Columns]) -> None:
     samples, linear, columns = seen
-    values, of_speed = {name: b.centre for name, b in hyper_priors(samples).items()}, np.full(len(samples), 9e-4)
+    values, of_speed = {name: 1.3 * b.centre for name, b in hyper_priors(samples).items()}, np.full(len(samples), 9e-4)
     diagonal = []
     for block in blocks_of(samples, linear, columns, of_speed, values):
         driven = np.any([rows for name, rows in block.white if "_white_" in name], axis=0)
