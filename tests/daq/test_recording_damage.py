@@ -356,7 +356,7 @@ def test_series_in_a_chunk_that_ends_within_a_record_are_damaged(tmp_path, monke
         for end in range(1, len(record)):
             monkeypatch.setattr("daq.recording.series_topics.read_chunk", lambda *_, cut=record + record[:end]: cut)
             chunks = [ChunkEntry(0, 0, 0, 0)]
-            list(series_blocks(tmp_path / "any.mcap", chunks, {3: topic}, lambda _, why: said.append(why)))
+            list(series_blocks(tmp_path / "any.mcap", chunks, {3: topic}, lambda _, why, said=said: said.append(why)))
         assert said == ["a record is cut off"] * (len(record) - 1)
 
 

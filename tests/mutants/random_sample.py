@@ -1,7 +1,7 @@
 """Measure the strength of the tests against mutants that nobody chose: drawn at random, beside the listed ones.
 
-PYTHONPATH=tests python -m mutants.random_sample --seed 20261128 --count 150
-PYTHONPATH=tests python -m mutants.random_sample --seed 20261129 --count 125 --files 'daq/logs/*' 'daq/series/*' \\
+PYTHONPATH=tests python -m mutants.random_sample --seed 20261130 --count 120
+PYTHONPATH=tests python -m mutants.random_sample --seed 20261201 --count 120 --files 'daq/logs/*' 'daq/series/*' \\
   daq/balance.py daq/can/transport.py daq/gunzip.py daq/recording/reader.py daq/recording/recovery.py \\
   daq/recording/chunks.py daq/recording/contents.py 'processing/referee/*'
 PYTHONPATH=tests python -m mutants.random_sample ... --slow      the slow tests and random examples, on the survivors
