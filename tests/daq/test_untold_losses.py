@@ -125,13 +125,18 @@ def test_two_numbers_above_a_header_are_a_row_that_is_lost(row: list[str], lost:
     assert _is_lost(row, under_header=False, is_header=False) == lost
 
 
-def test_headers_among_the_rows_are_no_rows_and_say_their_order(tmp_path: Path) -> None:
+def test_headers_among_the_rows_are_no_rows_and_say_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     head, other = "time [s],Fz [N]", "Fz [N],time [s]"
     (path := tmp_path / "run.csv").write_text("\n".join([head, "0.0,1", "0.1,2", other, "3,0.2", "4,0.3", head, ""]))
     columns, _, said = all_of(path)
     assert columns["Fz [N]"] == [1, 2, 3, 4] and "another order from line 4" in said
-    path.write_text("\n".join([head, "0.0,1", "0.1,2", "Zeit,Kraft", "0.2,3"]))
-    assert "a row of words is among the numbers, perhaps another header: Zeit, Kraft" in all_of(path)[2]
+    monkeypatch.setattr(delimited, "_PIECE", 20)
+    path.write_text("\n".join([head, "0.0,1", "0.1,2", "Zeit,Kraft", *(f"{i / 10},3" for i in range(2, 12)), ""]))
+    columns, _, said = all_of(path)
+    assert "a row of words is among the numbers, perhaps another header: Zeit, Kraft" in said
+    assert columns["Fz [N]"] == [1, 2] and "rows behind another header, excluded: 11" in said
 
 
 def test_rows_that_the_parser_refuses_together_are_lost_by_their_number(

@@ -108,8 +108,9 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
 
 
 def test_every_number_is_in_the_json(plain_material):
-    found = diagnosis("named")
-    numbers = json.loads(to_json(built(plain_material, found).numbers()))["sections"]
+    report = built(plain_material, diagnosis("named"))
+    numbers = json.loads(to_json(report.numbers()))["sections"]
+    assert any(isinstance(block, Table) for block in section(report, "gain").blocks)
     assert numbers["verdict"]["verdict"] == "named"
     assert numbers["verdict"]["best"] in ("lyasko", "vasilev", "ding")
     assert numbers["candidates"]["causes"][0]["parameters"][0]["interval95"] == [0.04, 0.06]
@@ -232,6 +233,7 @@ def test_without_a_torque_channel_there_are_no_empty_panels(plain_material):
 def test_several_campaigns_are_a_choice(plain_material):
     found = replace(diagnosis(), plot_data=(seen("clay"), seen("sand")))
     for key in ("misfit", "evidence"):
+        assert figures(built(plain_material, found), key)
         for block in section(built(plain_material, found), key).blocks:
             if isinstance(block, Panels):
                 assert block.choices == ["clay", "sand"]

@@ -43,6 +43,9 @@ def test_a_fault_is_a_message_on_stderr(tmp_path: Path) -> None:
     assert (found.code, found.out) == (3, "")
     assert found.err.startswith("wheelsoil: ")
     assert "Traceback" not in found.err
+    files = [tmp_path / "a.toml", tmp_path / "b.toml"]
+    wrong = invoke("info", tmp_path / "run.mcap", "--vehicle", files[0], "--terrain", files[1])
+    assert wrong.code == 2 and all(str(path) in wrong.err for path in files)
     usage = invoke("info", tmp_path / "absent.mcap")
     assert (usage.code, usage.out) == (2, "") or usage.code == 3
 
