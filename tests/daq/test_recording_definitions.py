@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import example, given
@@ -145,3 +146,9 @@ def test_what_nothing_defines_is_reported_and_searched_once(tmp_path, monkeypatc
     done = recover(path, tmp_path / "clean.mcap")
     assert done.chunk_count == 0
     assert sum("nothing defines" in str(loss) for loss in done.loss) == 20
+
+
+def test_a_channel_is_defined_with_its_schema_where_it_has_one(tmp_path):
+    contents = opening.Contents(tmp_path, 0, schemas={5: SimpleNamespace(id=5)})
+    contents.channels |= {number: SimpleNamespace(schema_id=of) for number, of in ((1, 0), (2, 5), (3, 9))}
+    assert [contents.is_defined(number) for number in range(1, 5)] == [True, True, False, False]
