@@ -19,11 +19,16 @@ from daq.recording.reader import chunks_between
 STAMP_NS = 1_700_000_000_123_456_789
 
 
-def test_a_chunk_whose_bytes_changed_is_refused() -> None:
+def test_a_chunk_whose_bytes_changed_or_end_is_refused(tmp_path: Path) -> None:
     whole = PackedChunk(b"frames", "", 6, zlib.crc32(b"frames"))
     assert unpacked(whole) == b"frames"
     with pytest.raises(DamagedError, match="checksum"):
         unpacked(PackedChunk(b"framez", "", 6, whole.crc))
+    record = whole.head(1, 2) + whole.data
+    for end in range(len(record)):
+        (tmp_path / "cut").write_bytes(record[:end])
+        with (tmp_path / "cut").open("rb") as file, pytest.raises(DamagedError, match="cut off"):
+            ChunkEntry.at(file, 0, len(record))
 
 
 def test_metadata_that_changed_are_refused() -> None:
