@@ -116,8 +116,9 @@ def test_the_disk_lasts_as_long_as_its_growth_says(tmp_path: Path, monkeypatch: 
     assert state.bytes_per_s == pytest.approx(1e6)
     assert state.minutes == pytest.approx(9e9 / 1e6 / 60)
     assert state.level is Level.GREEN
-    free[0] = 4_000_000_000
-    assert guard.check(20.0, 20_000_000).level is Level.AMBER
+    for left, level in ((5_500_000_000, Level.GREEN), (4_000_000_000, Level.AMBER)):  # 75 and 50 minutes
+        free[0] = left
+        assert guard.check(20.0, 20_000_000).level is level
     free[0] = 4_700_000_000  # 61 minutes: not yet the end of the warning
     assert guard.check(20.5, 20_500_000).level is Level.AMBER
     for second in range(30, 120, 10):  # a pause: the growth is that of the last minute

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import IntArray, SamplingEstimator, sampling_of
+from daq.sampling import _unit_of
 
 _START_NS = 1_777_881_600_000_000_000
 _PERIODS_S = st.floats(0.001, 1.0)
@@ -118,3 +119,8 @@ def test_a_clock_that_is_set_back_leaves_no_share_above_all(hours: float) -> Non
     time_s = np.arange(4000) / 100
     missing = sampling_of(_stamps(np.where(time_s < 20, time_s, time_s - 3600 * hours))).missing_share
     assert np.isnan(missing) or 0 <= missing <= 1
+
+
+@pytest.mark.parametrize(("longer", "found"), [(19, []), (20, [10.0])])
+def test_twenty_longer_intervals_tell_the_sender_s_period(longer: int, found: list[float]) -> None:
+    assert _unit_of(np.repeat([10, 20], [100, longer])) == found

@@ -130,6 +130,8 @@ def test_the_campaigns_clock_runs_from_minus_to_plus_a_half(campaign: Campaign) 
     assert clocks[0][0] == -0.5
     assert clocks[-1][-1] == pytest.approx(0.5)
     assert all((np.diff(clock) > 0).all() for clock in clocks)
+    whole_s = (campaign.runs[-1].start_ns - campaign.runs[0].start_ns) * 1e-9 + campaign.runs[-1].time_s[-1]
+    assert np.ptp(clocks[0]) * whole_s == pytest.approx(campaign.runs[0].time_s[-1])
 
 
 def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import Future
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,7 +12,8 @@ from typing import Any, cast
 import pytest
 
 from wheelsoil.view.analysis_session import AnalysisSession
-from wheelsoil.view.campaigns import DiagnosisOnPage, ViewedCampaign
+from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign
+from wheelsoil.workflows.runs import Files
 
 
 class Helpers:
@@ -65,6 +67,11 @@ def test_a_fit_that_another_choice_ended_says_that(campaign: ViewedCampaign) -> 
     pending = list(campaign.fits)
     assert discard(campaign, "slip_threshold") == pending
     assert campaign.fits == [] and campaign.fits_ended == "the choice was changed in the meantime"
+    asked = SimpleNamespace(result=lambda: discard(campaign, "run"))
+    helper = SimpleNamespace(ask=lambda *_, **__: asked)
+    session = SimpleNamespace(lock=nullcontext(), campaign=lambda _: campaign, _quick=helper, files=Files())
+    with pytest.raises(NotReadyError, match="no fit: the choice was changed in the meantime"):
+        AnalysisSession.fit(cast(AnalysisSession, session), "c1")
 
 
 @pytest.mark.parametrize("kept", [{"verdict": "named"}, None])
