@@ -204,6 +204,9 @@ def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_me
         assert len(back) == 0
         assert why in report.lost[0]
         assert f"its {len(bomb):,} bytes are lost" in report.lost[0]
+    other = bytearray(with_container(8, bytes(8)))
+    other[160] = 7
+    assert "this container has an unknown compression method, 7" in parsed(bytes(other))[1].lost[0]
 
 
 @pytest.mark.parametrize("when", [(3079, 1), (65535, 1), (2262, 1), (1000, 1), (2023, 13)])
