@@ -89,6 +89,12 @@ def test_what_contradicts_is_refused(
         read_benches([path], TableFiles((wheel_file(tmp_path, more=more),), soil="lunar"))
 
 
+def test_a_column_that_no_table_has_is_refused(tmp_path: Path) -> None:
+    paths = [two_wheels(tmp_path, "lug_height_m", "0", "0")] * 2
+    with pytest.raises(ConfigError, match="--where: no table has a column 'gravel'"):
+        read_benches(paths, TableFiles((wheel_file(tmp_path),), soil="lunar"), where=["gravel=1"])
+
+
 def test_a_height_that_varies_makes_two_wheels_of_one_file(tmp_path: Path) -> None:
     path = two_wheels(tmp_path, "lug_height_m", "0", "0.01")
     found = read_benches([path], TableFiles((wheel_file(tmp_path),), soil="lunar"))
