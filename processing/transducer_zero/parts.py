@@ -224,10 +224,10 @@ def _longest(good: BoolArray) -> tuple[int, int]:
 
 def _changes(turn_s: FloatArray) -> FloatArray:
     """Return how much longer or shorter the next revolution takes, as a share (the last: than the one before)."""
-    if len(turn_s) < 5:
-        return np.zeros(len(turn_s))
-    change = np.abs(turn_s[4:] / turn_s[:-4] - 1)
-    return np.concatenate([change, change[-4:]])[: len(turn_s)]
+    change = np.zeros(len(turn_s))
+    change[4:] = np.abs(turn_s[4:] / turn_s[:-4] - 1)
+    change[:-4] = change[4:]
+    return change
 
 
 def _still(motion: Motion, edges: FloatArray) -> BoolArray:
