@@ -8,19 +8,24 @@ import subprocess
 import sys
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from cli_support import SHORT, busy, invoke, kept_demo, ok
 from recording_support import with_mcap_ros2
 from support import data_dir
+from typer import Context
 
+import model
 from daq.can.frames import concatenate
 from daq.config import VehicleConfig, load_toml
 from daq.recording import Recording
 from daq.runs.open import open_runs
 from model.wheel_soil.soils import SOILS
 from processing.pipeline.pipeline import process
+from wheelsoil.cli.options import use_cores
 
 MESSAGES = ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_1", "GNSS_2", "GNSS_3")
 
@@ -491,3 +496,11 @@ latitude = "gnss_pos.Latitude"
 longitude = "gnss_pos.Longitude"
 gnss_time = "gnss_time.Epoch"
 """
+
+
+def test_without_a_number_a_command_takes_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model, "processes", lambda count: count)
+    asked: list[int] = []
+    for jobs in (None, 7):
+        use_cores(cast(Context, SimpleNamespace(with_resource=asked.append)), jobs)
+    assert asked == [model.available_cores(), 7]
