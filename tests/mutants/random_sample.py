@@ -1,6 +1,6 @@
 """Measure the strength of the tests against mutants that nobody chose: drawn at random, beside the listed ones.
 
-PYTHONPATH=tests python -m mutants.random_sample --seed 20261130 --count 120
+PYTHONPATH=tests python -m mutants.random_sample --seed 20261130 --count 170
 PYTHONPATH=tests python -m mutants.random_sample --seed 20261201 --count 120 --files 'daq/logs/*' 'daq/series/*' \\
   daq/balance.py daq/can/transport.py daq/gunzip.py daq/recording/reader.py daq/recording/recovery.py \\
   daq/recording/chunks.py daq/recording/contents.py 'processing/referee/*'
