@@ -64,9 +64,9 @@ def _markup(home: Path) -> Path:
 
 
 def _height(home: Path) -> Path:
-    """The one length in the recording stands in for a measured sinkage."""
+    """The one length in the recording, 27 m, stands in for a measured sinkage of 27 mm."""
     folder = taken_from(_RECORDINGS / "clay", home / "measured sinkage", 1)
-    return _with_vehicle(folder, r"\[signals\]", '[signals]\nsinkage = "GNSS_3.Altitude"')
+    return _with_vehicle(folder, r"\[signals\]", '[signals]\nsinkage = {signal = "GNSS_3.Altitude", unit = "mm"}')
 
 
 def _lacking(home: Path, role: str) -> Path:

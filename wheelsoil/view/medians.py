@@ -9,7 +9,7 @@ import numpy as np
 
 from daq import FloatArray
 from processing import ProcessedRun
-from wheelsoil.workflows.traction import traction_of, value_at_slip
+from wheelsoil.workflows.traction import at_usual_slip
 
 _EDGES = np.round(np.arange(-0.5, 1.0001, 0.05), 2)
 _LEAST = 20
@@ -50,8 +50,7 @@ def _summary(runs: Sequence[ProcessedRun]) -> dict[str, Any]:
 
     slip, pull, load = of("slip"), of("drawbar_pull_n"), of("vertical_load_n")
     number = np.where(np.isfinite(slip), np.digitize(slip, _EDGES) - 1, -1)
-    at_slip = traction_of(tuple(runs)).pull
-    torque_nm, _ = value_at_slip(tuple(runs), "driving_torque_nm")
+    at_slip, torque = (at_usual_slip(runs, field) for field in ("drawbar_pull_n", "driving_torque_nm"))
     return {
         "runs": len(runs),
         "seconds": float(sum(u.sum() / run.rate_hz for run, u in zip(runs, used, strict=True))),
@@ -61,7 +60,7 @@ def _summary(runs: Sequence[ProcessedRun]) -> dict[str, Any]:
         "greatest_pull_n": max(filter(None, (binned := _binned(number, pull))), default=None),
         "pull_n": at_slip.pull_n if at_slip else None,
         "pull_coefficient": at_slip.pull_n / at_slip.load_n if at_slip else None,
-        "torque_nm": torque_nm if np.isfinite(torque_nm) else None,
+        "torque_nm": torque.pull_n if torque else None,
         "curves": {name: binned if name == "drawbar_pull_n" else _binned(number, of(name)) for name in _CHANNELS},
     }
 

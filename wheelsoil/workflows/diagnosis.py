@@ -37,7 +37,7 @@ from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_ta
 from wheelsoil.workflows.model_files import declared_of
 from wheelsoil.workflows.runs import Files
 from wheelsoil.workflows.tables import BenchFiles
-from wheelsoil.workflows.traction import traction_of
+from wheelsoil.workflows.traction import at_usual_slip
 
 if TYPE_CHECKING:
     from model.diagnosis import Plan
@@ -415,7 +415,7 @@ def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> 
 
 def _two_groups(runs: Sequence[ProcessedRun]) -> dict[str, object]:
     """Return the runs in two groups by their pull at slip 0.2 over load; nothing where they are not clearly two."""
-    pulls = {run.run.id: traction_of((run,)).pull for run in runs}
+    pulls = {run.run.id: at_usual_slip((run,), "drawbar_pull_n") for run in runs}
     known = {name: pull.pull_n / pull.load_n for name, pull in pulls.items() if pull is not None and pull.load_n > 0}
     if len(known) < max(len(runs), 2):
         return {}

@@ -86,10 +86,9 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
     )
 
 
-def value_at_slip(runs: Sequence[ProcessedRun], field: str) -> tuple[float, tuple[float, float]]:
-    """Return a channel at slip 0.2 with its 95 % interval, by the estimator of `traction_of`; NaN where unknown."""
-    found = pull_at(*_pooled(runs, [np.asarray(getattr(run, field), np.float64) for run in runs]))
-    return (found.pull_n, found.interval95) if found else (nan, (nan, nan))
+def at_usual_slip(runs: Sequence[ProcessedRun], field: str) -> PullAtSlip | None:
+    """Return a channel at slip 0.2 with its 95 % interval, by the estimator of `traction_of`; None where unknown."""
+    return pull_at(*_pooled(runs, [np.asarray(getattr(run, field), np.float64) for run in runs]))
 
 
 def near_usual_slip(slip: FloatArray) -> BoolArray:

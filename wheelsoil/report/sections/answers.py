@@ -43,7 +43,7 @@ from wheelsoil.workflows.cause_cost import (
 )
 from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.grading import Grade
-from wheelsoil.workflows.traction import traction_of
+from wheelsoil.workflows.traction import at_usual_slip
 
 _MOST_CAUSES = 3
 
@@ -125,7 +125,7 @@ def _size(inputs: ReportInputs) -> str:
 
 def _pull_over_load(inputs: ReportInputs, ids: Collection[str]) -> str:
     """Return between what the measured pull over load of runs lies near the usual slip."""
-    pulls = [traction_of((run,)).pull for run in inputs.runs if run.run.id in ids]
+    pulls = [at_usual_slip((run,), "drawbar_pull_n") for run in inputs.runs if run.run.id in ids]
     ratios = [pull.pull_n / pull.load_n for pull in pulls if pull is not None]
     ends = dict.fromkeys(f"{end:.2f}" for end in (min(ratios), max(ratios))) if ratios else ["not known"]
     return " to ".join(ends)
