@@ -7,9 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from decimal import Decimal
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -35,19 +34,14 @@ fleet_app = typer.Typer(
 )
 
 
-class Engine(StrEnum):
-    """What works on the campaigns."""
-
-    local = "local"
-    dask = "dask"
-
-
 @fleet_app.command("run")
 def fleet_run(
     context: typer.Context,
     roots: Annotated[list[Path], typer.Argument(metavar="ROOT...", help="Folders with campaigns, however deep.")],
     store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://bucket/folder.")],
-    engine: Annotated[Engine, typer.Option(help="Processes of this machine, or Dask workers.")] = Engine.local,
+    engine: Annotated[
+        Literal["local", "dask"], typer.Option(help="Processes of this machine, or Dask workers.")
+    ] = "local",
     scheduler: Annotated[
         str, typer.Option(metavar="TCP", help="With --engine dask: tcp://HOST:8786 (default: workers of this machine).")
     ] = "",
@@ -74,7 +68,7 @@ def fleet_run(
     from wheelsoil.workflows import diagnosis_options
 
     options.keep_results(context, no_cache)
-    if scheduler and engine is Engine.local:
+    if scheduler and engine == "local":
         raise ConfigError.of("--scheduler is of Dask", next_step="give --engine dask")
     chosen = options.split(effects)
     diagnosis_options(effects=chosen)
@@ -92,7 +86,7 @@ def fleet_run(
     anew = {damage.campaign for damage in plan.damaged} & {source.name for source in plan.todo}
     if anew:
         say(f"made anew, since their files in the store are damaged: {', '.join(sorted(anew))}")
-    workers = Workers(engine.value, scheduler, jobs, int(memory * 1e9))
+    workers = Workers(engine, scheduler, jobs, int(memory * 1e9))
     failed = dict(plan.failed)
     for step in _shown(run_fleet(plan, workers), len(plan.todo)):
         if step.state == "failed":

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,13 +18,6 @@ if TYPE_CHECKING:
     from wheelsoil.workflows.diagnosis import Processed
     from wheelsoil.workflows.last_report import LastReport
     from wheelsoil.workflows.report import Diagnosed, WheelReport
-
-
-class Format(StrEnum):
-    """File format of the report."""
-
-    HTML = "html"
-    PDF = "pdf"
 
 
 def report_command(
@@ -44,7 +36,7 @@ def report_command(
         ),
     ] = None,
     form: Annotated[
-        Format | None,
+        Literal["html", "pdf"] | None,
         typer.Option(
             "--format", help="pdf needs an installed Chromium or Chrome. [default: by the suffix of FILE, else html]"
         ),
@@ -254,10 +246,10 @@ def _last(place: str, wheel: str = "") -> LastReport | Callable[[Processed], Las
     return find
 
 
-def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:
+def _target(output: Path | None, form: Literal["html", "pdf"] | None, *, force: bool) -> tuple[Path, str]:
     """Return the file to write and, for a PDF, the browser that prints it."""
     suffix = output.suffix.lower() if output else ""
-    pdf = form is Format.PDF or (form is None and suffix == ".pdf")
+    pdf = form == "pdf" or (form is None and suffix == ".pdf")
     if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
         raise ConfigError.of(
             f"--format {'pdf' if pdf else 'html'} contradicts the output's name",

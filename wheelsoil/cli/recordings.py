@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
-from enum import StrEnum
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -36,18 +35,12 @@ _CLOCK = (
 )
 
 
-class TableFormat(StrEnum):
-    """File format of the tables."""
-
-    parquet = "parquet"
-    csv = "csv"
-    mat = "mat"
-
-
 def export_command(
     runs: Runs,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write into.")],
-    kind: Annotated[TableFormat, typer.Option("--format", help="File format of the tables.")] = TableFormat.parquet,
+    kind: Annotated[
+        Literal["parquet", "csv", "mat"], typer.Option("--format", help="File format of the tables.")
+    ] = "parquet",
     signal: Annotated[
         list[str] | None,
         typer.Option(metavar="MESSAGE.SIGNAL", help="Only these signals; may be repeated (default: all)."),
@@ -87,7 +80,7 @@ def export_command(
         if decode:
             written.append(export_recording(run, output, overwrite=force, taken=taken))
         else:
-            written += export_tables(run, output, kind.value, signal, overwrite=force, taken=taken)
+            written += export_tables(run, output, kind, signal, overwrite=force, taken=taken)
     if json:
         print_json({"files": written})
     else:
@@ -389,14 +382,8 @@ def recover_command(
         )
 
 
-class Sample(StrEnum):
-    """Sample campaigns that an installed wheel carries."""
-
-    clay = "clay"
-
-
 def sample_command(
-    name: Annotated[Sample, typer.Argument(metavar="NAME", help="Which one: clay.")] = Sample.clay,
+    name: Annotated[Literal["clay"], typer.Argument(metavar="NAME", help="Which one: clay.")] = "clay",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write. [default: NAME here]")
     ] = None,
@@ -406,12 +393,12 @@ def sample_command(
 
     Its hidden effect is in manifest.toml only, which no command reads.
     """
-    target = output or Path(name.value)
+    target = output or Path(name)
     if target.exists() and not (target.is_dir() and (force or not any(target.iterdir()))):
         raise ConfigError.of("the output exists already", target, next_step="choose another folder, or --force")
     package = Path(__file__).parents[1]
     places = (package / "_samples", package.parent / "recordings")  # in a wheel, in a checkout
-    source = next(place for place in places if place.is_dir()) / name.value
+    source = next(place for place in places if place.is_dir()) / name
     shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
     print(target)
     say(f'six runs; next: wheelsoil diagnose "{target}"')

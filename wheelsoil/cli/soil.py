@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 import typer.core
@@ -19,14 +18,6 @@ if TYPE_CHECKING:
 
 GREEDY = ("--plate", "--shear", "--radius", "--width")
 """Options with several values, up to the next option: ``--plate a.csv b.csv``, ``--plate plates/*.csv``."""
-
-
-class Zero(StrEnum):
-    """Origin of sinkage and pressure."""
-
-    given = "given"
-    contact = "contact"
-    fitted = "fitted"
 
 
 def spread(args: Iterable[str]) -> Iterator[str]:
@@ -77,8 +68,9 @@ def soil_command(
         typer.Option(metavar="INNER OUTER", help="Radii of a shear ring in m, for rotation_rad and torque_nm."),
     ] = None,
     zero: Annotated[
-        Zero, typer.Option(help="Sinkage 0: as given, where the pressure leaves its baseline, or fitted near there.")
-    ] = Zero.given,
+        Literal["given", "contact", "fitted"],
+        typer.Option(help="Sinkage 0: as given, where the pressure leaves its baseline, or fitted near there."),
+    ] = "given",
     sinkage_from: Annotated[float, typer.Option("--from", metavar="M", help="Smallest sinkage used.")] = 0.0,
     sinkage_to: Annotated[
         float | None, typer.Option("--to", metavar="M", help="Largest sinkage used (default: all).")
@@ -118,7 +110,7 @@ def soil_command(
     result = evaluate(
         plates,
         shears,
-        WindowOptions(zero.value, sinkage_from, float("inf") if sinkage_to is None else sinkage_to),
+        WindowOptions(zero, sinkage_from, float("inf") if sinkage_to is None else sinkage_to),
         shear_to_m=float("inf") if shear_to is None else shear_to,
     )
     try:
