@@ -13,6 +13,9 @@ has at a wheel that is not steered and does not slide sideways
 
 .. math:: V_w = \sqrt{V_a^2 - r^2 (x_a - x_w)^2} - r (y_w - y_a) + \dot\theta z_a .
 
+A front wheel (axle 1) that is steered, and rolls where it points, goes sideways at (V_w + r y_w) tan(delta) besides,
+where V_w is its part along the vehicle and delta the steering angle in the middle between the front wheels.
+
 Source: rigid-body kinematics, v_w = v_a + omega x (r_w - r_a); ISO 8855 for axes. Pitch is counted against its y axis.
 """
 
@@ -24,7 +27,7 @@ from math import hypot, isfinite, nan, radians, sqrt
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, Note, SensorSection, Severity, VehicleConfig
+from daq import BoolArray, FloatArray, Note, SensorSection, Severity, VehicleConfig, WheelSection
 from processing.notes import RunCode
 from processing.pipeline.blending import blended
 from processing.pipeline.filters import CUTOFF_PER_RATE
@@ -135,7 +138,7 @@ def speed_at_wheel(
         values = {"before_mps": before.facts.sigma, "sigma_mps": speed.facts.sigma}
         notes += [Note(RunCode.SPEED_BLENDED, values=values)] * (speed is not before)
     if "yaw_rate" in rates:
-        speed = _at_wheel(speed, roles["yaw_rate"], *_arm(antenna, vehicle), rate_hz)
+        speed = _at_wheel(speed, roles["yaw_rate"], roles.get("steering_angle"), antenna, vehicle.wheel, rate_hz)
     return (roles if speed is roles[GROUND_SPEED] else roles | {GROUND_SPEED: speed}), steered, notes
 
 
@@ -145,9 +148,22 @@ def _without_nodding(speed: OnBase, pitch: OnBase, height_m: float, rate_hz: flo
     return _changed(speed, height_m * pitch.slope, sigma, pitch, rate_hz)
 
 
-def _at_wheel(speed: OnBase, turning: OnBase, ahead_m: float, left_m: float, rate_hz: float) -> OnBase:
-    """Return the speed at the wheel in a curve, of an antenna that is so far ahead of it and to its left."""
-    change = _in_a_curve(speed.values, turning.values, ahead_m, left_m)
+def _at_wheel(
+    speed: OnBase,
+    turning: OnBase,
+    steering: OnBase | None,
+    antenna: SensorSection,
+    wheel: WheelSection | None,
+    rate_hz: float,
+) -> OnBase:
+    """Return the speed at the wheel in a curve; the steering turns the front wheels only."""
+    at = ((wheel.x_m or 0.0), (wheel.y_m or 0.0)) if wheel else (0.0, 0.0)
+    ahead_m, left_m = (antenna.x_m or 0.0) - at[0], (antenna.y_m or 0.0) - at[1]
+    tangent = np.zeros(1)
+    if steering is not None and wheel and wheel.axle == 1:
+        turning = replace(turning, reason=np.where(turning.reason == Reason.USED, steering.reason, turning.reason))
+        tangent = np.tan(steering.values)
+    change = _in_a_curve(speed.values, turning.values, ahead_m, left_m, tangent, at[1])
     return _changed(speed, change, left_m * turning.facts.sigma, turning, rate_hz)
 
 
@@ -162,18 +178,23 @@ def _changed(speed: OnBase, change_mps: FloatArray, sigma_mps: float, rate: OnBa
     )
 
 
-def _arm(antenna: SensorSection, vehicle: VehicleConfig) -> tuple[float, float]:
-    """Return how far the antenna is ahead of the wheel and to its left, m."""
-    wheel = vehicle.wheel
-    at = ((wheel.x_m or 0.0), (wheel.y_m or 0.0)) if wheel else (0.0, 0.0)
-    return (antenna.x_m or 0.0) - at[0], (antenna.y_m or 0.0) - at[1]
+def _in_a_curve(
+    speed_mps: FloatArray,
+    yaw_rate_radps: FloatArray,
+    ahead_m: float,
+    left_m: float,
+    tangent: FloatArray,
+    wheel_left_m: float,
+) -> FloatArray:
+    """Return the speed at which the wheel rolls less that of the antenna, so far ahead of it and to its left.
 
-
-def _in_a_curve(speed_mps: FloatArray, yaw_rate_radps: FloatArray, ahead_m: float, left_m: float) -> FloatArray:
-    """Return the speed forward at the wheel less that of the antenna."""
-    sideways = yaw_rate_radps * ahead_m
-    forward = np.sign(speed_mps) * np.sqrt(np.maximum(speed_mps**2 - sideways**2, 0.0))
-    return np.asarray(forward - speed_mps + yaw_rate_radps * left_m)
+    `tangent` is that of the steering angle. Of the antenna, forward - r l and forward t + r d are the two parts.
+    """
+    d, over = ahead_m + wheel_left_m * tangent, 1 + tangent**2
+    root = np.sqrt(np.maximum(over * speed_mps**2 - (yaw_rate_radps * (d + tangent * left_m)) ** 2, 0.0))
+    forward = (np.sign(speed_mps) * root + yaw_rate_radps * (left_m - tangent * d)) / over
+    rolling = np.hypot(forward, (forward + yaw_rate_radps * wheel_left_m) * tangent)
+    return np.asarray(np.copysign(rolling, forward) - speed_mps)
 
 
 def _steered(roles: Mapping[str, OnBase]) -> BoolArray | None:
