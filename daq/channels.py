@@ -111,6 +111,7 @@ CHANNELS = (
     ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA, of_wheel=True, possible=(5e3, 5e6)),
     ChannelDefinition("wheel_acceleration_x", (Quantity.ACCELERATION,), Use.EXTRA, of_wheel=True, possible=(0.0, 20.0)),
     ChannelDefinition("longitudinal_acceleration", (Quantity.ACCELERATION,), Use.EXTRA, possible=(0.0, 20.0)),
+    ChannelDefinition("lateral_acceleration", (Quantity.ACCELERATION,), Use.EXTRA, possible=(0.0, 20.0)),
     ChannelDefinition("yaw_rate", (Quantity.ANGULAR_SPEED,), Use.EXTRA, possible=(0.0, 2.0)),
     ChannelDefinition("pitch", (Quantity.ANGLE,), Use.EXTRA, possible=(0.0, 0.7)),
     ChannelDefinition("steering_angle", (Quantity.ANGLE,), Use.EXTRA, possible=(0.0, 1.0)),

@@ -1,6 +1,7 @@
 from .lifted import lifted_run as lifted_run
 from .motion import SHORTEST_RUN_S as SHORTEST_RUN_S
 from .motion import DrivingStyle as DrivingStyle
+from .motion import Steering as Steering
 from .motion import VehicleSetup as VehicleSetup
 from .run import TRUTH_RATE_HZ as TRUTH_RATE_HZ
 from .run import SensedRun as SensedRun
@@ -10,6 +11,7 @@ from .run import drawn_soil as drawn_soil
 from .run import virtual_run as virtual_run
 from .run import virtual_stretches as virtual_stretches
 from .run import whole as whole
+from .speed_sensors import MOTION_LATENCY_S as MOTION_LATENCY_S
 from .speed_sensors import GnssSetup as GnssSetup
 from .speed_sensors import Track as Track
 from .speed_sensors import WheelSpeedSetup as WheelSpeedSetup

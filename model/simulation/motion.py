@@ -168,6 +168,30 @@ class DrivingStyle:
 
 
 @dataclass(frozen=True)
+class Steering:
+    """A slalom, and where wheel and antenna are: x + iy, m ahead and to the left of the middle of the rear axle.
+
+    That middle has the drive's speed V and does not slide. With the angle delta of the front wheels the yaw rate is
+    r = V tan(delta)/L (kinematic bicycle), and a place z moves at V + i r z. Rear wheels point forward, each front
+    wheel where it goes. No lateral force of the soil is modelled: the vehicle goes where its wheels point. Position
+    and course are those of the line about which it winds.
+    """
+
+    amplitude_rad: float
+    wheelbase_m: float
+    wheel_m: complex
+    antenna_m: complex = 1.2 + 0.5j
+    period_s: float = 10.0
+
+    def curvature_per_m(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return r/V, the rate of that, and the angle of the front wheels in rad."""
+        pace = 2 * np.pi / self.period_s
+        angle = np.asarray(self.amplitude_rad * np.sin(pace * time_s))
+        rate = self.amplitude_rad * pace * np.cos(pace * time_s) / np.cos(angle) ** 2
+        return np.tan(angle) / self.wheelbase_m, rate / self.wheelbase_m, angle
+
+
+@dataclass(frozen=True)
 class Drive:
     """One run as it is to be driven: a `Motion` that is calculated stretch by stretch.
 
@@ -179,6 +203,7 @@ class Drive:
     ----------
     rate_hz : samples per second of the motion
     speed_knots, ratio_knots : of ground speed and of ln(r omega/V), as `smooth_steps` takes them
+    steering : with it the knots are of the speed of the middle of the rear axle; None: straight on
     """
 
     duration_s: float
@@ -186,6 +211,7 @@ class Drive:
     rate_hz: float
     speed_knots: Knots
     ratio_knots: Knots
+    steering: Steering | None = None
 
     @property
     def count(self) -> int:
@@ -196,9 +222,22 @@ class Drive:
         """Return the instants of some samples."""
         return np.arange(start, stop, step) / self.rate_hz
 
-    def ground(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return speed and acceleration over ground at any instants."""
-        return smooth_steps(time_s, self.speed_knots)
+    def ground(self, time_s: FloatArray, place_m: complex | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return speed and acceleration over ground at any instants, of the wheel or another place on the vehicle."""
+        speed, acceleration = smooth_steps(time_s, self.speed_knots)
+        if self.steering is None:
+            return speed, acceleration
+        place = self.steering.wheel_m if place_m is None else place_m
+        curvature, change, _ = self.steering.curvature_per_m(time_s)
+        over = 1 + 1j * curvature * place
+        ratio, rate = np.abs(over), change * (over.conj() * 1j * place).real / np.abs(over)
+        return speed * ratio, acceleration * ratio + speed * rate
+
+    def turning(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return yaw rate, lateral acceleration of the middle of the rear axle, and angle of the front wheels."""
+        speed = smooth_steps(time_s, self.speed_knots)[0]
+        curvature, _, angle = self.steering.curvature_per_m(time_s) if self.steering else np.zeros((3, len(time_s)))
+        return speed * curvature, speed**2 * curvature, angle
 
     def motion(self, start: int = 0, stop: int | None = None, before: Motion | None = None) -> Motion:
         """Return a stretch of the run, or all of it; `before` is the motion that ends just before it."""

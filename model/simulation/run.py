@@ -22,13 +22,22 @@ from model.simulation.motion import (
     Drive,
     DrivingStyle,
     Motion,
+    Steering,
     VehicleSetup,
     WheelLoad,
     drawn_drive,
     integrated,
     static_load_n,
 )
-from model.simulation.speed_sensors import GnssReceiver, GnssSetup, Track, WheelSpeedSensor, WheelSpeedSetup
+from model.simulation.speed_sensors import (
+    MOTION_SIGMAS,
+    GnssReceiver,
+    GnssSetup,
+    MotionSensors,
+    Track,
+    WheelSpeedSensor,
+    WheelSpeedSetup,
+)
 from model.simulation.stance import Stance, StandingForces, standing_forces
 from model.simulation.transducer import HostClock, HubLoads, Readings, Transducer, TransducerSetup
 from model.simulation.truth import (
@@ -98,7 +107,7 @@ def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float]
 
 @dataclass(frozen=True)
 class VirtualSetup:
-    """The instrumented vehicle, its driver and its sensors."""
+    """The instrumented vehicle, its driver and its sensors; without steering it drives straight on."""
 
     duration_s: float = 40.0
     vehicle: VehicleSetup = field(default_factory=VehicleSetup)
@@ -109,6 +118,8 @@ class VirtualSetup:
     track: Track = field(default_factory=Track)
     clock: HostClock = field(default_factory=HostClock)
     stance: Stance = field(default_factory=Stance)
+    steering: Steering | None = None
+    motion_sigmas: tuple[float, ...] = MOTION_SIGMAS
 
 
 @dataclass(frozen=True)
@@ -119,8 +130,8 @@ class SensedRun:
     ----------
     start_ns : UTC of the start of the run
     sensors : mapping str -> mapping str -> Channel
-        Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians. Channels
-        of one sensor share their time stamps: the host clock's when the message is ready to be sent.
+        Per sensor ("transducer", "wheel_speed", "gnss", with steering "motion") its channels by quantity, in SI units
+        and radians. Channels of one sensor share their stamps: the host clock's when the message is ready to be sent.
     """
 
     info: RunInfo
@@ -207,12 +218,16 @@ def virtual_stretches(
     direction = circumstances.direction
     coast, resistance_n = towed(model, values, static_load_n(vehicle, info.added_load_kg), circumstances)
     at_rest = standing_forces(setup.stance, vehicle, direction, info.added_load_kg, radius, resistance_n, standing)
-    drive = drawn_drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, coast_slip=coast, style=setup.style)
+    drive = replace(
+        drawn_drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, coast_slip=coast, style=setup.style),
+        steering=setup.steering,
+    )
     run = _Run(setup, model, values, circumstances, drive, _bounds(drive, stretch_s), at_rest)
     # the interpolation of the truth needs its last value from the start on, and the standstills where the middle is
     length_m, last = run.end(deepcopy(road))
-    felt = _Felt(faults, circumstances, vehicle, setup.stance.uphill(direction), last, drive.count)
-    sensors = Sensors(setup, circumstances, start_ns, drive.count, radius, [loads, wheel, fixes, stamps], ring)
+    felt = _Felt(faults, circumstances, vehicle, setup.stance.uphill(direction), last, drive)
+    motion = MotionSensors(setup.motion_sigmas, drive, rng.spawn(1)[0]) if setup.steering else None
+    sensors = Sensors(setup, circumstances, start_ns, drive.count, radius, [loads, wheel, fixes, stamps], ring, motion)
     for before, now, after in _with_neighbours(run.stretches(road, length_m)):
         until_s = inf if after is None else float(after.motion.time_s[0])
         yield VirtualRun(info, start_ns, sensors.read(*felt.of(before, now, after), until_s), now.truth)
@@ -268,12 +283,17 @@ class _Run:
 
     def _moved(self, road: np.random.Generator) -> Iterator[tuple[Motion, Motion, FloatArray]]:
         """Yield the motion, the same at the rate of the truth, and the load there, stretch by stretch."""
-        load = WheelLoad(self.setup.vehicle, TRUTH_RATE_HZ, self.circumstances.info.added_load_kg, road)
+        vehicle, steering, added_kg = self.setup.vehicle, self.setup.steering, self.circumstances.info.added_load_kg
+        load = WheelLoad(vehicle, TRUTH_RATE_HZ, added_kg, road)
         motion: Motion | None = None
         for start, stop in pairwise(self.bounds):
             motion = self.drive.motion(start, stop, motion)
             coarse = _part(motion, slice(None, None, _UPSAMPLE))
-            yield motion, coarse, load.next_n(coarse.ground_speed_mps, coarse.ground_acceleration_mps2)
+            load_n = load.next_n(coarse.ground_speed_mps, coarse.ground_acceleration_mps2)
+            if steering:  # the outer wheels gain m a h/track, half of it each
+                moment = (vehicle.mass_kg + added_kg) * vehicle.centre_of_gravity_height_m
+                load_n -= moment * self.drive.turning(coarse.time_s)[1] / (4 * steering.wheel_m.imag)
+            yield motion, coarse, load_n
 
 
 def _jerk_mps3(drive: Drive, start: int, stop: int) -> FloatArray:
@@ -290,7 +310,6 @@ class _Felt:
     ----------
     uphill : sine of the tilt as the vehicle drives it
     last : load, drawbar pull and torque at the end of the run
-    count : samples of the motion of the whole run
     """
 
     def __init__(
@@ -300,14 +319,14 @@ class _Felt:
         vehicle: VehicleSetup,
         uphill: float,
         last: tuple[float, ...],
-        count: int,
+        drive: Drive,
     ) -> None:
         self._faulty = Faulty(faults, circumstances)
-        self._vehicle = vehicle
+        self._vehicle, self._drive = vehicle, drive
         self._uphill = uphill
         self._last = last
         self._first: tuple[float, ...] = ()
-        self._intervals = -(-count // _UPSAMPLE) - 1
+        self._intervals = -(-drive.count // _UPSAMPLE) - 1
 
     def of(self, before: _Stretch | None, now: _Stretch, after: _Stretch | None) -> tuple[HubLoads, Motion, Motion]:
         """Return the loads, the motion and the motion as the speed sensors see it.
@@ -325,7 +344,9 @@ class _Felt:
         hub = _hub_loads(self._vehicle, self._uphill, loads, motion)
         rows = slice(_MARGIN - _CONTEXT if before else None, _CONTEXT - _MARGIN if after else None)
         left = len(now.motion.time_s) - 1 - (0 if before else _CONTEXT)
-        return self._faulty.of(hub, motion, rows, left)
+        steering = self._drive.steering
+        antenna_mps = self._drive.ground(motion.time_s, steering.antenna_m)[0] if steering else None
+        return self._faulty.of(hub, motion, rows, left, antenna_mps)
 
     def _upsampled(self, parts: tuple[FloatArray, ...], begun: bool, goes_on: bool, number: int) -> FloatArray:
         """Interpolate the forces of stretches, with a band limit at the truth's Nyquist frequency, within the margins.
@@ -354,18 +375,24 @@ class Faulty:
         self._passed: dict[str, tuple[float, float]] = {}
 
     def of(
-        self, hub: HubLoads, motion: Motion, rows: slice = slice(None), left: int = -1
+        self,
+        hub: HubLoads,
+        motion: Motion,
+        rows: slice = slice(None),
+        left: int = -1,
+        antenna_mps: FloatArray | None = None,
     ) -> tuple[HubLoads, Motion, Motion]:
         """Return some rows of the loads, of the motion, and of the motion as the speed sensors see it.
 
-        `left` is the row of these behind which the next stretch begins.
+        `left` is the row of these behind which the next stretch begins; `antenna_mps` the ground speed of the antenna
+        where that is not the wheel's.
         """
         seen = Signals(
             time_s=motion.time_s,
             drawbar_pull_n=hub.longitudinal_n,
             driving_torque_nm=hub.torque_nm,
             vertical_load_n=hub.vertical_n,
-            ground_speed_mps=motion.ground_speed_mps,
+            ground_speed_mps=motion.ground_speed_mps if antenna_mps is None else antenna_mps,
             wheel_speed_radps=motion.wheel_speed_radps,
             campaign_time=self._circumstances.campaign_time(motion.time_s),
             body_pitch_rad=PITCH_RAD_PER_MPS2 * motion.ground_acceleration_mps2,
@@ -400,6 +427,8 @@ class Sensors:
     count : samples of the motion of the whole run
     streams : of the transducer, the wheel speed, the GNSS receiver and the time stamps
     start_ns, ring : see `virtual_stretches`
+    motion : MotionSensors, optional
+        Of a vehicle that is steered.
     """
 
     def __init__(
@@ -411,6 +440,7 @@ class Sensors:
         wheel_radius_m: float,
         streams: Sequence[np.random.Generator],
         ring: np.random.Generator,
+        motion: MotionSensors | None = None,
     ) -> None:
         loads, wheel, fixes, stamps = streams
         last_s = (count - 1) / _MOTION_RATE_HZ
@@ -420,8 +450,9 @@ class Sensors:
         self._transducer = Transducer(setup.transducer, duration_s, wheel_radius_m, outboard_kg, loads)
         self._wheel_speed = WheelSpeedSensor(setup.wheel_speed, duration_s, ring, wheel)
         self._gnss = GnssReceiver(setup.gnss, setup.track, direction, day_s, last_s, fixes)
+        self._motion = motion
         self._stampers = [
-            _Stamper(setup.clock, start_ns, circumstances.elapsed_s, stream) for stream in stamps.spawn(3)
+            _Stamper(setup.clock, start_ns, circumstances.elapsed_s, stream) for stream in stamps.spawn(4)
         ]
 
     def read(self, hub: HubLoads, motion: Motion, shown: Motion, until_s: float = inf) -> dict[str, dict[str, Channel]]:
@@ -436,10 +467,11 @@ class Sensors:
             "transducer": self._transducer.read(hub, until_s),
             "wheel_speed": self._wheel_speed.read(shown, until_s),
             "gnss": self._gnss.read(motion, until_s, shown.distance_m),
+            **({"motion": self._motion.read(until_s)} if self._motion else {}),
         }
         return {
             name: stamper.stamped(reading)
-            for (name, reading), stamper in zip(readings.items(), self._stampers, strict=True)
+            for (name, reading), stamper in zip(readings.items(), self._stampers, strict=False)
         }
 
 

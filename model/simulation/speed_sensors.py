@@ -1,4 +1,4 @@
-"""Wheel-speed sensor (toothed ring, edges timed) and GNSS receiver."""
+"""Wheel-speed sensor (toothed ring, edges timed), GNSS receiver, and sensors of the vehicle's motion in a curve."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from daq import EARTH_RADIUS_M, FloatArray
-from model.simulation.motion import Motion
+from model.simulation.motion import Drive, Motion
 from model.simulation.transducer import ColouredNoise, Readings, SampleTimes
 
 _SECONDS_PER_DAY = 86_400.0
@@ -21,6 +21,11 @@ _GNSS_UNITS = {
     "course": "rad",
     "gnss_time": "s",
 }
+MOTION_SIGMAS = (0.003, 0.05, 0.002)
+"""White noise per sample of the sensors of a stability control: yaw rate, lateral acceleration, steering angle; SI."""
+MOTION_LATENCY_S = 0.005
+_MOTION_UNITS = {"yaw_rate": "rad/s", "lateral_acceleration": "m/s^2", "steering_angle": "rad"}
+_MOTION_RATE_HZ, _MOTION_CLOCK_PPM = 100.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -259,3 +264,23 @@ class GnssReceiver:
         at = at[at < until_s]
         self._taken += len(at)
         return np.asarray(at, np.float64)
+
+
+class MotionSensors:
+    """Yaw rate, lateral acceleration and steering angle on one run, in one message, read stretch by stretch."""
+
+    def __init__(self, sigmas: tuple[float, ...], drive: Drive, rng: np.random.Generator) -> None:
+        phase, *self._streams = rng.spawn(1 + len(sigmas))
+        self._times = SampleTimes(drive.duration_s, _MOTION_RATE_HZ, _MOTION_CLOCK_PPM, phase)
+        self._sigmas, self._drive = sigmas, drive
+
+    def read(self, until_s: float = inf) -> Readings:
+        """Return the samples not read yet that come before `until_s`."""
+        at = self._times.next_s(until_s)
+        values = {
+            name: true + sigma * stream.standard_normal(len(at))
+            for name, sigma, true, stream in zip(
+                _MOTION_UNITS, self._sigmas, self._drive.turning(at), self._streams, strict=True
+            )
+        }
+        return Readings(at, MOTION_LATENCY_S, values, _MOTION_UNITS)

@@ -33,7 +33,7 @@ def vehicle(*dbcs: str, channel: str = "can0") -> VehicleConfig:
     return VehicleConfig.model_validate({"bus": [{"channel": channel, "dbc": list(dbcs)}]})
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", [*SHIPPED, "motion.dbc"])
 def test_shipped_files_load_strictly_and_are_complete(name: str) -> None:
     reference = cantools.database.load_file(shipped_dbc(name), strict=True)
     database = load_database(shipped_dbc(name))

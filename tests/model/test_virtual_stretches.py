@@ -18,7 +18,7 @@ from virtual_support import LYASKO, START_NS, lyasko_model
 from daq.can import FrameBatch, concatenate
 from daq.config import RunInfo
 from model.effects import EFFECTS
-from model.simulation import TransducerSetup, VirtualRun, VirtualSetup, virtual_stretches, whole
+from model.simulation import Steering, TransducerSetup, VirtualRun, VirtualSetup, virtual_stretches, whole
 from model.simulation.run import SHORTEST_STRETCH_S
 from wheelsoil.simulation.vehicle import frame_batches, virtual_frames
 
@@ -32,11 +32,16 @@ FAULTS = (
 
 
 def stretches(
-    stretch_s: float, duration_s: float, seed: int, frame: str, faults: list[tuple[str, dict[str, float]]]
+    stretch_s: float,
+    duration_s: float,
+    seed: int,
+    frame: str,
+    faults: list[tuple[str, dict[str, float]]],
+    steering: Steering | None,
 ) -> list[VirtualRun]:
     return list(
         virtual_stretches(
-            VirtualSetup(duration_s=duration_s, transducer=TransducerSetup(frame=frame)),
+            VirtualSetup(duration_s=duration_s, transducer=TransducerSetup(frame=frame), steering=steering),
             lyasko_model("sandy"),
             LYASKO["sandy"],
             RunInfo(id="run", direction="back" if seed % 2 else "out"),
@@ -57,12 +62,18 @@ def stretches(
     seed=st.integers(0, 10_000),
     frame=st.sampled_from(["vehicle", "wheel"]),
     faults=st.lists(st.sampled_from(FAULTS), max_size=3, unique_by=lambda fault: fault[0]),
+    steering=st.sampled_from([None, Steering(0.2, 2.7, 2.7 - 0.9j)]),
 )
 def test_stretches_of_any_length_are_the_run(
-    stretch_s: float, duration_s: float, seed: int, frame: str, faults: list[tuple[str, dict[str, float]]]
+    stretch_s: float,
+    duration_s: float,
+    seed: int,
+    frame: str,
+    faults: list[tuple[str, dict[str, float]]],
+    steering: Steering | None,
 ) -> None:
-    parts = stretches(stretch_s, duration_s, seed, frame, faults)
-    (run,) = stretches(inf, duration_s, seed, frame, faults)
+    parts = stretches(stretch_s, duration_s, seed, frame, faults, steering)
+    (run,) = stretches(inf, duration_s, seed, frame, faults, steering)
     joined = whole(parts)
     for sensor, channels in run.sensors.items():
         for name, channel in channels.items():

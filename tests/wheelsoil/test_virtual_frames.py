@@ -16,12 +16,12 @@ from daq.errors import DataError
 from daq.logs import read_log, write_candump
 from daq.recording import Recording, RecordingWriter
 from daq.units import Quantity, find_unit
-from model.simulation import TransducerSetup, VirtualSetup
+from model.simulation import Steering, TransducerSetup, VirtualSetup
 from wheelsoil.simulation.campaign import frames_sha256
-from wheelsoil.simulation.vehicle import _LAYOUT, DBC_FILES, virtual_frames
+from wheelsoil.simulation.vehicle import _LAYOUT, DBC_FILES, MOTION_DBC, virtual_frames
 
-SHORT = VirtualSetup(duration_s=20.0)
-DATABASES = tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)
+SHORT = VirtualSetup(duration_s=20.0, steering=Steering(0.15, 2.7, 0.9j))
+DATABASES = tuple(load_database(shipped_dbc(name)) for name in (*DBC_FILES, MOTION_DBC))
 MESSAGES = {message.name: message for database in DATABASES for message in database.messages}
 
 
@@ -72,7 +72,7 @@ def test_what_nothing_measures_is_not_available(decoded: dict[str, Channel]) -> 
 
 
 def test_rolling_counters_roll(decoded: dict[str, Channel]) -> None:
-    for message in ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_3"):
+    for message in ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_3", "VehicleMotion"):
         steps = np.diff(decoded[f"{message}.Counter"].values) % 16
         assert np.all(steps == 1), message
 
@@ -81,7 +81,7 @@ def test_the_bus_carries_one_frame_at_a_time(frames: FrameBatch) -> None:
     bits = np.rint((47 + 8 * frames.frames["length"].astype(float)) * 1.1)
     apart = np.diff(frames.frames["time_ns"])
     assert np.all(apart >= bits[1:] * 1000)
-    assert len(frames) == pytest.approx(20 * (3 * 1000 + 100 + 3 * 20), rel=1e-3)
+    assert len(frames) == pytest.approx(20 * (3 * 1000 + 2 * 100 + 3 * 20), rel=1e-3)
     late = np.median(apart[frames.frames["can_id"][1:] == 257])
     assert late == pytest.approx(113_000, abs=1000)  # the moments follow the forces at once
 

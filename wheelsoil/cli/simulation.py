@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -157,21 +156,6 @@ def _check_folder(output: Path) -> None:
         )
 
 
-class Format(StrEnum):
-    """File format of the runs."""
-
-    mcap = "mcap"
-    candump = "candump"
-    both = "both"
-
-
-class Brakes(StrEnum):
-    """At a standstill."""
-
-    held = "held"
-    released = "released"
-
-
 def simulate_command(
     ctx: typer.Context,
     output: Annotated[
@@ -227,8 +211,11 @@ def simulate_command(
         float | None,
         typer.Option(metavar="DEG", help="Tilt of the ground, uphill on out. [default: drawn, up to 0.3 either way]"),
     ] = None,
+    steering: Annotated[
+        float, typer.Option(metavar="DEG", help="Drive a slalom: largest angle of the front wheels. No lateral force.")
+    ] = 0.0,
     brakes: Annotated[
-        Brakes | None,
+        Literal["held", "released"] | None,
         typer.Option(help="At every standstill. [default: drawn, held in 7 of 10 campaigns]", show_default=False),
     ] = None,
     lifted: Annotated[
@@ -243,7 +230,9 @@ def simulate_command(
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
     ] = None,
-    kind: Annotated[Format, typer.Option("--format", help="File format of the runs.")] = Format.mcap,
+    kind: Annotated[
+        Literal["mcap", "candump", "both"], typer.Option("--format", help="File format of the runs.")
+    ] = "mcap",
     decoded: Annotated[
         bool, typer.Option("--decoded", help="Write decoded topics beside the raw frames, for other tools.")
     ] = False,
@@ -281,7 +270,8 @@ def simulate_command(
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
         tilt_deg=tilt,
-        brakes=brakes.value if brakes else None,
+        steering_deg=steering,
+        brakes=brakes,
         lifted=lifted,
         rut=rut,
         noise=noise,
@@ -296,7 +286,7 @@ def simulate_command(
         say(f"drives set {options.model_set}, without errors of measurement")
     _warn_of_inactive_effects(options)
     if output is not None:
-        campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)
+        campaign = simulate_campaign(output, options, kind=kind, decoded=decoded, force=force)
         say(f"{options.runs} runs, {campaign.frames} frames")
         print(campaign.folder)
     if live is not None:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from math import radians
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,6 +39,7 @@ from model.simulation import (
     TRUTH_RATE_HZ,
     SensedRun,
     Stance,
+    Steering,
     TransducerSetup,
     VirtualRun,
     VirtualSetup,
@@ -53,11 +55,11 @@ from wheelsoil.simulation.options import LAYOUTS, SimulationOptions
 from wheelsoil.simulation.ruts import drawn_rebound_m, rut_readings, slips_read
 from wheelsoil.simulation.vehicle import (
     AXLES,
-    DBC_FILES,
     axle_of,
     config_of_wheels,
     frame_batches,
     frames_of_wheels,
+    place_m,
     side_of,
     vehicle_config,
     virtual_frames,
@@ -92,9 +94,13 @@ def simulated_setup(options: SimulationOptions) -> VirtualSetup:
     if options.wheel_axes:
         zero = "spin" if options.lifted else transducer.zero  # the weight turns: no tare takes it off
         transducer = replace(transducer, frame="wheel", angle_offset_deg=_ANGLE_OFFSET_DEG, zero=zero)
-    k, ring, gnss = options.noise, setup.wheel_speed, setup.gnss
+    k, ring, gnss, length_m = options.noise, setup.wheel_speed, setup.gnss, setup.vehicle.wheelbase_m
     return replace(
         setup,
+        steering=Steering(radians(options.steering_deg), length_m, place_m("", length_m))
+        if options.steering_deg
+        else None,
+        motion_sigmas=tuple(k * sigma for sigma in setup.motion_sigmas),
         stance=true_stance(options),
         transducer=_quieter(transducer, k),
         wheel_speed=replace(ring, pitch_error=k * ring.pitch_error, eccentricity=k * ring.eccentricity),
@@ -123,7 +129,8 @@ def setup_of_wheel(options: SimulationOptions, wheel: str) -> VirtualSetup:
         load_transfer=-rear.load_transfer,
     )
     transducer = replace(setup.transducer, side=side_of(wheel))
-    return replace(setup, vehicle=front if axle_of(wheel) == 1 else rear, transducer=transducer)
+    steering = setup.steering and replace(setup.steering, wheel_m=place_m(wheel, rear.wheelbase_m))
+    return replace(setup, vehicle=front if axle_of(wheel) == 1 else rear, transducer=transducer, steering=steering)
 
 
 def simulated_vehicle(options: SimulationOptions) -> VehicleConfig:
@@ -350,7 +357,7 @@ def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, C
     channels : mapping role -> Channel, in SI; without positions
     """
     vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
-    databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)}
+    databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in vehicle.bus[0].dbc)}
     roles = [role for role in vehicle.signals if role not in ("latitude", "longitude")]
     references = resolve_roles(vehicle, databases, (), roles)
     run = simulated_run(options, index)
@@ -388,7 +395,7 @@ def simulate_campaign(
     carried = {
         "vehicle.toml": to_toml(vehicle),
         "terrain.toml": to_toml(options.terrain),
-        **{name: shipped_dbc(name).read_bytes() for name in DBC_FILES},
+        **{name: shipped_dbc(name).read_bytes() for name in vehicle.bus[0].dbc},
     }
     carried["wft.dbc"] = _CYCLE.sub(rf"\g<1>{round(1000 / options.transducer_rate_hz)};".encode(), carried["wft.dbc"])
     with _nothing_left_of_a_failure(folder):
@@ -505,7 +512,6 @@ def _write_recording(
     *,
     decoded: bool,
 ) -> None:
-    from daq.can import Decoder
     from daq.recording import DecodedWriter, RecordingWriter
 
     databases = {bus.channel: tuple(load_database(carried[name], name) for name in bus.dbc) for bus in vehicle.bus}
@@ -538,6 +544,7 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
             **({"model_set": options.model_set} if options.model_set else {}),
             "soil": asdict(soil),
             **asdict(true_stance(options)),
+            **({"steering_deg": options.steering_deg} if options.steering_deg else {}),
             "effect": [{"name": name, "parameters": dict(values)} for name, values in options.effects.items()],
         },
         "run": runs,

@@ -60,6 +60,8 @@ class SimulationOptions:
         The transducer sends forces in axes that rotate with the wheel.
     tilt_deg : float, optional
         Of the ground, uphill on "out"; drawn up to `LEVEL_DEG` either way if not given.
+    steering_deg : float
+        Largest angle of the front wheels in a slalom of ten seconds a period; 0: straight on. See `Steering`.
     brakes : "held" or "released", optional
         At every standstill; drawn if not given, held in `HELD_IN` of the campaigns.
     lifted : bool
@@ -100,6 +102,7 @@ class SimulationOptions:
     draw_soil: bool = False
     wheel_axes: bool = False
     tilt_deg: float | None = None
+    steering_deg: float = 0.0
     brakes: Literal["held", "released"] | None = None
     lifted: bool = False
     rut: int = 0
@@ -181,6 +184,7 @@ class SimulationOptions:
             ("seed", self.seed, self.seed >= 0, "0 or more"),
             ("number of rut readings", self.rut, 0 <= self.rut <= 1000, "0 to 1000"),
             ("tilt", self.tilt_deg or 0.0, abs(self.tilt_deg or 0.0) <= 20, "-20 to 20 deg"),
+            ("steering", self.steering_deg, 0 <= self.steering_deg <= 20, "0 to 20 deg"),
             ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
             (
                 "transducer rate",
@@ -243,6 +247,7 @@ class SimulationOptions:
             *["--draw-soil"] * self.draw_soil,
             *["--wheel-axes"] * self.wheel_axes,
             *([] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]),
+            *(["--steering", f"{self.steering_deg!r}"] if self.steering_deg else []),
             *([] if self.brakes is None else ["--brakes", self.brakes]),
             *["--lifted"] * self.lifted,
             *(["--rut", f"{self.rut}"] if self.rut else []),

@@ -25,10 +25,11 @@ from daq import (
     find_unit,
 )
 from daq.can import FrameBatch, Message, Signal, concatenate, encode, load_database, merge, rolling_counter, shipped_dbc
-from model.simulation import SensedRun, VirtualSetup
+from model.simulation import MOTION_LATENCY_S, SensedRun, VirtualSetup
 from model.wheel_soil import Wheel
 
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
+MOTION_DBC = "motion.dbc"
 BITRATE = 1_000_000
 AXLES = 2
 FRAME_TIME_S = 110e-6
@@ -49,6 +50,11 @@ _OF_THE_VEHICLE = {
     "longitude": "GNSS_2.Longitude",
     "course": "GNSS_2.Course",
     "gnss_time": "GNSS_1.TimeOfDay",
+}
+_OF_ITS_MOTION = {
+    "yaw_rate": "VehicleMotion.YawRate",
+    "lateral_acceleration": "VehicleMotion.LateralAcceleration",
+    "steering_angle": "VehicleMotion.SteeringAngle",
 }
 
 _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
@@ -81,6 +87,12 @@ _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
             {"Altitude": "altitude", "SpeedValid": "ground_speed_valid", "VelocityQuality": "speed_quality"},
         ),
     ),
+    "motion": (
+        (
+            "VehicleMotion",
+            {"YawRate": "yaw_rate", "LateralAcceleration": "lateral_acceleration", "SteeringAngle": "steering_angle"},
+        ),
+    ),
 }
 """Messages of each sensor, and the channel in each signal; of several wheels each speed in the signal of its own."""
 
@@ -94,11 +106,11 @@ _STUFFING = 1.1  # bits on the wire per bit of the frame, about
 
 def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
     """Return vehicle.toml: the known data of the vehicle and the declared ones of its sensors."""
-    signals = _OF_THE_WHEEL | {"wheel_speed": f"WheelSpeeds.{_SPEED_SIGNALS['']}"} | _OF_THE_VEHICLE
+    signals = _OF_THE_WHEEL | {"wheel_speed": f"WheelSpeeds.{_SPEED_SIGNALS['']}"} | _of_the_vehicle(setup)
     return VehicleConfig(
         vehicle=_vehicle(setup, None),
         wheel=_wheel_section(setup, wheel, f"rear {setup.transducer.side}"),
-        bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
+        bus=(BusSection(channel=bus, dbc=_dbc_files(setup), bitrate=BITRATE),),
         signals={role: SignalName.model_validate(text) for role, text in signals.items()},
         sensors=_sensors(setup),
         transducer=_transducer(setup),
@@ -116,10 +128,10 @@ def config_of_wheels(setups: Mapping[str, VirtualSetup], wheel: Wheel, buses: Ma
         {
             "vehicle": _vehicle(any_setup, AXLES),
             "bus": [
-                BusSection(channel=bus, dbc=DBC_FILES if bus == first else DBC_FILES[:1], bitrate=BITRATE)
+                BusSection(channel=bus, dbc=_dbc_files(any_setup) if bus == first else DBC_FILES[:1], bitrate=BITRATE)
                 for bus in buses.values()
             ],
-            "signals": _OF_THE_VEHICLE,
+            "signals": _of_the_vehicle(any_setup),
             "sensors": _sensors(any_setup),
             "wheel": [
                 _wheel_section(setup, wheel, "").model_dump()
@@ -136,6 +148,14 @@ def config_of_wheels(setups: Mapping[str, VirtualSetup], wheel: Wheel, buses: Ma
     )
 
 
+def _dbc_files(setup: VirtualSetup) -> tuple[str, ...]:
+    return DBC_FILES if setup.steering is None else (*DBC_FILES, MOTION_DBC)
+
+
+def _of_the_vehicle(setup: VirtualSetup) -> dict[str, str]:
+    return _OF_THE_VEHICLE | (_OF_ITS_MOTION if setup.steering else {})
+
+
 def axle_of(wheel: str) -> int:
     """Return the axle of a wheel by its id, from 1 at the front."""
     return 1 if wheel in _FRONT else 2
@@ -146,14 +166,14 @@ def side_of(wheel: str) -> Literal["left", "right"]:
     return "right" if wheel in _RIGHT else "left"
 
 
+def place_m(wheel: str, wheelbase_m: float) -> complex:
+    """Return where a wheel is, by its id: x + iy ahead and to the left of the middle of the rear axle."""
+    return complex(wheelbase_m if wheel in _FRONT else 0.0, _HALF_TRACK_M * (1 if side_of(wheel) == "left" else -1))
+
+
 def _place(wheel: str, wheelbase_m: float) -> dict[str, Any]:
-    front, side = wheel in _FRONT, side_of(wheel)
-    return {
-        "position": f"{'front' if front else 'rear'} {side}",
-        "axle": axle_of(wheel),
-        "x_m": wheelbase_m if front else 0.0,
-        "y_m": _HALF_TRACK_M if side == "left" else -_HALF_TRACK_M,
-    }
+    place, position = place_m(wheel, wheelbase_m), f"{'front' if wheel in _FRONT else 'rear'} {side_of(wheel)}"
+    return {"position": position, "axle": axle_of(wheel), "x_m": place.real, "y_m": place.imag}
 
 
 def _vehicle(setup: VirtualSetup, axles: int | None) -> VehicleSection:
@@ -162,12 +182,15 @@ def _vehicle(setup: VirtualSetup, axles: int | None) -> VehicleSection:
 
 
 def _wheel_section(setup: VirtualSetup, wheel: Wheel, position: str) -> WheelSection:
+    place = setup.steering.wheel_m if setup.steering else None
     return WheelSection(
         radius_m=wheel.radius_m,
         width_m=wheel.width_m,
         position=position,
         outboard_mass_kg=setup.vehicle.outboard_mass_kg,
         outboard_inertia_kgm2=setup.vehicle.outboard_inertia_kgm2,
+        x_m=None if place is None else place.real,
+        y_m=None if place is None else place.imag,
     )
 
 
@@ -195,8 +218,16 @@ def _sensors(setup: VirtualSetup) -> dict[str, SensorSection]:
     delays = {role: transducer.latency_s + place * FRAME_TIME_S for role, place in on_bus.items()}
     delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
     delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
+    antenna = setup.steering.antenna_m if setup.steering else None
+    if antenna is not None:
+        sigmas |= dict(zip(_OF_ITS_MOTION, setup.motion_sigmas, strict=True))
+        delays |= dict.fromkeys(_OF_ITS_MOTION, MOTION_LATENCY_S)
     return {
-        role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
+        role: SensorSection(
+            latency_s=round(delay, 5),
+            sigma=round(sigmas[role], 4) if role in sigmas else None,
+            **({"x_m": antenna.real, "y_m": antenna.imag} if antenna and role == "ground_speed" else {}),
+        )
         for role, delay in delays.items()
     }
 
@@ -217,10 +248,10 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
     Parameters
     ----------
     stretches : iterable of mapping wheel -> SensedRun
-        By the wheels' ids; a single wheel has an empty one. Wheel speeds are stamped, and GNSS is taken, as the first
-        wheel has them.
+        By the wheels' ids; a single wheel has an empty one. Wheel speeds are stamped, and what is of the vehicle is
+        taken, as the first wheel has them.
     buses : mapping wheel -> bus
-        Of its transducer; wheel speeds and GNSS are on that of the first.
+        Of its transducer; all else is on that of the first.
 
     Yields
     ------
@@ -232,7 +263,7 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
     DataError
         A value is outside the range of its signal.
     """
-    messages = {m.name: m for name in DBC_FILES for m in load_database(shipped_dbc(name)).messages}
+    messages = {m.name: m for name in (*DBC_FILES, MOTION_DBC) for m in load_database(shipped_dbc(name)).messages}
     first = next(iter(buses))
     speeds = {_SPEED_SIGNALS[wheel]: wheel for wheel in buses}
     encoders = [
@@ -243,7 +274,11 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
     encoders += [
         (first, "wheel_speed", _Encoder(messages[name], speeds, buses[first])) for name, _ in _LAYOUT["wheel_speed"]
     ]
-    encoders += [(first, "gnss", _Encoder(messages[name], signals, buses[first])) for name, signals in _LAYOUT["gnss"]]
+    encoders += [
+        (first, sensor, _Encoder(messages[name], signals, buses[first]))
+        for sensor in ("gnss", "motion")
+        for name, signals in _LAYOUT[sensor]
+    ]
     lines = {bus: _Line() for bus in buses.values()}
     held: list[FrameBatch] = []
 
@@ -260,10 +295,11 @@ def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mappin
         return frames[:stop]
 
     for runs in stretches:
-        for wheel, sensor, encoder in encoders:
+        there = [each for each in encoders if each[1] in runs[each[0]].sensors]
+        for wheel, sensor, encoder in there:
             encoder.take(_speeds(runs) if sensor == "wheel_speed" else runs[wheel].sensors[sensor])
         # a sensor's stamps never decrease, so that no frame comes any more before the earliest of their last ones
-        yield sent(min(encoder.last_ns for _, _, encoder in encoders))
+        yield sent(min(encoder.last_ns for _, _, encoder in there))
     yield sent(None)
 
 
