@@ -108,6 +108,13 @@ def test_the_antenna_alone_is_far_from_the_wheels(corrected: dict[str, Processed
     assert np.max(axle["FL"] + axle["FR"] - axle["RL"] - axle["RR"]) > 0.05
 
 
+@pytest.mark.parametrize("wheel", ["FL", "RR"])
+def test_the_acceleration_of_a_wheel_is_that_of_its_speed(wheel: str) -> None:
+    truth = truth_of(wheel)
+    change = np.gradient(truth.ground_speed_mps, truth.time_s)
+    assert np.abs(change - truth.ground_acceleration_mps2)[1:-1].max() < 0.01
+
+
 def test_the_outer_wheels_carry_more(corrected: dict[str, Processed]) -> None:
     """M a h/track, half on each axle, and the acceleration is V r."""
     load = {wheel: truth_of(wheel).vertical_load_n for wheel in IDS}
