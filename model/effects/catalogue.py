@@ -11,6 +11,7 @@ from daq import CHANNELS, ConfigError, Fault
 from model.effects.base import Effect, Needs, Parameter
 from model.effects.contact_patch import (
     ExitAngle,
+    ExitGrowth,
     Grouser,
     InterfaceFriction,
     ShearSoftening,
@@ -43,6 +44,7 @@ PHYSICAL: tuple[type[Effect], ...] = (
     InterfaceFriction,
     Bulldozing,
     ExitAngle,
+    ExitGrowth,
     RateStiffness,
     MultiPass,
     TrackDrift,

@@ -71,7 +71,27 @@ class ExitAngle(Effect):
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
         """Return the contact patch with its exit; 1 - cos x = 2 sin^2(x/2) on both sides."""
         half = _root(values["lambda"]) * np.sin(patch.entry_angle * 0.5)
-        return replace(patch, exit_angle=-2.0 * np.arcsin(half))
+        return replace(patch, exit_angle=patch.exit_angle - 2.0 * np.arcsin(half))
+
+
+class ExitGrowth(Effect):
+    """theta_2 = -growth max(s, 0) theta_1; the stress behind theta_m is that of `ExitAngle`.
+
+    Tables name a gain of drawbar pull instead without it. Runs do not: they are unexplained.
+    """
+
+    name = "exit_angle"
+    form = "exit_growth"
+    summary = "Slip carries soil behind the wheel, which pushes it."
+    source = "two granular simulations (2026), studies/granular"
+    parameters = (Parameter("growth", "1", 0.0, 0.2, 0.0, 1.0, 0.4, ".7 to .8 theta_1 at slip .8", side=1),)
+    needs = Needs(largest_slip=0.15)
+    of_tables = True
+
+    def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
+        """Return the contact patch with its exit."""
+        grown = values["growth"] * conditions.driving_slip * patch.entry_angle
+        return replace(patch, exit_angle=patch.exit_angle - grown)
 
 
 def _root(share: Number) -> Number:

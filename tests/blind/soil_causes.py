@@ -184,7 +184,7 @@ PHYSICAL = (
         0.15,
         (0, 0.6),
         "theta_2 constant",
-        lambda physics, x: also(physics, exit_angle=-x),
+        lambda physics, x: also(physics, exit_angle=lambda s: -x),
         variant=True,
     ),
     Hidden(

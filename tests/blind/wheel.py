@@ -113,7 +113,7 @@ class Physics:
     sinkage: Callable[[FloatArray, FloatArray], FloatArray] | None = None
     peak: Callable[[FloatArray], Column] = lambda slip: 0.0
     exit_share: float = 0.0
-    exit_angle: float = 0.0
+    exit_angle: Callable[[FloatArray], Column] = lambda slip: 0.0
     interface: float = 1.0
     lug: float = 0.0
     lug_arm: float = 0.0
@@ -142,7 +142,7 @@ def _rim(physics: Physics, ground: Ground, moments: Moments, slip: FloatArray) -
         exponent=_column(soil.exponent),
         peak=_column(physics.peak(slip)),
         exit_share=physics.exit_share,
-        exit_angle=physics.exit_angle,
+        exit_angle=_column(physics.exit_angle(slip)),
         lug=physics.lug,
         lug_arm=physics.lug_arm,
         shear=physics.shear,

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_samples import SAND, bench, prior
+from bench_samples import REPEATS, SAND, WHEEL, bench, prior
+from blind.ground import Ground
+from blind.wheel import Moments, Physics, Vehicle, soil_forces
 
 from daq.errors import ConfigError, DataError
 from model.diagnosis.core.campaign import DiagnosisOptions
@@ -200,3 +202,28 @@ def test_a_soil_that_carries_nothing() -> None:
     given = replace(bench(np.random.default_rng(0)), soil=soft, soil_prior=prior({"tan_phi": 0.05}, soft))
     with pytest.raises(DataError, match="axle"):
         diagnose_bench([given], _options())
+
+
+def test_a_rear_contact_that_grows_with_slip_is_no_gain_of_drawbar_pull() -> None:
+    """Hidden by theta_2 = -0.4 (1 - exp(-s/0.3)) in the independent generator; without growth a gain led with 99 %."""
+    own = bench(np.random.default_rng(3), loads_n=(25.0, 50.0))
+    rows, still = own.rows, np.zeros(len(own.rows))
+    vehicle = Vehicle(WHEEL.radius_m, WHEEL.width_m, outboard_kg=0.0, outboard_kgm2=0.0)
+    turning = still + 0.1 / WHEEL.radius_m
+    motion = (still, 0.1 * (1.0 - rows.slip), turning, still, still, rows.vertical_load_n, still, still, still)
+    moments = Moments(*motion, direction=still + 1.0, passes=still + 1.0, inflation=still + 340.0, vehicle=vehicle)
+    soil = (SAND.cohesion_pa, SAND.tan_phi, SAND.shear_modulus_m, SAND.sinkage_exponent, 0.0, SAND.frictional_modulus)
+    physics = Physics(exit_angle=lambda slip: 0.4 * np.expm1(-slip / 0.3))
+    pull, torque, sinkage = soil_forces(physics, Ground("sand", *soil), moments)
+    rng = np.random.default_rng(4)
+    pull, torque, sinkage = (
+        true + REPEATS[channel] * rng.standard_normal(len(rows))
+        for channel, true in (("dp", pull), ("t", torque), ("z", sinkage))
+    )
+    measured = replace(rows, drawbar_pull_n=pull, driving_torque_nm=torque, sinkage_m=sinkage)
+    options = _options("dp", "t", "z", effects=("exit_angle", "exit_growth", "drawbar_pull_gain", "vasilev"))
+    found = diagnose_bench([replace(own, rows=measured)], options)
+    assert found.verdict == "named"
+    [cause] = found.causes
+    assert cause.name == "exit_angle" and cause.probability > 0.95
+    assert cause.parameters[0].name == "growth" and cause.parameters[0].interval95[0] > 0.1

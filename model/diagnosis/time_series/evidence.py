@@ -396,7 +396,7 @@ def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
     base = log_evidence_of_none(grams, reduced)
     if not keys:
         return base
-    listed = hypotheses(grams, frozenset(c.key for c in grams.causes if c.key not in keys), len(keys))
+    listed = listed_sets({c.key: c.family for c in grams.causes if c.key in keys}, len(keys))
     return base + float(log_evidences(grams, reduced, listed)[listed.index_of(keys)])
 
 

@@ -81,11 +81,12 @@ def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading:
     fault = unfit(campaign, samples) or _unseen(campaign, coverage, effects)
     if fault:
         raise DataError(fault)
+    in_runs = tuple(key for key in effects if not EFFECTS[key].of_tables) or effects
     simulation = Simulation(
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage, effects, reading, campaign.of_vehicle),
+        considered(coverage, in_runs, reading, campaign.of_vehicle),
         reading,
     )
     return Start(campaign, samples, simulation, noise)
