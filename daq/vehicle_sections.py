@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, pairwise
+from math import pi
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -48,6 +49,7 @@ Axle = Annotated[int, Field(ge=1, le=30)]
 
 
 _SMALLEST_RADIUS_M, _LARGEST_RADIUS_M = 0.02, 5.0
+_STEEL_KGPM3 = 7850.0
 
 
 _FARTHEST_M = 30.0
@@ -123,6 +125,24 @@ class WheelSection(Placed):
         ]
         hint = "; or ".join(likely) or "give the rolling radius in metres"
         raise ValueError(f"{value:g} m is the radius of no wheel, which is below {_LARGEST_RADIUS_M:g} m; {hint}")
+
+    @model_validator(mode="after")
+    def _no_heavier_than_steel(self) -> Self:
+        solid_kg = _STEEL_KGPM3 * pi * self.radius_m**2 * self.width_m
+        most = (self.outboard_mass_kg or solid_kg) * self.radius_m**2
+        if self.outboard_mass_kg > solid_kg:
+            raise ValueError(
+                f"outboard_mass_kg = {self.outboard_mass_kg:g} is more than a wheel of solid steel of this radius and "
+                f"width has, {solid_kg:.4g} kg; give it in kilograms: {self.outboard_mass_kg:g} g are "
+                f"{self.outboard_mass_kg * 1e-3:g} kg"
+            )
+        if self.outboard_inertia_kgm2 > 1.2 * most:
+            raise ValueError(
+                f"outboard_inertia_kgm2 = {self.outboard_inertia_kgm2:g} is more than that of all the mass at the "
+                f"tread, {most:.3g} kg m2; give it in kg m2: {self.outboard_inertia_kgm2:g} kg cm2 are "
+                f"{self.outboard_inertia_kgm2 * 1e-4:g} kg m2"
+            )
+        return self
 
     @model_validator(mode="after")
     def _lugs_agree(self) -> Self:

@@ -28,7 +28,8 @@ class RunCode(StrEnum):
     IMPLAUSIBLE = "implausible"
     """sound (probability), mends (keys, see `processing.referee`), shares (their probabilities), slip (median),
     traction, pull (90 % quantiles of size, in loads), load_share (of the mass), track (ground speed over that of the
-    positions), radius_m, signals, units, signs: by role, as declared; held: seconds of roles that never change"""
+    positions), radius_m, signals, units, signs: by role, as declared; held: seconds of roles that never change;
+    quarter: the "first" or "last", where only that is impossible"""
     MOSTLY_STANDING = "mostly_standing"
     """share"""
     SLOW_VEHICLE = "slow_vehicle"
@@ -59,7 +60,7 @@ class RunCode(StrEnum):
     DISTRUSTED = "distrusted"
     """count, statuses: mapping word -> count"""
     SENSOR_FAULT = "sensor_fault"
-    """role, kind ("dropped", "frozen", "clipped" or "mark"), time_s, share, value"""
+    """role, kind ("dropped", "spike", "frozen", "clipped" or "mark"), time_s, share, value"""
     STATUS_NEVER_CAME = "status_never_came"
     STATUS_UNKNOWN = "status_unknown"
     """count, total"""
@@ -73,7 +74,7 @@ class RunCode(StrEnum):
     """load_n (median), weight_n, mass_kg, added_kg (of the vehicle)"""
     WRONG_SIZE = "wrong_size"
     """role, size (90 % of the values are below), least, most (of what is possible), units (that would make it
-    possible)"""
+    possible), why ("": only that; "turned", "radians" of positions, "sigma" of the sensor), signal"""
     ZERO_TAKEN_OFF = "zero_taken_off"
     """roles, source, methods, ages_s"""
     ZERO_OLD = "zero_old"

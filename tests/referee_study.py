@@ -17,6 +17,7 @@ from scipy.stats import beta
 
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Soil, Wheel
+from processing import is_refused
 from processing.referee import LISTED, Ruling, evidence_of, judge
 from wheelsoil.simulation.campaign import simulated_run, simulated_setup
 from wheelsoil.simulation.options import SimulationOptions
@@ -109,12 +110,13 @@ def study_sound(count: int) -> None:
     for seed in range(count):
         way = WAYS[seed % len(WAYS)]
         world = sound_world(np.random.default_rng(seed), way=way)
-        evidence = evidence_of(world.processed(), world.vehicle)
+        run = world.processed()
+        evidence = evidence_of(run, world.vehicle)
         start_s = time.process_time()
         ruling = judge(evidence)
         spent_s += time.process_time() - start_s
-        refused, noted = refused + ruling.refused, noted + (ruling.doubted and not ruling.refused)
-        if ruling.doubted:
+        refused, noted = refused + is_refused(run), noted + (ruling.doubted and not ruling.refused)
+        if ruling.doubted or is_refused(run):
             print(f"  sound {seed}, {way.__name__}: {ruling.sound:.2g}, {[m.key for m in ruling.named]}", flush=True)
     each_ms = 1e3 * spent_s / max(count, 1)
     print(f"sound runs: refused {bounds(refused, count)}, noted {bounds(noted, count)}, {each_ms:.1f} ms each")
@@ -132,8 +134,9 @@ def study_causes(count: int) -> None:
             for p in effect.parameters
         }
         name = next(key for key, one in EFFECTS.items() if one is effect)
-        ruling = ruling_of(simulated_world(("clay", "sandy", "sandy_loam")[seed % 3], seed, {name: sizes}))
-        refused, noted = refused + ruling.refused, noted + (ruling.doubted and not ruling.refused)
+        world = simulated_world(("clay", "sandy", "sandy_loam")[seed % 3], seed, {name: sizes})
+        run, ruling = world.processed(), ruling_of(world)
+        refused, noted = refused + is_refused(run), noted + (ruling.doubted and not ruling.refused)
         if ruling.doubted:
             print(f"  cause {seed}, {name} {sizes}: {ruling.sound:.2g}, {[m.key for m in ruling.named]}", flush=True)
     print(f"measurement causes: refused {bounds(refused, count)}, noted {bounds(noted, count)}")

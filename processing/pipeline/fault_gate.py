@@ -20,8 +20,10 @@ from processing.pipeline.sensor_faults import (
     held_too_long,
     held_values,
     speed_changes,
+    stuck,
     values_apart,
 )
+from processing.pipeline.spikes import spikes
 
 _PIECE = 1 << 16
 """So many samples of the fastest channel are looked at together."""
@@ -57,6 +59,7 @@ class FaultGate:
         self._node_ns = node_ns
         self._flagged = False
         self._rotating = vehicle.transducer.frame == "wheel"
+        self._radius_m = vehicle.wheel.radius_m if vehicle.wheel else 1.0
         self._apart: dict[tuple[str, float], _Tally] = {}
         self._where: dict[str, list[IntArray]] = {}
         self._found: dict[tuple[str, FaultKind], _Tally] = {}
@@ -97,10 +100,14 @@ class FaultGate:
         speed = (ground_speed.time_ns, ground_speed.values)
         rows = self._without_marks("ground_speed", speed) if self._flagged else np.arange(len(ground_speed.values))
         speed = (ground_speed.time_ns[rows], ground_speed.values[rows])
+        if self._flagged:
+            [bad] = spikes({"ground_speed": speed}, self._radius_m).values()
+            self._note("ground_speed", FaultKind.SPIKE, speed, bad)
+            rows, speed = rows[~bad], (speed[0][~bad], speed[1][~bad])
         wheel = [(w.time_ns, w.values) for w in (samples.get("wheel_speed"),) if w is not None and len(w.values)]
         held = held_values(speed)
         bad = dropped(speed, held, wheel)
-        still = frozen(speed, held, wheel, [speed, *wheel], speed_changes)
+        still = frozen(speed, held, wheel, [speed, *wheel], speed_changes) | stuck(speed, held, [speed, *wheel])
         self._note("ground_speed", FaultKind.DROPPED, speed, bad)
         self._note("ground_speed", FaultKind.FROZEN, speed, still)
         rows = rows[~(bad | still)]
@@ -143,6 +150,10 @@ class FaultGate:
                 rows[role] = rows[role][self._without_marks(role, ordered)]
             if len(rows[role]):
                 series[role] = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
+        early = {role: one for role, one in series.items() if role != "ground_speed" or not self._flagged}
+        for role, bad in spikes(early, self._radius_m).items():
+            self._note(role, FaultKind.SPIKE, series[role], bad)
+            rows[role], series[role] = rows[role][~bad], (series[role][0][~bad], series[role][1][~bad])
         for role in series:
             held_long = np.zeros(len(rows[role]), np.bool_)
             for kind, at in held_too_long(role, series, rotating=self._rotating).items():

@@ -9,6 +9,7 @@ import numpy as np
 
 from daq import (
     ON_TIME_BASE,
+    ROLES,
     Channel,
     ClockFit,
     ConfigError,
@@ -62,6 +63,8 @@ _SLOPES = (*SLIP_ROLES, "pitch")
 _MOST_ADDED = 10.0
 """Times its own mass that a vehicle may be loaded with."""
 _NOTABLE_END_S = 1.0
+_FAR_BELOW, _FAR_ABOVE = 100.0, 10.0
+"""Times that a declared sigma in SI is below what differs from one sample to the next, or above the largest values."""
 
 Base = tuple[int, FloatArray]
 """UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
@@ -194,6 +197,7 @@ def process_stream(
     samples = faults.without_faulty_ground_speed(samples)
     notes += faults.notes()
     dead = _drop_dead(samples, options)
+    notes += _odd_sigmas(samples, vehicle)
     missing = _why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
@@ -344,6 +348,17 @@ def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str
     for role in dead:
         del samples[role]
     return dead
+
+
+def _odd_sigmas(samples: Mapping[str, Samples], vehicle: VehicleConfig) -> Iterator[Note]:
+    """Yield a note for each declared sigma that is far below the noise, or above nearly all values."""
+    measured = (role for role, held in samples.items() if len(held.values))
+    for role in (name for name in measured if name in MODEL_ROLES and name in vehicle.sensors):
+        sigma, rough = vehicle.sensors[role].sigma, samples[role].rough
+        largest = float(np.quantile(np.abs(samples[role].values), 0.98))
+        if sigma and (sigma * _FAR_BELOW < rough or sigma > _FAR_ABOVE * largest > 0):
+            facts = {"role": role, "size": sigma, "least": rough, "most": largest, "units": (ROLES[role].unit_text,)}
+            yield Note(RunCode.WRONG_SIZE, Severity.DOUBT, {**facts, "why": "sigma", "signal": ""})
 
 
 def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> tuple[Base, list[Note]]:

@@ -23,12 +23,15 @@ _LOOK = 1 << 12
 _ALIKE = 1e-9
 _APART, _LEAST_VALUES, _MOST_APART, _MOST_MARKED = 3.0, 10, 4, 0.5
 """Few values, in less than half of the samples, are so many ranges away from at least so many others."""
-_IMPOSSIBLE_MPS2 = 6.0
+IMPOSSIBLE_MPS2 = 6.0
 """No vehicle on soil speeds up faster."""
 _LEAST_DROP_MPS, _LARGEST_DEAD_BAND_MPS, _LONGEST_DROP_S = 0.5, 1.0, 2.0
 _ROLLING_ON = 0.5
 """Share of the speed before a drop at which the wheel still turns within it."""
 _FROZEN_S, _FROZEN_SAMPLES, _LEAST_ALIVE = 2.0, 8, 0.1
+_STUCK_S, _STUCK_STEPS, _LIVELY, _LIVELY_STEPS, _LEAST_STUCK, _CATCH_UP = 0.25, 4.0, 4, 2.0, 3, 3.0
+"""A stuck value lasts so long, and so many times as long as most; so many on each side at most so many times. So many
+of them end in a jump of so many steps."""
 _CHANGE, _AS_USUAL = 0.05, 0.5
 _SWING, _PARTS = 0.25, 16
 """Shares of the load by which the pull differs among so many parts of a time, and no constant torque lets it."""
@@ -60,6 +63,7 @@ class FaultKind(StrEnum):
     FROZEN = "frozen"
     CLIPPED = "clipped"
     MARK = "mark"
+    SPIKE = "spike"
 
 
 @dataclass(frozen=True)
@@ -151,9 +155,10 @@ def held_too_long(role: str, series: Mapping[str, Series], *, rotating: bool = F
         return {FaultKind.FROZEN: frozen(channel, held, pull, speeds, pull_swings)}
     partners = [series[other] for other in _PARTNERS[role] if other in series]
     if role not in LOADS:
-        return {FaultKind.FROZEN: frozen(channel, held, partners, speeds, speed_changes)}
+        still = frozen(channel, held, partners, speeds, speed_changes)
+        return {FaultKind.FROZEN: still | stuck(channel, held, speeds)}
     at_end = clipped(channel, held, speeds)
-    still = frozen(channel, held, partners, speeds, force_shakes)
+    still = frozen(channel, held, partners, speeds, force_shakes) | stuck(channel, held, speeds)
     return {FaultKind.CLIPPED: at_end, FaultKind.FROZEN: still & ~at_end}
 
 
@@ -180,6 +185,13 @@ def _quick(held: Held, some: BoolArray) -> bool:
     return float(time_s[time_s <= _QUICK_S].sum()) >= _QUICK_SHARE * float(time_s.sum()) > 0
 
 
+def usual_step_s(steps_s: FloatArray) -> float:
+    """Return what most of the time is shorter than, of steps between values, shape (n,); infinite without any."""
+    steps_s = np.sort(steps_s)
+    passed = np.cumsum(steps_s)
+    return float(steps_s[np.searchsorted(passed, _USUAL_SHARE * passed[-1])]) if len(steps_s) else np.inf
+
+
 def frozen(series: Series, held: Held, partners: Sequence[Series], speeds: Sequence[Series], moves: Moves) -> BoolArray:
     """Find values that stay the same for longer than noise lets them while a partner moves; shape (n,)."""
     none = np.zeros(len(series[1]), np.bool_)
@@ -201,6 +213,20 @@ def frozen(series: Series, held: Held, partners: Sequence[Series], speeds: Seque
         parts = [(values[slice(*np.searchsorted(time_ns, within_ns))], values) for time_ns, values in partners]
         suspect[k] = any(moves(part, values) for part, values in parts if len(part) > 2)
     return held.rows(suspect)
+
+
+def stuck(series: Series, held: Held, speeds: Sequence[Series]) -> BoolArray:
+    """Find values that last much longer than all others around and again and again jump at their end; shape (n,)."""
+    level = series[1][held.start]
+    usual_s = float(np.quantile(held.until_s, _QUICK_SHARE))
+    long = (held.until_s >= _STUCK_STEPS * usual_s) & (held.between_s >= _STUCK_S)
+    suspect = long & held.mostly(moving_at(series[0], speeds)) & (level != 0)
+    for k in np.flatnonzero(suspect).tolist():
+        around = np.delete(held.until_s[max(k - _LIVELY, 0) : k + _LIVELY + 1], [min(k, _LIVELY)])
+        suspect[k] = len(around) == 2 * _LIVELY and around.max() <= _LIVELY_STEPS * usual_s
+    jump = np.abs(np.diff(level, append=level[-1]))
+    jumps = suspect & (jump > _CATCH_UP * np.median(jump[~long]))
+    return held.rows(suspect & (jumps.sum() >= _LEAST_STUCK))
 
 
 def speed_changes(partner: FloatArray, _: FloatArray) -> bool:
@@ -273,11 +299,8 @@ def dropped(speed: Series, held: Held, wheel: Sequence[Series]) -> BoolArray:
         # The time between two different values within 2 s of a drop, of nearly all.
         begin_ns, around_ns = time_ns[held.start], round(_LONGEST_DROP_S * 1e9)
         first, last = np.searchsorted(begin_ns, (begin_ns[k] - around_ns, time_ns[held.stop[k] - 1] + around_ns))
-        steps = np.sort(held.until_s[first:last][size[first:last] > 0])
-        passed = np.cumsum(steps)
-        usual_step_s = float(steps[np.searchsorted(passed, _USUAL_SHARE * passed[-1])]) if len(steps) else np.inf
-        step_s = max(usual_step_s, float(held.until_s[k - 1]))
-        if height > max(_LEAST_DROP_MPS, _IMPOSSIBLE_MPS2 * step_s):
+        step_s = max(usual_step_s(held.until_s[first:last][size[first:last] > 0]), float(held.until_s[k - 1]))
+        if height > max(_LEAST_DROP_MPS, IMPOSSIBLE_MPS2 * step_s):
             bad[start:stop] = all(_turns_on(time_ns[start - 1 : stop], series) for series in wheel)
     return bad
 

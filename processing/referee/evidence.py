@@ -30,6 +30,10 @@ from processing.referee.mends import JUDGED_ROLES
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
+_QUARTERS, _CHANGED_BELOW = {"first": 0, "last": 3}, 1e-20
+"""What is judged again, and below which probability it is not sound; in 600 sound runs it is 7e-15 at the least."""
+_ABOVE_GROUND_M, _LIGHT, _LIKE = 0.02, 0.48, 0.2
+"""A sinkage this far above ground is turned; a wheel carries less than half of its share of a mass in pounds."""
 _HELD_S, _LEAST_LEFT = 2.0, 0.1
 _ALIKE, _AT_REST = 1e-9, 0.001
 """Shares of a value within which the next is the same, and of the largest, below which one is at rest."""
@@ -42,8 +46,11 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     where the run is sound without them: then there is no note, but their rows, shape (n,), by role.
     """
     evidence = evidence_of(run, vehicle)
-    ruling = judge(evidence)
+    ruling, quarter = judge(evidence), ""
     sized = list(_of_wrong_size(run, vehicle))
+    for name in () if ruling.doubted else _QUARTERS:
+        part = judge(evidence, (_QUARTERS[name], 4))
+        ruling, quarter = (part, name) if part.sound < _CHANGED_BELOW else (ruling, quarter)
     if not ruling.doubted:
         return [*sized, *_overloaded(run, vehicle)], {}
     held = _held_rows(evidence.channels, run)
@@ -51,7 +58,7 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     if frozen:
         return sized, frozen
     severity = Severity.FAULT if ruling.refused else Severity.DOUBT
-    values = _values(run, vehicle, evidence, ruling)
+    values = _values(run, vehicle, evidence, ruling) | ({"quarter": quarter} if quarter else {})
     if whole:
         values |= {"held": whole}
     return [Note(RunCode.IMPLAUSIBLE, severity, values), *sized], {}
@@ -61,22 +68,30 @@ def _of_wrong_size(run: ProcessedRun, vehicle: VehicleConfig) -> Iterator[Note]:
     """Yield a note for each channel beyond what is possible; a fault where a model is fitted to it."""
     for channel in (known for known in CHANNELS if known.role in vehicle.signals and isfinite(known.possible[1])):
         least, most = channel.possible
-        size = _quantile(np.abs(run.column(channel.field)), 0.9)
-        if isfinite(size) and size and not least <= size <= most:
+        column = run.column(channel.field)
+        size, why = _quantile(np.abs(column), 0.9), ""
+        if channel.role == "sinkage" and _quantile(column, 0.9) < -_ABOVE_GROUND_M:
+            why = "turned"
+        elif channel.role == "latitude" and _in_radians(run):
+            why = "radians"
+        if why or (isfinite(size) and size and not least <= size <= most):
             stated = find_unit(vehicle.signals[channel.role].unit or "", channel.quantities)
             units = [find_unit(unit, channel.quantities) for unit in known_units(channel.quantities[0])]
             fits = [u.symbol for u in units if u and stated and least <= size * u.factor / stated.factor <= most]
             values = {"role": channel.role, "size": size, "least": least, "most": most, "units": tuple(fits)}
+            values |= {"why": why, "signal": vehicle.signals[channel.role].signal}
             yield Note(RunCode.WRONG_SIZE, Severity.FAULT if channel.use is Use.OUTPUT else Severity.DOUBT, values)
 
 
 def _overloaded(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
-    """Return a note where one wheel carries more than the vehicle weighs, of which the ruling may know no mend."""
+    """Return a note where a wheel carries more than the vehicle weighs, or hardly anything: no mend may be known."""
     mass_kg, added_kg = vehicle.vehicle.mass_kg or inf, run.run.added_load_kg
-    load_n = _quantile(np.abs(run.vertical_load_n), 0.5)
+    load_n = _quantile(np.abs(run.vertical_load_n[run.used]), 0.5)
     weight_n = (mass_kg + max(added_kg, 0.0)) * STANDARD_GRAVITY_MPS2
     values = {"load_n": load_n, "weight_n": weight_n, "mass_kg": mass_kg, "added_kg": added_kg}
-    return [Note(RunCode.OVERLOADED, Severity.DOUBT, values)] if load_n > weight_n else []
+    usual_n = weight_n / 2 / (vehicle.vehicle.axles or 2)
+    light = isfinite(weight_n) and load_n < _LIGHT * usual_n
+    return [Note(RunCode.OVERLOADED, Severity.DOUBT, values)] if load_n > weight_n or light else []
 
 
 def _held_rows(channels: Mapping[str, FloatArray], run: ProcessedRun) -> dict[str, BoolArray]:
@@ -160,10 +175,7 @@ def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:
 
 def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[str, float]:
     """Return the median of each channel's size over the speed of the positions, in windows in which these move."""
-    step = max(round(_WINDOW_S * run.rate_hz), 1)
-    latitude, longitude = np.deg2rad(run.latitude_deg[::step]), np.deg2rad(run.longitude_deg[::step])
-    north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
-    chord_m = EARTH_RADIUS_M * np.hypot(north, east)
+    step, chord_m = _chords(run)
     far = chord_m > _LEAST_CHORD_M
     if far.sum() < _LEAST_WINDOWS:
         return {}
@@ -175,3 +187,20 @@ def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[s
         if np.isfinite(ratios).any():
             found[role] = float(np.nanmedian(ratios))
     return found
+
+
+def _chords(run: ProcessedRun) -> tuple[int, FloatArray]:
+    """Return how many samples a window has, and how far the positions are apart at its ends, shape (k,)."""
+    step = max(round(_WINDOW_S * run.rate_hz), 1)
+    latitude, longitude = np.deg2rad(run.latitude_deg[::step]), np.deg2rad(run.longitude_deg[::step])
+    north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
+    return step, EARTH_RADIUS_M * np.hypot(north, east)
+
+
+def _in_radians(run: ProcessedRun) -> bool:
+    """Whether the positions move as far in radians as the ground speed says, and not in degrees."""
+    step, chord_m = _chords(run)
+    driven_m = np.abs(run.ground_speed_mps[: len(chord_m) * step]).reshape(-1, step).mean(axis=1) * step / run.rate_hz
+    known = np.isfinite(driven_m + chord_m)
+    moved_m = np.degrees(chord_m[known].sum())
+    return bool(moved_m > 0 and abs(driven_m[known].sum() / moved_m - 1) < _LIKE)

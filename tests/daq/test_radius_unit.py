@@ -33,3 +33,24 @@ def test_a_latency_in_ms_is_refused(latency_s: float, sound: bool) -> None:
         return
     with pytest.raises(ConfigError, match="latency_s"):
         parse_toml(text, VehicleConfig, "vehicle.toml")
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ("outboard_mass_kg = 75\noutboard_inertia_kgm2 = 8", ""),
+        ("outboard_inertia_kgm2 = 8", ""),
+        ("outboard_mass_kg = 75000", "75000 g are 75 kg"),
+        ("outboard_mass_kg = 75\noutboard_inertia_kgm2 = 80000", "80000 kg cm2 are 8 kg m2"),
+        ("outboard_mass_kg = 75\noutboard_inertia_kgm2 = 20", "of all the mass at the tread"),
+        ("outboard_inertia_kgm2 = 8000", "of all the mass at the tread"),
+    ],
+)
+def test_outboard_parts_are_no_heavier_than_steel(parts: str, said: str) -> None:
+    """Whether mass_kg is there or not."""
+    text = f"[wheel]\nradius_m = 0.47\nwidth_m = 0.318\n{parts}\n"
+    if not said:
+        assert parse_toml(text, VehicleConfig, "vehicle.toml").wheel is not None
+        return
+    with pytest.raises(ConfigError, match=said):
+        parse_toml(text, VehicleConfig, "vehicle.toml")

@@ -115,6 +115,85 @@ def test_a_channel_beyond_what_is_possible_has_another_unit(
         assert all(f'unit = "{unit}"' in note_text(note) for unit in fits or ())
 
 
+def changed_world(sound: World, sections: dict[str, object], **values: object) -> World:
+    """Return a sound run with other values of channels, by role, and sections of vehicle.toml."""
+    channels = dict(sound.channels)
+    for role, changed in values.items():
+        one = channels.get(role, channels["ground_speed"])
+        channels[role] = replace(one, name=role, values=np.broadcast_to(changed, one.values.shape))  # type: ignore[call-overload]
+    given = sound.vehicle.model_dump(exclude_unset=True)
+    given |= {"signals": {role: f"M.{role}" for role in channels}}
+    return World(channels, VehicleConfig.model_validate(given | sections))
+
+
+def sized(world: World) -> list[tuple[str, str]]:
+    """Return role and kind of each note on a size, which its text names."""
+    notes = [note for note in world.processed().quality.notes if note.code == RunCode.WRONG_SIZE]
+    assert all(note.values["role"] in note_text(note) for note in notes)
+    return [(note.values["role"], note.values["why"]) for note in notes]
+
+
+def test_a_sinkage_above_the_ground_is_turned(sound) -> None:  # type: ignore[no-untyped-def]
+    depth = 0.06 + 0.01 * np.sin(np.arange(len(sound.channels["ground_speed"])))
+    assert not sized(changed_world(sound, {}, sinkage=depth))
+    assert not sized(changed_world(sound, {}, sinkage=depth - 0.08))
+    turned = changed_world(sound, {}, sinkage=-depth)
+    assert sized(turned) == [("sinkage", "turned")]
+    assert 'write sinkage = "-M.sinkage"' in note_text(turned.processed().quality.notes[-1])
+    assert is_refused(turned.processed())
+
+
+def test_positions_in_radians_are_noted(sound) -> None:  # type: ignore[no-untyped-def]
+    positions = {role: sound.channels[role].values for role in ("latitude", "longitude")}
+    assert not sized(changed_world(sound, {}, **positions))
+    wrong = {role: np.radians(values) for role, values in positions.items()}
+    assert sized(changed_world(sound, {}, **wrong)) == [("latitude", "radians")]
+
+
+@pytest.mark.parametrize(
+    ("role", "sigma", "noted"),
+    [
+        ("ground_speed", 0.05, False),
+        ("ground_speed", 500.0, True),
+        ("vertical_load", 80.0, False),
+        ("vertical_load", 0.08, True),
+        ("driving_torque", 0.02, True),
+    ],
+)
+def test_a_sigma_in_another_unit_is_noted(sound, role: str, sigma: float, noted: bool) -> None:  # type: ignore[no-untyped-def]
+    world = changed_world(sound, {"sensors": {role: {"sigma": sigma}}})
+    assert sized(world) == ([(role, "sigma")] if noted else [])
+
+
+@pytest.mark.parametrize(("factor", "axles", "said"), [(1.0, None, ""), (2.2046, None, " lb are "), (2.2046, 4, "")])
+def test_a_mass_in_pounds_is_noted(sound, factor: float, axles: int | None, said: str) -> None:  # type: ignore[no-untyped-def]
+    load_n = np.median(sound.channels["vertical_load"].values)
+    vehicle = {"mass_kg": 4 * load_n / 9.80665 * factor} | ({"axles": axles} if axles else {})
+    wheel = {"radius_m": 0.47, "width_m": 0.318} | ({"axle": 1} if axles else {})
+    run = changed_world(sound, {"vehicle": vehicle, "wheel": wheel}).processed()
+    told = [note_text(note) for note in run.quality.notes if note.code == RunCode.OVERLOADED]
+    assert len(told) == bool(said) and all(said in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("quarter", "soil", "seed", "share"), [("first", "clay", 3, 0.3), ("last", "firm", 9000, 0.25)]
+)
+def test_a_unit_that_changes_within_the_run_is_found(quarter: str, soil: str, seed: int, share: float) -> None:
+    """As a whole it is sound: thirty samples are."""
+    right = base_world(soil, quiet=True, seed=seed)
+    one = right.channels["ground_speed"]
+    at = np.arange(len(one)) / len(one)
+    there = at < share if quarter == "first" else at > 1 - share
+    wrong = changed_world(right, {}, ground_speed=np.where(there, 3600 / 1609.344, 1.0) * one.values)
+    assert not ruling_of(wrong).doubted
+    run = wrong.processed()
+    [note] = [note for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
+    assert note.values["quarter"] == quarter and is_refused(run)
+    assert f"the {quarter} quarter of the run is impossible as it is declared, the rest is not" in note_text(note)
+    assert "export the run anew" in note_text(note)
+    assert not is_refused(right.processed())
+
+
 @pytest.mark.parametrize(
     ("way", "soft"),
     [

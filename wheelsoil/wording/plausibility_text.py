@@ -16,6 +16,13 @@ ANYWAY = "--accept-implausible"
 _EXPECTED = (
     "torque and slip of one sign, ground speed near rim speed where there is little torque, no more power out than in"
 )
+_WHY = {
+    "turned": 'sinkage is above the ground: write {role} = "-{signal}" under [signals] of vehicle.toml',
+    "radians": "the positions move a 57th as far as the vehicle: "
+    'write unit = "rad" for latitude and longitude under [signals] of vehicle.toml',
+    "sigma": "sigma = {size:g} under [sensors.{role}] of vehicle.toml, where one sample differs from the next by "
+    "{least:.3g}, and the largest are {most:.3g}: give it in {units[0]}",
+}
 _UNIT_NAMES = {"in": "inches", "kt": "knots", "kNm": "kN m"}
 
 
@@ -33,6 +40,8 @@ def without_numbers(note: Note) -> Note:
 
 def size_sentence(v: Values) -> str:
     """Return what is noted of a channel whose values are beyond what is possible."""
+    if v["why"]:
+        return _WHY[v["why"]].format(**v)
     role, units = ROLES[v["role"]], " or ".join(f'unit = "{unit}"' for unit in v["units"])
     reached = f" {number(v['size'], 3)} {role.unit_text}" if isfinite(v["size"]) else " what is impossible"
     return (
@@ -51,6 +60,8 @@ def refusal(note: Note, where: str) -> Fault:
 
 
 def _what(v: Values) -> str:
+    if v.get("quarter"):
+        return f"the {v['quarter']} quarter of the run is impossible as it is declared, the rest is not"
     return (
         "the run is impossible as it is declared (sound with less than 0.1 %)"
         if v["sound"] < 1e-3
@@ -79,6 +90,9 @@ def _next_step(v: Values) -> str:
 
 def _mend_step(v: Values) -> str:
     mends = [BY_KEY[key] for key in v["mends"]]
+    if v.get("quarter"):
+        seems = "" if len(mends) > 1 else f"{_mistake(mends[0])} there; "
+        return f"{seems}export the run anew, or leave that quarter out by keep in choice.toml and go on"
     if len(mends) == 1:
         return f"{_mistake(mends[0])} ({_share(v['shares'][0])}): {_cure(mends[0], v)}"
     options = [

@@ -81,6 +81,12 @@ def _rut_not_used(v: Values) -> str:
 
 def _overloaded(v: Values) -> str:
     of = f" of {v['load_n']:,.0f} N" if isfinite(v["load_n"]) else ""
+    if v["load_n"] < v["weight_n"]:
+        return (
+            f"the load{of} on one wheel is less than half its share of the weight of the vehicle (mass_kg = "
+            f"{v['mass_kg']:g}): give axles under [vehicle], or correct mass_kg; {v['mass_kg']:g} lb are "
+            f"{v['mass_kg'] * 0.45359237:.4g} kg"
+        )
     return (
         f"the load{of} on one wheel is more than the weight of the whole vehicle, {v['weight_n']:,.0f} N (mass_kg = "
         f"{v['mass_kg']:g}, added_load_kg = {v['added_kg']:g}): correct mass_kg, or the unit of vertical_load, in "
@@ -97,6 +103,7 @@ def _sensor_fault(v: Values) -> str:
     unit = ROLES[v["role"]].unit_text
     kind = {
         "dropped": "falls to 0 and back faster than a vehicle can",
+        "spike": "jumps and comes back at once, as no vehicle or wheel does",
         "frozen": "keeps one value, without its noise",
         "clipped": f"is clipped at {v['value']:.4g} {unit}",
         "mark": f"has the value {v['value']:.6g} {unit}, far from all others, which stands for none",

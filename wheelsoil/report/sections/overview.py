@@ -102,7 +102,7 @@ _SENSORS_NOTE = (
 _NAMED_RUNS = 5
 _WIDE = (560, 340, 124)
 """Size of a residual's figure on a wide screen."""
-_FAULTS = {"dropped": "dropped", "frozen": "frozen", "clipped": "clipped", "mark": "without a value"}
+_FAULTS = {"mark": "without a value", "spike": "of spikes"}
 _READING = (
     "A line is the median of measured − predicted in bins of slip, the grey band 95 % of the noise of a single sample. "
     "A right model stays at zero everywhere; where a line leaves zero and stays away, that model is wrong."
@@ -562,7 +562,7 @@ def faults_of(role: str, inputs: ReportInputs) -> list[str]:
     for run in inputs.runs:
         for note in run.quality.notes:
             if note.code == RunCode.SENSOR_FAULT and note.values["role"] == role:
-                times = seen.setdefault(_FAULTS[note.values["kind"]], {})
+                times = seen.setdefault(_FAULTS.get(note.values["kind"], note.values["kind"]), {})
                 times[run.run.id] = times.get(run.run.id, 0.0) + note.values["time_s"]
     faults = [
         f"{sum(times.values()):.1f} s {kind} in {listed(list(times)) if len(times) < 3 else f'{len(times)} runs'}"
