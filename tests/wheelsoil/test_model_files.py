@@ -422,6 +422,14 @@ def test_what_an_error_does_not_count_from_may_change(processed):
     refuse_mended(old, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_runs_with_and_without_a_dbc_make_one_model(processed, first):
+    members = list(processed[:2])
+    members[first] = (replace(members[first][0], databases={}), members[first][1])
+    (scale,) = (line for line in made(members, "torque_gain").provenance["counted_from"] if line.startswith("scale"))
+    assert scale.startswith("scale of driving_torque = ")
+
+
 @pytest.mark.parametrize("command", ["fit", "report"])
 def test_a_latency_that_was_mended_is_not_corrected_twice(campaign, processed, tmp_path, command):
     model = tmp_path / "model.toml"

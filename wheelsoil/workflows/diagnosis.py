@@ -247,7 +247,10 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         static=first.static,
         commanded_slip="slip" in first.vehicle.signals,
         wheel_id=declared.id if declared else "",
-        declared={name: tuple(dict.fromkeys(each[name] for each in stated)) for name in stated[0]},
+        declared={
+            name: tuple(dict.fromkeys(each[name] for each in stated if name in each))
+            for name in sorted(set().union(*stated))
+        },
     )
 
 
