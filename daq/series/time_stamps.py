@@ -201,7 +201,8 @@ class TimeStamps:
         first = abs(float(finite[0])) if len(finite) else 0.0
         if first >= _EPOCH_S:
             return next((unit for least, unit in _EPOCH_UNITS if first >= least), "s")
-        step_s = float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
+        steps_s = np.diff(np.unique(finite))  # stamps may repeat: of several rows, or rounded
+        step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
         if np.any(finite != np.floor(finite)) and _SHORTEST_STEP_S <= step_s <= _LONGEST_STEP_S:
             self._report.note_reading("the time column states no unit: taken for s ([series] time_unit sets it)")
             return "s"

@@ -399,6 +399,16 @@ def test_what_is_no_series_is_said(tmp_path: Path, lines: tuple[str, ...], layou
         read(path, **layout)
 
 
+@pytest.mark.parametrize("decimals", [1, 2])
+def test_seconds_may_be_rounded_so_that_stamps_repeat(tmp_path: Path, decimals: int) -> None:
+    rows = [f"{row // 3 / 50:.{decimals}f},{row}" for row in range(300)]
+    series = read(text(tmp_path / "run.csv", "time,a", *rows))
+    assert columns(series)["a"][0][-1] == round(99 / 50, decimals) * 1e9
+    assert any("taken for s" in reading for reading in series.report.readings)
+    with pytest.raises(DataError, match="the unit of time is not stated"):
+        columns(read(text(tmp_path / "run.csv", "time,a", "0.5,1", "0.5,2")))
+
+
 @pytest.mark.parametrize("piece", [4 << 20, 60])
 @pytest.mark.parametrize("null", ["-", "--", "n/a", "NULL", ""])
 def test_a_cell_without_a_number_is_none_and_a_word_is_a_bad_cell(
