@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from typing import get_args
+from unittest.mock import patch
 
 import pytest
 from diagnosis_samples import diagnosis, seen
@@ -14,11 +15,13 @@ from daq.notes import Note
 from daq.runs import SetAsideRun
 from model.diagnosis.core.result import Candidate, Cause, Detectable, Grounds, LackOfFit, ParameterEstimate, Verdict
 from model.notes import DiagnosisCode, LackCode
+from processing import RunCode
 from wheelsoil.report.build import build_report
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import headline_of
+from wheelsoil.workflows.cause_cost import cost_of_verdict, highest_slip_of
 
 PLAIN = str.maketrans({"−": "-", "\u202f": ""})
 ZERO = Cause(
@@ -66,6 +69,26 @@ def test_what_a_named_cause_costs_is_said_at_the_usual_and_the_highest_slip(mate
     assert highest > 0.5 and f"; at slip {highest:g} drawbar pull" in text and ", at slip 0.2 drawbar pull −" in text
     [deeper] = [one["difference"] for one in report if one["quantity"] == "sinkage" and one["slip"] == highest]
     assert deeper == pytest.approx(0.051 * highest, rel=0.05)
+
+
+def test_the_highest_slip_is_that_of_the_fitted_runs(material: ReportInputs) -> None:
+    """As in the section of the cost: a run that lacks a signal is in neither."""
+    *others, last = material.runs
+    lost = {"driving_torque": Note(RunCode.NEVER_USABLE, values={"role": "driving_torque"})}
+    lacking = replace(last, quality=replace(last.quality, missing=lost))
+    runs = (*(replace(run, slip=0.45 * run.slip) for run in others), lacking)
+    with patch("wheelsoil.report.sections.answers.cost_of_verdict", wraps=cost_of_verdict) as cost:
+        build_report(replace(material, diagnosed=diagnosis(), runs=runs))
+    assert {call.kwargs["highest_slip"] for call in cost.call_args_list} == {highest_slip_of(runs[:-1])}
+
+
+def test_a_wheel_with_an_id_that_is_the_only_one_asks_for_no_others(material: ReportInputs) -> None:
+    wheel = material.vehicle.wheel
+    assert wheel is not None
+    for axle, asked in ((None, False), (2, True)):
+        vehicle = material.vehicle.model_copy(update={"wheel": wheel.model_copy(update={"id": "RL", "axle": axle})})
+        report = build_report(replace(material, vehicle=vehicle, diagnosed=diagnosis()))
+        assert ("Of wheel RL alone: if others are instrumented" in str(report.sections[0].blocks)) == asked
 
 
 def test_the_channel_that_is_wrong_is_not_trusted_and_the_others_are() -> None:

@@ -38,6 +38,7 @@ from wheelsoil.workflows.cause_cost import (
     Driving,
     cost_of_verdict,
     costs_of,
+    highest_slip_of,
     pull_beyond,
     usual_driving,
 )
@@ -156,7 +157,8 @@ def _cost(inputs: ReportInputs) -> str:
         return "Nothing that these data show: no cause is detected."
     wheel, soil, reading, driving = _ground(inputs)
     if found.verdict == "named":
-        whole = cost_of_verdict(found, driving, wheel, soil, reading, highest_slip=ends_of_slip(inputs)[1])
+        highest = highest_slip_of(inputs.fitted) if inputs.runs else ends_of_slip(inputs)[1]
+        whole = cost_of_verdict(found, driving, wheel, soil, reading, highest_slip=highest)
         said = _at_the_ends(whole.costs)
         error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
         return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)

@@ -111,8 +111,8 @@ def _headline(inputs: ReportInputs, sentences: list[str]) -> tuple[str, list[str
     """Return the headline, of at most 25 words, and the sentences below it."""
     if inputs.diagnosed is not None:
         driving = only_driving(inputs) if inputs.diagnosed.verdict == "named" else []
-        others = "all instrumented wheels together decide (wheelsoil report FOLDER)."
-        alone = [f"Of wheel {name} alone: {others}" for name in inputs.vehicle.wheel_ids]
+        others, wheel = "if others are instrumented, all decide (wheelsoil report FOLDER).", inputs.vehicle.wheel
+        alone = [f"Of wheel {wheel.id} alone: {others}"] if wheel and wheel.id and wheel.axle else []
         return headline_of(inputs.diagnosed), [*details_of(inputs.diagnosed), *driving, *alone]
     if len(sentences[0].split()) <= MOST_WORDS:
         return sentences[0], sentences[1:]
