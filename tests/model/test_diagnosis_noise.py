@@ -87,11 +87,11 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
     samples, linear, columns = seen
     values = {name: b.centre for name, b in hyper_priors(samples).items()}
     blocks = blocks_of(samples, linear, columns, np.full(len(samples), 9e-4), values)[:1]
-    found = objective(blocks, values)
+    gradient, _ = objective(blocks, values).slopes()
     for i, name in enumerate(values):
         up, down = ({**values, name: values[name] * np.exp(side * 1e-4)} for side in (1, -1))
         slope = (objective(blocks, up).value - objective(blocks, down).value) / 2e-4
-        assert found.gradient[i] == pytest.approx(slope, rel=1e-4, abs=1e-4), name
+        assert gradient[i] == pytest.approx(slope, rel=1e-4, abs=1e-4), name
 
 
 def test_noise_without_a_sigma_is_a_share_of_the_load(seen: tuple[Samples, Linear, Columns]) -> None:

@@ -18,7 +18,7 @@ Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cull
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -290,11 +290,13 @@ _ENOUGH = 0.05
 
 @dataclass(frozen=True)
 class Objective:
-    """Minus the log posterior, its gradient and information by the logarithms of the hyper-parameters."""
+    """Minus the log posterior, and what returns its gradient and information by the logarithms of hyper-parameters.
+
+    They cost as much again, and are asked for only of a step that is taken, before the next is tried.
+    """
 
     value: float
-    gradient: FloatArray
-    information: FloatArray
+    slopes: Callable[[], tuple[FloatArray, FloatArray]]
 
 
 def estimated(
@@ -315,18 +317,20 @@ def estimated(
     at = np.log([start[name] for name in names]) if start else centre
     with spread([Piece(block) for block in blocks]) as pieces:
         found = _posterior(pieces, names, at, centre, weight)
+        gradient, information = found.slopes()
         damping = 0.0
         for _ in range(_MOST_STEPS):
-            step = -np.linalg.solve(found.information + damping * np.diag(np.diag(found.information)), found.gradient)
-            if -0.5 * float(step @ found.gradient) < _ENOUGH:
+            step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+            if -0.5 * float(step @ gradient) < _ENOUGH:
                 break
             step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
             tried = _posterior(pieces, names, at + step, centre, weight)
             if tried.value <= found.value:
                 at, found, damping = at + step, tried, damping / 4.0
+                gradient, information = found.slopes()
             else:
                 damping = max(4.0 * damping, 0.5)
-    log_sigmas = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    log_sigmas = np.sqrt(np.diag(np.linalg.inv(information)))
     of_few = np.array([name.endswith(OF_FEW) for name in names])
     values = np.exp(at + np.where(of_few, log_sigmas**2, 0.0))
     return Noise(
@@ -339,11 +343,12 @@ def _posterior(pieces: Ask, names: list[str], at: FloatArray, centre: FloatArray
     values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
     data = likelihood(pieces, values, names)
     off = at - centre
-    return Objective(
-        data.value + 0.5 * float(weight @ off**2),
-        data.gradient + weight * off,
-        data.information + np.diag(weight),
-    )
+
+    def slopes() -> tuple[FloatArray, FloatArray]:
+        gradient, information = data.slopes()
+        return gradient + weight * off, information + np.diag(weight)
+
+    return Objective(data.value + 0.5 * float(weight @ off**2), slopes)
 
 
 @dataclass(frozen=True)
@@ -366,9 +371,10 @@ class Piece:
     def sums(self, values: Mapping[str, float], names: Sequence[str]) -> _Sums:
         """Return what it adds to the likelihood."""
         self._covariance = _Covariance(self._block, values, names)
-        self._inverse, log_determinant = _inverse(self._covariance.matrix())
-        self._solved = self._inverse @ self._columns
-        total = self._columns.T @ self._solved
+        self._root = _root(self._covariance.matrix())
+        self._white = _solved(self._root, self._columns, transposed=False)
+        total = self._white.T @ self._white
+        log_determinant = 2.0 * float(np.log(np.diag(self._root)).sum())
         return _Sums(total[1:, 1:], total[1:, 0], float(total[0, 0]), log_determinant)
 
     def slopes(self, best: FloatArray, back: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -381,16 +387,17 @@ class Piece:
         back : array, shape (w, w)
             Whose square is their covariance.
         """
-        left = self._solved @ np.r_[1.0, -best]
+        inverse, solved = _inverse(self._root), _solved(self._root, self._white, transposed=True)
+        left = solved @ np.r_[1.0, -best]
         moved = self._covariance.slopes_times(left)
-        information = 0.5 * moved.T @ self._inverse @ moved
-        across = self._solved[:, 1:].T @ moved
-        self._inverse -= _square(np.column_stack([self._solved[:, 1:] @ back, left]))
-        return 0.5 * self._covariance.slope_traces(self._inverse), information, across
+        information = 0.5 * moved.T @ inverse @ moved
+        across = solved[:, 1:].T @ moved
+        inverse -= _square(np.column_stack([solved[:, 1:] @ back, left]))
+        return 0.5 * self._covariance.slope_traces(inverse), information, across
 
 
 def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -> Objective:
-    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`.
+    """Return minus the log marginal likelihood, as of gradient and information by the logarithms of `names`.
 
     Parameters
     ----------
@@ -403,30 +410,47 @@ def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -
     side = sum((sums.side for sums in found), np.zeros(width))
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
-    gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    across = np.zeros((width, len(names)))
-    for of_gradient, of_information, of_across in pieces("slopes", best, np.linalg.inv(root).T):
-        gradient += of_gradient
-        information += of_information
-        across += of_across
-    information -= 0.5 * across.T @ np.linalg.solve(inner, across)
     log_determinant = sum(sums.log_determinant for sums in found) + 2.0 * float(np.log(np.diag(root)).sum())
     square = sum(sums.square for sums in found) - float(side @ best)
-    return Objective(0.5 * (log_determinant + square), gradient, information)
+
+    def slopes() -> tuple[FloatArray, FloatArray]:
+        gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
+        across = np.zeros((width, len(names)))
+        for of_gradient, of_information, of_across in pieces("slopes", best, np.linalg.inv(root).T):
+            gradient += of_gradient
+            information += of_information
+            across += of_across
+        return gradient, information - 0.5 * across.T @ np.linalg.solve(inner, across)
+
+    return Objective(0.5 * (log_determinant + square), slopes)
 
 
 def _square(x: FloatArray) -> FloatArray:
     return np.asarray(x @ x.T)
 
 
-def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Return the inverse of a covariance, and its log determinant."""
-    from scipy.linalg.lapack import dpotrf, dpotri
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor of a covariance."""
+    from scipy.linalg.lapack import dpotrf
 
     root, failed = dpotrf(covariance.T, lower=1)
     if failed:
         raise np.linalg.LinAlgError("a covariance of the noise is not positive definite")
+    return np.asarray(root)
+
+
+def _solved(root: FloatArray, columns: FloatArray, *, transposed: bool) -> FloatArray:
+    """Return columns divided by a lower factor, or by its transpose."""
+    from scipy.linalg.lapack import dtrtrs
+
+    return np.asarray(dtrtrs(root, columns, lower=1, trans=int(transposed))[0])
+
+
+def _inverse(root: FloatArray) -> FloatArray:
+    """Return the inverse of the covariance of a lower factor."""
+    from scipy.linalg.lapack import dpotri
+
     lower, _ = dpotri(root, lower=1)
-    inverse = lower + lower.T
+    inverse = np.asarray(lower + lower.T)
     inverse[np.diag_indices_from(inverse)] *= 0.5
-    return inverse, 2.0 * float(np.log(np.diag(root)).sum())
+    return inverse
