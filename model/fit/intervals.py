@@ -100,7 +100,11 @@ def profile_of_sum(
     reach = max(0.25 * abs(centre), 0.05) if span is None else span
     edges = {-1.0: float(lower[i] + lower[j]), 1.0: float(upper[i] + upper[j])}
     target = float(np.sqrt(allowed))
-    low, high = in_parallel(lambda side: _edge(excess, centre, side * reach, edges[side], target, precision), edges)
+
+    def edge(side: float) -> float:
+        return _edge(excess, centre, side * reach, edges[side], target, precision)
+
+    low, high = in_parallel(edge, edges, rows=len(problem.residual_and_jacobian(x)[0]))
     return low, high
 
 

@@ -16,7 +16,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from daq import DataError, Fault, FloatArray, WheelsoilError
-from model.cores import in_parallel, one_thread, processes, spread
+from model.cores import LEAST_ROWS, in_parallel, one_thread, processes, spread
 
 
 @pytest.fixture(autouse=True)
@@ -165,6 +165,18 @@ def test_spread_objects_keep_what_they_have_seen_in_their_own_process(count: int
     assert [name for name, _, _ in found] == list("abcd")
     assert all(seen == [1, 2] for _, seen, _ in found)
     assert len({pid for _, _, pid in found}) == (min(count, 4) if sys.platform == "linux" else 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
+@pytest.mark.parametrize(("rows", "count"), [(LEAST_ROWS - 1, 1), (LEAST_ROWS, 2)])
+def test_no_process_is_started_for_little_work(rows: int, count: int) -> None:
+    def work(_: int) -> int:
+        time.sleep(0.1)
+        return os.getpid()
+
+    with processes(2), spread([Counter("a"), Counter("b")], rows=rows) as ask:
+        assert len({pid for _, _, pid in ask("add", 1)}) == count
+        assert len(set(in_parallel(work, range(4), rows=rows))) == count
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -96,7 +96,7 @@ def _gain(linearised: LinearisedCampaign, fits: Mapping[Keys, SetFit], found: Po
         weights = _weights(linearised, run, tuple(fits), found, seed)
         return each[()], averaged(list(each.values()), weights)
 
-    base, average = zip(*in_parallel(predicted, range(count)), strict=True)
+    base, average = zip(*in_parallel(predicted, range(count), rows=linearised.rows), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     return gain_of(base, average, (found.best(),) * count, channel)
 

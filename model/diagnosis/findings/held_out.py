@@ -155,7 +155,7 @@ def held_out(
         base = predict_held_out(linearised, known[()], run, grams[()])
         return base, predict_held_out(linearised, known[keys], run, grams[keys]) if keys else base
 
-    base, extended = zip(*in_parallel(predicted, range(count)), strict=True)
+    base, extended = zip(*in_parallel(predicted, range(count), rows=linearised.rows), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     gain = gain_of(base, extended, chosen, channel)
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)

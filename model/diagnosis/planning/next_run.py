@@ -163,8 +163,9 @@ def next_runs(
     keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys, *likely)))
     candidates = list(_candidates(linearised, keys))
     several = len(linearised.campaigns) > 1
+    matrices = in_parallel(lambda c: c.products(), candidates, rows=linearised.rows)
     ranked = []
-    for candidate, matrix in zip(candidates, in_parallel(lambda c: c.products(), candidates), strict=True):
+    for candidate, matrix in zip(candidates, matrices, strict=True):
         added = embedded(linearised, candidate.campaign, candidate.simulation, matrix)
         result = split(linearised.grams, added, own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))

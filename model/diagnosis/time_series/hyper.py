@@ -315,7 +315,7 @@ def estimated(
     centre = np.log([hyper_priors[name].centre for name in names])
     weight = np.array([hyper_priors[name].log_sigma for name in names]) ** -2.0
     at = np.log([start[name] for name in names]) if start else centre
-    with spread([Piece(block) for block in blocks]) as pieces:
+    with spread([Piece(block) for block in blocks], rows=sum(len(block.columns) for block in blocks)) as pieces:
         found = _posterior(pieces, names, at, centre, weight)
         gradient, information = found.slopes()
         damping = 0.0

@@ -448,6 +448,11 @@ class LinearisedCampaign:
         return Linearisation(sum(len(data.samples) for data in self.campaigns), used, self.rounds, self.converged)
 
     @property
+    def rows(self) -> int:
+        """How many numbers were measured while driving."""
+        return sum(int(data.columns.present.sum()) for data in self.campaigns)
+
+    @property
     def of_vehicles(self) -> bool:
         """Whether wheels of one vehicle are weighed together."""
         return any(data.campaign.of_vehicle for data in self.campaigns)
