@@ -97,8 +97,8 @@ def test_a_cause_hidden_in_frames_is_named_from_what_the_logger_recorded(
     named = max(said["causes"], key=lambda one: one["probability"])
     assert named["name"] == cause, said["sentence"]
     assert named["probability"] > 0.8
-    # A guest beside other work receives frames late: that may keep the name back as something unlisted.
-    assert said["verdict"] == "named" or said["adequacy"]["statistic"] > 0.05, said["sentence"]
+    # A guest beside other work receives frames late: that may keep the name back.
+    assert said["verdict"] in ("named", "one_of"), said["sentence"]
     if named["form"] in ("", key):
         [value] = [p["value"] for p in named["parameters"]]
         assert value == pytest.approx(size, rel=0.25), named
