@@ -44,7 +44,9 @@ class Fault:
             ("expected", self.expected),
             ("next", self.next_step),
         )
-        return "\n".join([self.what, *(f"  {label}: {text}" for label, text in labelled if text)])
+        return "\n".join([self.what, *(f"  {label}: {text}" for label, text in labelled if text)]).replace(
+            "\n  expected: known: ", "\n  expected: "
+        )
 
 
 class WheelsoilError(Exception):
@@ -172,12 +174,12 @@ def near_names(name: str, known: Iterable[str]) -> list[str]:
     return difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.5)
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str], most: int = 12) -> str:
     """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list."""
     names = sorted(set(known))
     if close := near_names(name, names):
         return f"nearest: {', '.join(close)}"
     if not names:
         return "there are none"
-    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    listed = ", ".join(names[:most]) + (", ..." if len(names) > most else "")
     return f"known: {listed}"

@@ -141,7 +141,7 @@ class ExtendedModel:
         ConfigError
             The vehicle has no wheel of this id, or the model is of another wheel.
         """
-        if not self.wheels and (not wheel or self.wheel_id in ("", wheel)):
+        if not self.wheels and self.wheel_id in ("", wheel):
             return self
         if wheel not in self.wheels:
             raise ConfigError.of(
@@ -150,7 +150,8 @@ class ExtendedModel:
                 found=f"wheel {wheel}" if wheel else "a wheel without an id",
                 expected=", ".join(self.wheels) or self.wheel_id,
                 next_step=f"give {'their runs' if self.wheels else f'its runs (--wheel {self.wheel_id})'}, or the "
-                f"model of one wheel: `wheelsoil diagnose FOLDER --wheel {wheel or 'ID'} -o FILE`",
+                f"model of one wheel: `wheelsoil diagnose FOLDER{f' --wheel {wheel}' if wheel else ''} -o FILE`"
+                + ("" if wheel or self.wheels else "; where it is this wheel, remove `wheel` of its [provenance]"),
             )
         size, tyre = self.wheels[wheel]
         sets = tuple(_with_effects(each, _chosen(each.effects, wheel=wheel)) for each in self.sets)
@@ -185,7 +186,7 @@ class ExtendedModel:
         ConfigError
             It is of a vehicle: `of_wheel` gives that of a wheel.
         """
-        own = self.of_wheel("")
+        own = self.of_wheel(self.wheel_id)
         if not own.sets:
             return WheelSoilModel(own.wheel, own.soil, _classes(own.effects, kind), own.reading)
         return AveragedModel([own._member(model_set, kind) for model_set in own.sets if model_set.probability > 0])

@@ -83,7 +83,7 @@ def test_the_verdict_and_the_next_step_stand_in_the_first_six_lines(verdict, wid
         (
             "named",
             "torque_zero",
-            "name its file in vehicle.toml.\n  wheelsoil zero",
+            "name its file in vehicle.toml.\n  # record the lifted wheel as spin.mcap, then:\n  wheelsoil zero",
         ),
         ("named", "slip_sinkage", "Next: save the recommended model"),
         ("unexplained", "", "Next: look at what is wrong"),
@@ -138,7 +138,7 @@ def test_a_step_that_separates_sets_by_one_cause_decides_whether_it_acts() -> No
 def test_a_lifted_zero_is_a_command_to_paste() -> None:
     found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
     step = next_steps(found, VehicleConfig())[0]
-    assert "`" not in f"{step.what}{step.why}{text_of(found)}" and step.paste.startswith("wheelsoil zero")
+    assert "`" not in f"{step.what}{step.why}{text_of(found)}" and "\nwheelsoil zero" in step.paste
 
 
 @pytest.mark.parametrize(("campaign", "run"), [("", "Lauf 3: Ton"), ("clay", "clay: Lauf 3: Ton")])
@@ -158,6 +158,7 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
     radius = Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 0.99, (size,))
     named = replace(diagnosis("named"), causes=(radius,))
     assert next_steps(zero, vehicle)[0].paste.splitlines() == [
+        "# record the lifted wheel as spin.mcap, then:",
         "wheelsoil zero spin.mcap --vehicle vehicle.toml --wheel FL",
         "# then:",
         "[wheel.transducer]  # of wheel FL",
@@ -172,6 +173,29 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
     assert first.what.startswith("At wheel FL: measure") and first.paste.endswith("# of wheel FL\nradius_m = 0.5100")
     assert second.what.startswith("At wheel RL: weigh") and "# of wheel RL\noutboard_mass_kg = 76" in second.paste
+
+
+def test_a_gain_is_scaled_where_no_other_wheel_is_changed() -> None:
+    size = ParameterEstimate("relative", "", 0.058, (0.05, 0.066), 0.004)
+    gain = replace(diagnosis("named"), causes=(Cause("torque_gain@FR", "", "measurement", "", 0.99, 0.99, (size,)),))
+    buses = [{"channel": f"can{i}", "dbc": ["wft.dbc", *(["gnss.dbc"] if i == 1 else [])]} for i in range(3)]
+    signals = {"driving_torque": "can1:WFT_Moments.My"}
+    shared = VehicleConfig.model_validate({"bus": buses, "signals": signals})
+    step = next_steps(gain, shared)[0]
+    assert step.what.startswith("At wheel FR: calibrate the driving torque: these runs suggest 0.945 times")
+    assert step.what.endswith("scale of WFT_Moments.My on can1, in a copy of wft.dbc for can1 alone.")
+    assert step.why == "Scaled in wft.dbc itself, it changes can0 and can2 too."
+    copied, _, *lines = step.paste.splitlines()
+    assert copied == "cp wft.dbc wft-can1.dbc"
+    [bus] = tomllib.loads("\n".join(lines))["bus"]
+    assert bus == {"channel": "can1", "dbc": ["wft-can1.dbc", "gnss.dbc"]}
+    alone = VehicleConfig.model_validate({"bus": buses[1:2], "signals": signals})
+    assert next_steps(gain, alone)[0].what.endswith("0.945 times today's scale in the DBC.")
+    series = VehicleConfig.model_validate({"signals": {"driving_torque": "T right"}})
+    assert next_steps(gain, series)[0].what.endswith("today's values of the column T right.")
+    of_table = replace(gain, grounds=Grounds(table_channels=("dp", "t")))
+    step = next_steps(of_table, VehicleConfig())[0]
+    assert "DBC" not in step.what and step.paste == "--rename driving_torque_nm=COLUMN*0.945"
 
 
 def test_in_how_many_campaigns_an_interval_is_right_is_said_of_few_runs_only() -> None:

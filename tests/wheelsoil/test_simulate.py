@@ -17,6 +17,7 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunsConfig, TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.runs.open import open_runs
+from model.effects import EFFECTS
 from model.wheel_soil.soils import SOILS, soil_from_terrain
 from processing import REBOUND_M, REBOUND_SIGMA_M
 from processing.pipeline.pipeline import process
@@ -432,6 +433,14 @@ def test_bad_options_get_one_message(
     printed = capsys.readouterr().err
     assert words in printed
     assert "Traceback" not in printed
+
+
+def test_an_unknown_effect_is_answered_with_all_that_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert wheelsoil(["simulate", "-o", str(tmp_path / "new"), "--effect", "foo"]) == 2
+    printed = capsys.readouterr().err
+    assert "known: " not in printed and all(name in printed for name in EFFECTS)
 
 
 def test_effects_are_parsed() -> None:

@@ -151,6 +151,16 @@ def test_a_foreign_bench_table(tmp_path: Path) -> None:
     assert found["growth"]["measured"]["value"] == pytest.approx(0.05, abs=1e-6)
 
 
+def test_a_table_of_two_wheels_takes_the_file_of_each(tmp_path: Path) -> None:
+    (tmp_path / "wheel.toml").write_text(WHEEL)
+    rows = bench(tmp_path / "t.csv").read_text().splitlines()
+    both = [f"{row},{wheel}" for wheel, part in (("smooth", rows[1:6]), ("lugged", rows[6:])) for row in part]
+    (tmp_path / "two.csv").write_text("\n".join([f"{rows[0]},wheel", *both]))
+    files = [part for name in ("smooth", "lugged") for part in ("--vehicle", f"{name}={tmp_path / 'wheel.toml'}")]
+    found = ok("sinkage", "--table", tmp_path / "two.csv", "--rename", RENAME, *files, "--json").json
+    assert [len(each["bins"]) for each in found] == [5, 4]
+
+
 def test_rows_are_chosen(tmp_path: Path) -> None:
     (tmp_path / "wheel.toml").write_text(WHEEL)
     table = bench(tmp_path / "t.csv")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from daq.errors import ConfigError
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
-from wheelsoil.wording.change_text import change_row, change_summary
+from wheelsoil.wording.change_text import change_row, change_summary, of_another_thing
 from wheelsoil.workflows.cause_cost import Driving, costs_of
 from wheelsoil.workflows.last_report import changes_since, load_last
 
@@ -117,7 +118,7 @@ def test_another_wheel_than_last_time_is_said_first(tmp_path: Path) -> None:
     assert last.subject == {"vehicle": "truck", "wheel": "RL"}
     said = change_summary(last, (), {"vehicle": "truck", "wheel": "FL"})
     assert said.startswith("Not the same thing: the last report is of wheel RL, not FL. Nothing differs ")
-    assert change_summary(last, (), {"vehicle": "truck"}).startswith("Nothing differs beyond the intervals")
+    assert change_summary(last, (), {}).startswith("Nothing differs beyond the intervals")
 
 
 def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
@@ -189,6 +190,38 @@ def test_another_law_than_last_time_is_said_in_one_sentence(tmp_path: Path) -> N
     before = load_last(write(tmp_path / "last.json", last))
     said = change_summary(before, changes_since(before, now), {})
     assert "p = m₁ + m₂ is 0.620, and last time slip sinkage, H was 0.0500 m." in said and "no value" not in said
+
+
+def test_without_a_diagnosis_no_cause_is_said_to_be_gone_or_new(tmp_path: Path) -> None:
+    both = sections(0.25, (78.0, 5.0), 700.0)
+    none = {key: each for key, each in both.items() if key != "causes"}
+    for last, now, when in ((both, none, "this time"), (none, both, "last time")):
+        before = load_last(write(tmp_path / "last.json", last))
+        found = changes_since(before, now)
+        said = change_summary(before, found, {})
+        assert f"Not diagnosed {when}: causes are not compared." in said and "among the causes" not in said
+        assert f"not diagnosed {when}" in [change_row(change)[4] for change in found if change.kind == "cause"]
+
+
+def test_a_report_of_one_wheel_of_several_is_not_of_one_without_an_id(tmp_path: Path) -> None:
+    before = load_last(write(tmp_path / "last.json", sections(0.25, None, 700.0)))
+    before, here = replace(before, subject={"vehicle": "tractor"}), {"vehicle": "tractor", "wheel": "FL"}
+    assert of_another_thing(before, here) == "the last report is of a wheel without an id, not wheel FL"
+    assert of_another_thing(replace(before, subject=here), {"vehicle": "tractor"}).endswith(
+        "of wheel FL, not a wheel without an id"
+    )
+    assert not of_another_thing(replace(before, subject=here), here)
+
+
+def test_of_a_folder_the_report_of_the_vehicle_is_taken(tmp_path: Path) -> None:
+    for name in ("four", "four-FL", "four-FR"):
+        write(tmp_path / f"{name}.json", sections(0.25, None, 700.0))
+        (tmp_path / f"{name}.html").write_text("")
+    assert load_last(tmp_path, "FR").name == "four-FR.json"
+    (tmp_path / "other.json").write_text("{}")
+    (tmp_path / "other.html").write_text("")
+    with pytest.raises(ConfigError, match="or several"):
+        load_last(tmp_path, "FR")
 
 
 def test_the_last_report_is_its_json_its_page_or_their_folder(tmp_path: Path) -> None:

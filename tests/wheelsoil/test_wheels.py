@@ -355,6 +355,8 @@ def test_the_file_of_one_wheel_is_of_no_other(two: Path, tmp_path: Path) -> None
         assert result.code == 2 and "the model is of another wheel" in result.err and str(model) in result.err
         assert "found: wheel FL" in result.err and "expected: RL" in result.err and "--wheel FL -o FILE" in result.err
     assert "extended" in ok("fit", two, "--wheel", "RL", "--model", model, "--json").json["models"]
+    unnamed = invoke("fit", "recordings/clay", "--model", model)
+    assert unnamed.code == 2 and "found: a wheel without an id" in unnamed.err and "remove `wheel`" in unnamed.err
     front = open_and_process([two], ProcessOptions(), Files(wheel="FL"))
     with pytest.raises(ConfigError, match="of another wheel"):
         fit_runs(front, FitChoices(extended=read), None)

@@ -149,6 +149,8 @@ def _written(report: Report, target: Path, browser: str) -> dict[str, Any]:
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} omitted: {why}")
+    for other in filter(None, (section.numbers.get("another_thing") for section in report.sections)):
+        say(f"--against: {other}")
     if report.not_fitted:
         say_folded(f"not fitted because a signal is missing (the page names it): {report.not_fitted}")
     return {

@@ -326,7 +326,7 @@ def sinkage_command(
     table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
-    vehicle: options.Vehicle = None,
+    vehicle: options.WheelFiles = None,
     wheel: options.Wheel = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -350,7 +350,7 @@ def sinkage_command(
     options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
-        read = read_wheels([table], (str(vehicle),) if vehicle else (), rename=rename, where=where)
+        read = read_wheels([table], tuple(vehicle or ()), rename=rename, where=where)
         by_name = {found.name if len(read) > 1 else "": found for found in read}
         of_table = PerWheel({name: [] for name in by_name}, json=json)
 
@@ -361,7 +361,12 @@ def sinkage_command(
         of_table.each(show)
         return
     files = Files(
-        vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+        options.one_file(vehicle),
+        runs=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+        wheel=wheel,
     )
     by_hand = options.chosen(None, min_speed=min_speed)
     unreadable: list[SetAsideRun] = []

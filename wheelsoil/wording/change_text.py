@@ -27,13 +27,18 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
     First that they are of different things where vehicle, wheel or soil, the `subject`, is another than last time.
     """
     beyond = [change for change in changes if change.beyond]
-    judged = sum(isfinite(change.last_half95) or isfinite(change.now_half95) or change.beyond for change in changes)
+    judged = sum(
+        change.beyond or (not change.undiagnosed and any(map(isfinite, (change.last_half95, change.now_half95))))
+        for change in changes
+    )
     rest = judged - len(beyond)
     if said := differing(changes):
         summary = f"{upper(said)}."
         summary += f" The other {rest} quantities with an interval do not differ beyond it." if rest > 1 else ""
     else:
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
+    for when in {change.undiagnosed for change in changes} - {""}:
+        summary += f" Not diagnosed {when}: causes are not compared."
     name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
     summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({name})."
     return of_the_same(summary, of_another_thing(last, subject))
@@ -47,8 +52,11 @@ def of_the_same(text: str, other: str) -> str:
 def of_another_thing(last: LastReport, subject: Mapping[str, str]) -> str:
     """Return of which other vehicle, wheel or soil the last report is, as it reads within a sentence; "" of none."""
     others = sorted(name for name in last.subject if subject.get(name, "") not in ("", last.subject[name]))
-    each = listed([f"{name} {last.subject[name]}, not {subject[name]}" for name in others])
-    return each and f"the last {last.kind} is of {each}"
+    each = [f"{name} {last.subject[name]}, not {subject[name]}" for name in others]
+    wheels = [of.get("wheel", "") for of in (last.subject, subject)]
+    if last.subject and subject and wheels.count("") == 1:
+        each.append(", not ".join(f"wheel {wheel}" if wheel else "a wheel without an id" for wheel in wheels))
+    return f"the last {last.kind} is of {listed(each)}" if each else ""
 
 
 def differing(changes: Sequence[Change]) -> str:
@@ -111,7 +119,15 @@ def change_row(change: Change) -> list[str]:
         step = measured(change.difference, sigma) if halves_known else _number(change, change.difference)
         step = step if step.strip("0.") else "0"
         difference = f"+{step}" if change.difference > 0 and step != "0" else step
-    verdict = "yes" if change.beyond else "no" if any(halves) else "no interval"
+    verdict = (
+        f"not diagnosed {change.undiagnosed}"
+        if change.undiagnosed
+        else "yes"
+        if change.beyond
+        else "no"
+        if any(halves)
+        else "no interval"
+    )
     values = [_number(change, change.last) + halves[0], _number(change, change.now) + halves[1]]
     return [_name(change), *values, difference, verdict, _unit(change)]
 

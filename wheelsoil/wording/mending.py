@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
+from shlex import quote
 
 from daq import Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
@@ -15,7 +16,10 @@ from wheelsoil.wording.names import listed, plain_name, plain_names, upper
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import deciding_runs, groups_of_runs, runs_apart, several_terrains, terrains_step
 
-_LIFTED = 'wheelsoil zero spin.mcap --vehicle vehicle.toml\n# then:\n[transducer]\nzero_file = "zero.toml"'
+_LIFTED = (
+    "# record the lifted wheel as spin.mcap, then:\nwheelsoil zero spin.mcap --vehicle vehicle.toml\n"
+    '# then:\n[transducer]\nzero_file = "zero.toml"'
+)
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
 _MOST_FILES = 12
 """Files that a command names."""
@@ -54,7 +58,7 @@ def next_steps(
     steps = [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
     at = {cause.name: (wheels or {}).get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
-        (mending_of(cause, at[cause.name]), at[cause.name])
+        (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
         for cause in named
         if parted(cause.name)[0] in MENDED or cause.kind == "measurement"
     ]
@@ -160,18 +164,23 @@ def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
     return Step(what, " ".join([*reason, *written]), _LIFTED if lifted else "", run.campaign)
 
 
-def mending_of(cause: Cause, vehicle: VehicleConfig) -> Step:
+def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> Step:
     """Return how to remove a measurement cause, or to check it where no file can.
 
     Parameters
     ----------
     vehicle : VehicleConfig
         Of the wheel at which the cause acts.
+    table : bool
+        Whether it is of a table of single-wheel tests, which has columns and no DBC.
     """
     family, wheel = parted(cause.name)
-    rule = _RULES.get(family)
     value = cause.parameters[0].value if cause.parameters else 0.0
-    step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
+    if family in _GAINS:
+        step = _gain(_GAINS[family], 1 / (1 + value), vehicle, table=table)
+    else:
+        rule = _RULES.get(family)
+        step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
     return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 
@@ -211,11 +220,28 @@ def _inertia(value: float, vehicle: VehicleConfig) -> Step:
     )
 
 
-def _gain(what: str) -> Callable[[float, VehicleConfig], Step]:
-    def rule(value: float, _: VehicleConfig) -> Step:
-        return Step(f"Calibrate the {what}: these runs suggest {1 / (1 + value):.3f} times today's scale in the DBC.")
-
-    return rule
+def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> Step:
+    """Return how to scale one channel: its column, or its signal in a DBC that is of its bus alone."""
+    begun = f"Calibrate the {role.replace('_', ' ')}: these runs suggest {scale:.3f} times"
+    if table:
+        unit = "nm" if role == "driving_torque" else "n"
+        return Step(f"{begun} today's values of its column.", paste=f"--rename {role}_{unit}=COLUMN*{scale:.3f}")
+    name = vehicle.signals[role].signal if role in vehicle.signals else ""
+    if name and not vehicle.bus:
+        return Step(f"{begun} today's values of the column {name}.")
+    channel, _, signal = name.rpartition(":")
+    own = next((bus.dbc for bus in vehicle.bus if bus.channel == channel), ())
+    others = [bus for bus in vehicle.bus if bus.channel != channel and {*bus.dbc} & {*own}]
+    if not others:
+        return Step(f"{begun} today's scale in the DBC.")
+    shared = [file for file in own if any(file in bus.dbc for bus in others)]
+    copies = {file: f"{file.removesuffix('.dbc')}-{channel}.dbc" for file in shared}
+    what = f"{begun} today's scale of {signal} on {channel}, in a copy of {listed(shared)} for {channel} alone."
+    files = ", ".join(f'"{copies.get(file, file)}"' for file in own)
+    lines = [f"cp {quote(file)} {quote(copy)}" for file, copy in copies.items()]
+    lines += [f"# scale {signal} in the copy, then:", "[[bus]]", f'channel = "{channel}"', f"dbc = [{files}]"]
+    why = f"Scaled in {listed(shared)} itself, it changes {listed([bus.channel for bus in others])} too."
+    return Step(what, why, "\n".join(lines))
 
 
 def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
@@ -247,20 +273,18 @@ _CHECKS = {
     "ground_speed": "Check the ground speed against a second receiver, or a measured distance.",
     "sinkage": "Check the sinkage against the depth of the rut, by a ruler.",
 }
+_GAINS = {"drawbar_pull_gain": "drawbar_pull", "torque_gain": "driving_torque", "load_gain": "vertical_load"}
 _RULES: dict[str, Callable[[float, VehicleConfig], Step]] = {
     "torque_zero": _ZERO,
     "drawbar_pull_zero": _ZERO,
     "load_zero": _ZERO,
     "zero_drift": _step(
         "Determine the zero with the wheel lifted before and after the runs; processing interpolates between them.",
-        "wheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
+        "# record before.mcap and after.mcap, then:\nwheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
     ),
     "speed_latency": _latency,
     "wheel_radius": _radius,
     "wheel_inertia": _inertia,
-    "drawbar_pull_gain": _gain("drawbar pull"),
-    "torque_gain": _gain("driving torque"),
-    "load_gain": _gain("vertical load"),
     "crosstalk": _step("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis."),
     "body_pitch": _step("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs."),
     "speed_bias": _step("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis."),

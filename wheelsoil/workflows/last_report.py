@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
@@ -51,6 +51,8 @@ class Change:
     ----------
     beyond : bool
         Whether the two differ by more than the root sum square of their half intervals, or only one has it.
+    undiagnosed : "", "last time" or "this time"
+        Of a cause: when there was no diagnosis, so that nothing can be said of it.
     """
 
     kind: str
@@ -60,6 +62,7 @@ class Change:
     last_half95: float
     now: float
     now_half95: float
+    undiagnosed: str = ""
 
     @property
     def difference(self) -> float:
@@ -70,7 +73,7 @@ class Change:
     def beyond(self) -> bool:
         """Whether they differ beyond their intervals; False where neither has one."""
         if isfinite(self.last) != isfinite(self.now):
-            return self.kind == "cause"
+            return self.kind == "cause" and not self.undiagnosed
         halves = [half for half in (self.last_half95, self.now_half95) if isfinite(half)]
         return bool(halves) and abs(self.difference) > hypot(*halves)
 
@@ -91,6 +94,8 @@ class LastReport:
         Vehicle, wheel and soil that it is of, as far as it says so.
     driven : str
         When the runs were driven, as the report writes it; "" where it does not.
+    diagnosed : bool
+        Whether it has a diagnosis.
     """
 
     name: str
@@ -100,6 +105,7 @@ class LastReport:
     kind: Literal["report", "campaign"] = "report"
     subject: Mapping[str, str] = field(default_factory=dict)
     driven: str = ""
+    diagnosed: bool = True
 
 
 def store_meant(place: str) -> str | None:
@@ -161,7 +167,13 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
         raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
     subject = {name: str(facts[name]) for name in ("vehicle", "wheel", "soil") if facts.get(name)}
     return LastReport(
-        file.name, str(raw.get("made_at", "")), str(raw.get("title", "")), stated, subject=subject, driven=driven
+        file.name,
+        str(raw.get("made_at", "")),
+        str(raw.get("title", "")),
+        stated,
+        subject=subject,
+        driven=driven,
+        diagnosed="causes" in raw["sections"],
     )
 
 
@@ -169,6 +181,8 @@ def _file_of(path: Path) -> Path:
     if not path.is_dir():
         return path.with_suffix(".json") if path.suffix in (".html", ".pdf") else path
     found = _reports_in(path)
+    # That of a vehicle: report.json beside report-FL.json.
+    found = [file for file in found if all(f"{each.stem}-".startswith(f"{file.stem}-") for each in found)] or found
     if len(found) != 1:
         raise ConfigError.of(
             "this folder holds no report, or several",
@@ -249,7 +263,10 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
     Causes come before the pull and the soil. Of the quality of the data only what both have, of causes those that one
     of the two compares, or that a rule bars in both.
     """
-    return changes_between(last.stated, tuple(stated_in(sections)))
+    undiagnosed = "last time" if not last.diagnosed else "" if "causes" in sections else "this time"
+    changes = changes_between(last.stated, tuple(stated_in(sections)))
+    changes = [replace(change, undiagnosed=undiagnosed if change.kind == "cause" else "") for change in changes]
+    return sorted(changes, key=lambda change: not change.beyond)
 
 
 def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[Change]:
