@@ -195,13 +195,15 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
         "[wheel.transducer]  # of wheel FL",
         'zero_file = "zero-FL.toml"',
     ]
-    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nradius_m = 0.5100"
+    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nrolling_radius_m = 0.5100"
     undeclared = next_steps(with_lugs("one_of", ""), vehicle)
     assert undeclared[0].paste.endswith('[[wheel]]  # of wheel FL\ntyre = "smooth"')
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
     two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
-    assert first.what.startswith("At wheel FL: measure") and first.paste.endswith("# of wheel FL\nradius_m = 0.5100")
+    assert first.what.startswith("At wheel FL: measure") and first.paste.endswith(
+        "# of wheel FL\nrolling_radius_m = 0.5100"
+    )
     assert second.what.startswith("At wheel RL: weigh") and "# of wheel RL\noutboard_mass_kg = 76" in second.paste
 
 

@@ -213,7 +213,7 @@ def _latency(value: float, vehicle: VehicleConfig) -> Step:
 
 def _radius(value: float, vehicle: VehicleConfig) -> Step:
     wheel = vehicle.wheel
-    line = f"[wheel]\nradius_m = {wheel.radius_m * (1 + value):.4f}" if wheel else ""
+    line = f"[wheel]\nrolling_radius_m = {wheel.rolling_m * (1 + value):.4f}" if wheel else ""
     return Step(
         "Measure the rolling radius on firm ground; these runs suggest the value below for vehicle.toml.", paste=line
     )
