@@ -14,6 +14,7 @@ from pydantic import (
     ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
+    ValidationInfo,
     field_validator,
     model_serializer,
     model_validator,
@@ -90,10 +91,11 @@ class WheelSection(Placed):
     ``axle`` is counted from the front: the wheel of a rear axle runs in the rut of those before it.
     """
 
-    only_if_set = frozenset({"x_m", "y_m", "axle", "id"})
+    only_if_set = frozenset({"x_m", "y_m", "axle", "id", "rolling_radius_m"})
 
     id: Annotated[str, Field(max_length=40)] = ""
     radius_m: Positive
+    rolling_radius_m: Positive | None = None
     width_m: Annotated[float, Field(gt=0, lt=5)]
     position: str = ""
     axle: Axle | None = None
@@ -112,14 +114,14 @@ class WheelSection(Placed):
             return value
         raise ValueError("an id holds letters, digits, - and _ only: it becomes part of file names")
 
-    @field_validator("radius_m")
+    @field_validator("radius_m", "rolling_radius_m")
     @classmethod
-    def _in_metres(cls, value: float) -> float:
-        if value < _LARGEST_RADIUS_M:
+    def _in_metres(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is None or value < _LARGEST_RADIUS_M:
             return value
         metres = {unit: value * factor for unit, factor in (("mm", 1e-3), ("inches", 0.0254))}
         likely = [
-            f"{value:g} {unit} are {radius:.4g} m: write radius_m = {radius:.4g}"
+            f"{value:g} {unit} are {radius:.4g} m: write {info.field_name} = {radius:.4g}"
             for unit, radius in metres.items()
             if _SMALLEST_RADIUS_M <= radius < _LARGEST_RADIUS_M
         ]
@@ -157,6 +159,11 @@ class WheelSection(Placed):
         if self.lug_count and not height:
             raise ValueError(f"lug_count = {self.lug_count} needs lug_height_m; add it")
         return self
+
+    @property
+    def rolling_m(self) -> float:
+        """Radius that makes a rim speed of the wheel speed; forces keep ``radius_m``."""
+        return self.rolling_radius_m or self.radius_m
 
     @property
     def tread(self) -> Literal["smooth", "lugged", ""]:

@@ -76,6 +76,8 @@ class DiagnosisCode(StrEnum):
     """campaign of several, run, family of the zero, its channel, size, sigma by the scatter of the others, chance"""
     LESS_BESIDE_USUAL = "less_beside_usual"
     """family, probability"""
+    LIKE_RADIUS = "like_radius"
+    """family, radius_m as declared, larger_m: by how much a larger radius looks the same"""
     OUTLIERS = "outliers"
     """samples, runs, limit"""
     WHEEL_ORDER = "wheel_order"

@@ -225,6 +225,8 @@ class ProcessedRun:
         Of the wheel, from the front, and how many the vehicle has.
     least_speed_mps : float
         Larger of rim and ground speed below which no slip was formed.
+    rolling_radius_m : float, optional
+        Of the slip, where it is not `wheel_radius_m`.
     """
 
     run: RunInfo
@@ -262,6 +264,7 @@ class ProcessedRun:
     axle: int = 1
     axles: int = 1
     least_speed_mps: float = 0.0
+    rolling_radius_m: float | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -287,9 +290,14 @@ class ProcessedRun:
         return self.extras[ROLES[self.outboard_role].field] if self.has_accelerometer else self.ground_acceleration_mps2
 
     @property
+    def rolling_m(self) -> float:
+        """Radius that the slip is formed with."""
+        return self.rolling_radius_m or self.wheel_radius_m
+
+    @property
     def rim_speed_mps(self) -> FloatArray:
-        """Wheel speed times the wheel's radius."""
-        return self.wheel_radius_m * self.wheel_speed_radps
+        """Wheel speed times the rolling radius."""
+        return self.rolling_m * self.wheel_speed_radps
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a column by its name, extras too; NaN for a quantity that was not measured."""

@@ -280,7 +280,7 @@ def _in_si(role: str, name: SignalName, place: _Place, vehicle: VehicleConfig) -
             what = f"{shown} is a rim speed ({text}): the wheel radius makes it an angular speed"
             step = "add [wheel] radius_m: the radius its sender assumes"
             return Fault(what, f"vehicle.toml [signals] {role}", "no [wheel]", next_step=step)
-        factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
+        factor, si_unit = factor / vehicle.wheel.rolling_m, Quantity.ANGULAR_SPEED.value
     return SignalRef(
         role=role,
         bus=place.bus,

@@ -218,7 +218,7 @@ def _trace(samples: Samples, started_ns: int) -> dict[str, list[float | None]]:
 
 def _setup(vehicle: VehicleConfig) -> dict[str, Any]:
     return {
-        "wheel_radius_m": vehicle.wheel.radius_m if vehicle.wheel else None,
+        "wheel_radius_m": vehicle.wheel.rolling_m if vehicle.wheel else None,
         "latency_s": {role: vehicle.latency_s(role) for role in TRACE_ROLES if role in vehicle.signals},
         "min_speed_mps": MIN_SPEED_MPS,
         "transducer_frame": vehicle.transducer.frame,

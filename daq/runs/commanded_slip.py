@@ -48,7 +48,7 @@ class CommandedSlip:
 
     def __init__(self, vehicle: VehicleConfig, role: str) -> None:
         self.role, self.needs = role, ("slip", _OTHER_SPEED[role])
-        self._radius_m = vehicle.wheel.radius_m if vehicle.wheel else np.nan
+        self._radius_m = vehicle.wheel.rolling_m if vehicle.wheel else np.nan
         self._last = np.nan
 
     def speed(self, channels: Mapping[str, Channel]) -> Channel | None:

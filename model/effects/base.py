@@ -165,6 +165,7 @@ class Effect:
         First estimate of the only parameter.
     each_wheel : whether it is of one wheel or tyre; what goes with a transducer is, too
     of_tables : whether only rows of single-wheel tests identify it; runs consider it if nothing else is asked for
+    like_radius : its parameter by which a larger wheel radius looks the same, unless the tyre is declared; or ""
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
@@ -187,6 +188,7 @@ class Effect:
     first_estimate: ClassVar[FirstEstimate | None] = None
     each_wheel: ClassVar[bool] = False
     of_tables: ClassVar[bool] = False
+    like_radius: ClassVar[str] = ""
     stage: ClassVar[int] = 0
 
     @classmethod

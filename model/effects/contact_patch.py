@@ -139,6 +139,7 @@ class Grouser(Effect):
         Parameter("height_m", "m", 0.0, 0.01, 0.0, 0.2, 0.02, "lugs of 5 to 20 mm; about half of them counts", side=1),
     )
     needs = Needs(lugs=True)
+    like_radius = "height_m"
 
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
         """Return the contact patch with lugs."""

@@ -151,10 +151,10 @@ class FilteredRun:
 def assemble(
     filtered: FilteredRun, wheel: WheelSection, run: RunInfo, options: ProcessOptions, vehicle: VehicleSection
 ) -> ProcessedRun:
-    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons."""
+    """Form slip, with the declared rolling radius of the wheel as in Eq. 6, segments and reasons."""
     radius_m = wheel.radius_m
-    ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
-    rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
+    ground, rim = filtered.values("ground_speed"), wheel.rolling_m * filtered.values("wheel_speed")
+    rim_sigma, ground_sigma = wheel.rolling_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
     pace = pace_of(rim, ground)
     least_mps = least_slip_speed(pace) if options.min_speed_mps is None else options.min_speed_mps
     slip = slip_of(rim, ground, least_mps)
@@ -183,6 +183,7 @@ def assemble(
         rate_hz=options.rate_hz,
         cutoff_hz=filtered.cutoff_hz,
         wheel_radius_m=radius_m,
+        rolling_radius_m=wheel.rolling_radius_m,
         start_ns=filtered.start_ns,
         time_s=filtered.time_s,
         slip=slip,
@@ -202,7 +203,7 @@ def assemble(
         axle=wheel.axle or 1,
         axles=vehicle.axles or 1,
         least_speed_mps=least_mps,
-        quality=_quality(filtered, segments, stuck, reason, radius_m, options, vehicle.standstill_brakes, notes, pace),
+        quality=_quality(filtered, segments, stuck, reason, wheel, options, vehicle.standstill_brakes, notes, pace),
     )
 
 
@@ -233,13 +234,13 @@ def _quality(
     segments: NDArray[np.uint8],
     stuck: BoolArray,
     reason: NDArray[np.uint8],
-    radius_m: float,
+    wheel: WheelSection,
     options: ProcessOptions,
     brakes: Brakes,
     notes: list[Note],
     pace: float,
 ) -> QualityReport:
-    speeds = _compare(filtered, radius_m, options.rate_hz, pace)
+    speeds = _compare(filtered, wheel, options.rate_hz, pace)
     standing = standstills(
         filtered.time_s,
         np.where(stuck, Segment.COAST, segments),
@@ -272,18 +273,18 @@ def _quality(
     )
 
 
-def _compare(filtered: FilteredRun, radius_m: float, rate_hz: float, pace: float) -> SpeedComparison:
+def _compare(filtered: FilteredRun, wheel: WheelSection, rate_hz: float, pace: float) -> SpeedComparison:
     """Compare the speeds where both went through the whole filter."""
     if not filtered.has_slip:
         return SpeedComparison()
     sound = {role: filtered.roles[role].reason == Reason.USED for role in SLIP_ROLES}
     return compare_speeds(
         np.where(sound["ground_speed"], filtered.values("ground_speed"), nan),
-        np.where(sound["wheel_speed"], radius_m * filtered.values("wheel_speed"), nan),
+        np.where(sound["wheel_speed"], wheel.rolling_m * filtered.values("wheel_speed"), nan),
         filtered.values("driving_torque"),
         filtered.values("vertical_load"),
         filtered.values("drawbar_pull"),
-        radius_m,
+        wheel.radius_m,
         rate_hz,
         pace,
     )

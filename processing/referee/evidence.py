@@ -170,7 +170,7 @@ def evidence_of(run: ProcessedRun, vehicle: VehicleConfig) -> Evidence:
     mass_kg = vehicle.vehicle.mass_kg
     if mass_kg is not None:
         mass_kg += max(run.run.added_load_kg, 0.0)
-    return Evidence(channels, run.wheel_radius_m, mass_kg, _against_track(run, channels))
+    return Evidence(channels, run.rolling_m, mass_kg, _against_track(run, channels))
 
 
 def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[str, float]:

@@ -57,6 +57,23 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float = 2e-3) -> bool:
     return bool(np.allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max()))
 
 
+def test_a_rolling_radius_acts_in_the_slip_only(about: tuple[Simulation, Samples, Linear]) -> None:
+    """With radius_m in its place, torque and stresses changed, and a gain was named for it."""
+    simulation, samples, linear = about
+    campaign = simulated_campaign(runs=2)
+    slower = [
+        replace(run, wheel_speed_radps=run.wheel_speed_radps / 1.04, rolling_radius_m=1.04 * run.wheel_radius_m)
+        for run in campaign.runs
+    ]
+    at = samples_of(replace(campaign, runs=tuple(slower)))
+    at = at[np.arange(len(at)) % 3 == 0]
+    soil = np.linspace(-0.5, 0.5, len(simulation.space))
+    point = Point(soil, dict(CAUSES), np.full(len(at), 0.01), np.full(len(at), 0.05))
+    found = linearise(replace(simulation, rolling_radius_m=1.04 * simulation.wheel.radius_m), at, point)
+    np.testing.assert_allclose(at.conditions.slip, samples.conditions.slip, atol=1e-9)
+    assert close(found.speed, linear.speed, 1e-6) and close(found.centre, linear.centre, 1e-6)
+
+
 def test_soil_columns_are_derivatives(about: tuple[Simulation, Samples, Linear]) -> None:
     linear = about[2]
     for i in range(6):

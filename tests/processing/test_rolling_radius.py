@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from synthetic_run import forces, speeds, vehicle
 
 from processing.pipeline.latency import compare_speeds, rolls_freely, speed_scale
+from processing.pipeline.pipeline import process
 
 RADIUS_M = 0.47
 LOAD_N = 8000.0
@@ -19,6 +21,17 @@ def test_neither_torque_nor_pull_may_exceed_six_percent_of_the_load(sign: float)
     expected = [True, False, True, True]
     np.testing.assert_array_equal(rolls_freely(rim, force * RADIUS_M, load, 0 * rim, RADIUS_M), expected)
     np.testing.assert_array_equal(rolls_freely(rim, 0 * rim, load, force, RADIUS_M), expected)
+
+
+def test_a_declared_rolling_radius_is_of_the_slip_only() -> None:
+    declared = vehicle()
+    wheel = declared.wheel.model_copy(update={"rolling_radius_m": 1.04 * declared.wheel.radius_m})
+    channels = {**speeds(20.0, slip=0.2), **forces(20.0)}
+    plain, rolling = (process(channels, each) for each in (declared, declared.model_copy(update={"wheel": wheel})))
+    used = plain.used & rolling.used
+    np.testing.assert_allclose(1 - rolling.slip[used], (1 - plain.slip[used]) / 1.04)
+    np.testing.assert_allclose(rolling.rim_speed_mps, 1.04 * plain.rim_speed_mps)
+    assert used.any() and rolling.wheel_radius_m == plain.wheel_radius_m
 
 
 def test_of_a_wheel_with_one_force_alone_nothing_is_known() -> None:

@@ -6,6 +6,7 @@ import re
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,16 +28,19 @@ from model.diagnosis.core.result import (
     ParameterEstimate,
     RefutedSoil,
     SoilInstead,
+    Verdict,
 )
 from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.effects import EFFECTS
 from model.notes import DiagnosisCode, LackCode, StepCode
+from model.wheel_soil import Wheel
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
 from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 from wheelsoil.workflows.choice import parse_choice
+from wheelsoil.workflows.diagnosis import _like_radius
 
 VERDICTS = tuple(SENTENCES)
 
@@ -135,6 +139,34 @@ def test_a_step_that_separates_sets_by_one_cause_decides_whether_it_acts() -> No
     assert next_steps(found, VehicleConfig())[0].why == "Decides whether slope acts; expected odds 20 : 1."
 
 
+def with_lugs(verdict: Verdict, tyre: str) -> Diagnosis:
+    """Return a verdict of lugs of 19 mm, of a wheel of 0.47 m with such a tyre, with what is noted of it."""
+    size = ParameterEstimate("height_m", "m", 0.019, (0.0167, 0.0213), 1e-3)
+    lugs = Cause("grouser", "", "physical", "grouser", 0.6, 1.0, (size,))
+    found = replace(diagnosis(verdict), causes=(lugs,), next_run=(), not_identifiable={})
+    given: Any = SimpleNamespace(wheel=Wheel(0.47, 0.318), tyre=tyre)
+    return replace(found, grounds=Grounds(cautions=tuple(_like_radius(found, [given, given]))))
+
+
+@pytest.mark.parametrize("verdict", ["named", "one_of"])
+def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdict) -> None:
+    """A radius that is 19 mm too small was named as lugs of 19 mm, with no further run needed."""
+    found, declared = with_lugs(verdict, ""), with_lugs(verdict, "lugged")
+    assert "rouser (or a wheel radius larger by 19 mm)" in headline_of(found)
+    assert "A wheel radius of 0.489 m in place of 0.47 m looks the same as grouser" in sentence_of(found)
+    assert diagnosis_json(found)["like_radius"] == [{"family": "grouser", "radius_m": 0.47, "larger_m": 0.019}]
+    step, text = next_steps(found, VehicleConfig())[0], text_of(found)
+    assert step.what.startswith("Measure the wheel's radius from hub to ground") and "further run" not in text
+    for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
+        assert f"[wheel]\n{line}" in step.paste
+    assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
+
+
+def test_what_looks_like_a_larger_radius_is_a_length_of_its_effect() -> None:
+    alike = [effect for effect in EFFECTS.values() if effect.like_radius]
+    assert [p.unit for effect in alike for p in effect.parameters if p.name == effect.like_radius] == ["m"] * len(alike)
+
+
 def test_a_lifted_zero_is_a_command_to_paste() -> None:
     found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
     step = next_steps(found, VehicleConfig())[0]
@@ -164,14 +196,15 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
         "[wheel.transducer]  # of wheel FL",
         'zero_file = "zero-FL.toml"',
     ]
-    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nradius_m = 0.5100"
-    lugs = Cause("grouser", "", "physical", "grouser", 0.6, 1.0, (replace(size, name="height_m", unit="m"),))
-    undeclared = next_steps(replace(diagnosis("one_of"), causes=(lugs,)), vehicle)
-    assert undeclared[0].paste == '[[wheel]]  # of wheel FL\ntyre = "smooth"'
+    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nrolling_radius_m = 0.5100"
+    undeclared = next_steps(with_lugs("one_of", ""), vehicle)
+    assert undeclared[0].paste.endswith('[[wheel]]  # of wheel FL\ntyre = "smooth"')
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
     two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
-    assert first.what.startswith("At wheel FL: measure") and first.paste.endswith("# of wheel FL\nradius_m = 0.5100")
+    assert first.what.startswith("At wheel FL: measure") and first.paste.endswith(
+        "# of wheel FL\nrolling_radius_m = 0.5100"
+    )
     assert second.what.startswith("At wheel RL: weigh") and "# of wheel RL\noutboard_mass_kg = 76" in second.paste
 
 

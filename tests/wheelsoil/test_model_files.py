@@ -359,7 +359,7 @@ def made(runs: Sequence[tuple[Run, ProcessedRun]], *causes: str) -> ExtendedMode
 MENDED_BY = {
     "speed_latency": "[sensors.ground_speed] latency_s",
     "speed_bias": "scale of ground_speed",
-    "wheel_radius": "[wheel] radius_m",
+    "wheel_radius": "[wheel] rolling_radius_m",
     "drawbar_pull_gain": "scale of drawbar_pull",
     "torque_gain": "scale of driving_torque",
     "load_gain": "scale of vertical_load",
@@ -385,7 +385,7 @@ def otherwise(run: Run, done: ProcessedRun, name: str) -> tuple[Run, ProcessedRu
         name = SignalName(signal=vehicle.signals[key].signal, sign=-vehicle.signals[key].sign)
         return replace(run, vehicle=vehicle.model_copy(update={"signals": vehicle.signals | {key: name}})), done
     parts = {
-        "[wheel]": {"wheel": wheel.model_copy(update={key: 0.99 * getattr(wheel, key, 1.0)})},
+        "[wheel]": {"wheel": wheel.model_copy(update={key: 0.99 * (getattr(wheel, key, None) or wheel.radius_m)})},
         "[transducer]": {"transducer": vehicle.transducer.model_copy(update={key: "spin" if key == "zero" else 1.5})},
     }
     role = section.removeprefix("[sensors.").removesuffix("]")

@@ -11,7 +11,7 @@ from model.effects import parted
 from wheelsoil.wording.grounds_text import chances_of
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import like_radius, sentence_of
 
 _SCHEMA = "wheelsoil/diagnosis/1"
 _PLAN_SCHEMA = "wheelsoil/plan/1"
@@ -50,6 +50,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "stages_s": found.stages_s,
         **({"static": [check.model_dump(exclude_none=True) for check in found.static]} if found.static else {}),
         **({"corrected": [vars(correction) for correction in found.corrected]} if found.corrected else {}),
+        **({"like_radius": [dict(note.values) for note in alike]} if (alike := like_radius(found)) else {}),
         **({"laboratory": _laboratory(found)} if found.grounds.refuted_soil or found.grounds.soil_instead else {}),
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
     }

@@ -10,11 +10,18 @@ from shlex import quote
 from daq import Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
-from model.effects import EFFECTS, parted
+from model.effects import parted
 from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
-from wheelsoil.wording.verdict import deciding_runs, groups_of_runs, runs_apart, several_terrains, terrains_step
+from wheelsoil.wording.verdict import (
+    deciding_runs,
+    groups_of_runs,
+    like_radius,
+    runs_apart,
+    several_terrains,
+    terrains_step,
+)
 
 _LIFTED = (
     "# record the lifted wheel as spin.mcap, then:\nwheelsoil zero spin.mcap --vehicle vehicle.toml\n"
@@ -55,7 +62,8 @@ def next_steps(
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    steps = [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
+    steps = [(_radius_or_lugs(note), vehicle) for note in like_radius(found)[:1]]
+    steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
     at = {cause.name: (wheels or {}).get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
         (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
@@ -64,8 +72,6 @@ def next_steps(
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
-    if found.verdict == "one_of" and any(EFFECTS[c.key].needs.lugs for c in found.causes if c.key in EFFECTS):
-        steps += [] if vehicle.wheel is None or vehicle.wheel.tread else [(_TREAD, vehicle)]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [(step_of(found), vehicle)]
@@ -96,6 +102,18 @@ def parting_step(found: Diagnosis) -> Step:
     paste = "\n".join(lines) if 0 < len(files) <= _MOST_FILES else ""
     before = "" if note is not None else "if these are two soils, "
     return Step(f"{upper(before + terrains_step(found))}.", "Until then rely on no cause.", paste)
+
+
+def _radius_or_lugs(note: Note) -> Step:
+    """Return what decides between a cause and a larger wheel radius, with the lines for each outcome."""
+    declared, larger = note.values["radius_m"], note.values["radius_m"] + note.values["larger_m"]
+    lines = (
+        f"# if the radius is about {larger:.3f} m: the measured value\n[wheel]\nradius_m = {larger:.4f}",
+        f'# if it is {declared:g} m, and the tyre has lugs\n[wheel]\ntyre = "lugged"',
+        f'# if it is {declared:g} m, and the tyre has none\n[wheel]\ntyre = "smooth"',
+    )
+    what = "Measure the wheel's radius from hub to ground, declare the tyre, and diagnose again."
+    return Step(what, f"{upper(note_text(note))}.", "\n".join(lines))
 
 
 def _apart_step(note: Note) -> Step:
@@ -204,7 +222,7 @@ def _latency(value: float, vehicle: VehicleConfig) -> Step:
 
 def _radius(value: float, vehicle: VehicleConfig) -> Step:
     wheel = vehicle.wheel
-    line = f"[wheel]\nradius_m = {wheel.radius_m * (1 + value):.4f}" if wheel else ""
+    line = f"[wheel]\nrolling_radius_m = {wheel.rolling_m * (1 + value):.4f}" if wheel else ""
     return Step(
         "Measure the rolling radius on firm ground; these runs suggest the value below for vehicle.toml.", paste=line
     )
@@ -248,7 +266,6 @@ def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
     return lambda _value, _vehicle: Step(what, paste=paste)
 
 
-_TREAD = Step("Look at the tyre: if it has no lugs, declare that.", paste='[wheel]\ntyre = "smooth"')
 _ZERO = _step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", _LIFTED)
 
 

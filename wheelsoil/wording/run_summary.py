@@ -84,7 +84,7 @@ def _radius(run: ProcessedRun) -> list[tuple[str, str]]:
     scale, sigma = run.quality.speed_scale, run.quality.speed_scale_sigma
     if not isfinite(scale):
         return []
-    radius = run.wheel_radius_m
+    radius = run.rolling_m
     return [
         ("effective rolling radius", _with_sigma(scale * radius, sigma * radius, ".4f", f" m (given {radius:g} m)"))
     ]

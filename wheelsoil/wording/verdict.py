@@ -82,7 +82,7 @@ def statements_of(found: Diagnosis) -> list[Statement]:
 
 def headline_of(found: Diagnosis) -> str:
     """Return the verdict in one short sentence, with the gain on held-out runs where there is one."""
-    names, chances = [plain_name(cause.name) for cause in found.causes], [cause.probability for cause in found.causes]
+    names, chances = [_name_of(cause, found) for cause in found.causes], [cause.probability for cause in found.causes]
     if len(names) > _MOST_NAMES:
         names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} more"]
         chances = [*chances[: _MOST_NAMES - 1], min(chances[_MOST_NAMES - 1 :])]
@@ -227,6 +227,18 @@ def doubt_of_the_peak(found: Diagnosis) -> Note | None:
     return _caution(found, DiagnosisCode.LESS_BESIDE_USUAL)
 
 
+def like_radius(found: Diagnosis) -> tuple[Note, ...]:
+    """Return the notes on causes of the verdict that a larger wheel radius looks the same as."""
+    return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.LIKE_RADIUS)
+
+
+def _name_of(cause: Cause, found: Diagnosis) -> str:
+    """Return the name of a cause, with the wheel radius that looks the same."""
+    larger = [note.values["larger_m"] for note in like_radius(found) if note.values["family"] == cause.name]
+    same = f" (or a wheel radius larger by {1e3 * larger[0]:.2g} mm)" if larger else ""
+    return f"{plain_name(cause.name)}{same}"
+
+
 def _caution(found: Diagnosis, code: DiagnosisCode) -> Note | None:
     return next((note for note in found.grounds.cautions if note.code == code), None)
 
@@ -308,7 +320,7 @@ def finding_of(found: Diagnosis) -> str:
     first = statements_of(found)[0]
     if first.about != "cause" or len(found.causes) > 1:
         return first.text
-    return upper(without_powers(_cause_named(found.causes[0], _explains(found))))
+    return upper(without_powers(_cause_named(found.causes[0], found)))
 
 
 def size_text(cause: Cause) -> str:
@@ -404,7 +416,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     """Return the sentences of "named"."""
     ahead = doubt_of_the_peak(found) is not None
     alike = [name for name in found.grounds.confounded if not (ahead and name in EFFECTS and EFFECTS[name].is_usual())]
-    causes = " and ".join(f"{_cause_named(cause, _explains(found))}: {size_text(cause)}" for cause in found.causes)
+    causes = " and ".join(f"{_cause_named(cause, found)}: {size_text(cause)}" for cause in found.causes)
     statements: list[str | Statement] = [Statement(causes, "cause")]
     if free := found.grounds.free_form:
         statements.append(f"{upper(plain_name(free[0]))} acts by another formula than the listed ones, over {free[1]}")
@@ -471,10 +483,10 @@ def _explains(found: Diagnosis) -> bool:
     return found.gain is None or falling_channel(found) is not None
 
 
-def _cause_named(cause: Cause, explains: bool) -> str:
+def _cause_named(cause: Cause, found: Diagnosis) -> str:
     form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
-    verb = "explains the misfit" if explains else "acts"
-    return f"{plain_name(cause.name)} {verb} ({chance(cause.probability)}{form})"
+    verb = "explains the misfit" if _explains(found) else "acts"
+    return f"{_name_of(cause, found)} {verb} ({chance(cause.probability)}{form})"
 
 
 def reduction_in(gain: Gain, channel: str) -> Reduction:

@@ -399,8 +399,21 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
     guessed = [campaign.name for campaign in given if campaign.soil_prior.assumed]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
-    grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))
+    cautions = (*diagnosis.grounds.cautions, *mixed, *_like_radius(diagnosis, given))
+    grounds = replace(diagnosis.grounds, cautions=cautions)
     return replace(diagnosis, grounds=grounds, notes=(*notes, *([assumed] if guessed else [])))
+
+
+def _like_radius(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> list[Note]:
+    """Return a caution for each cause as which a wrong radius of a wheel of undeclared tyre looks."""
+    radii = dict.fromkeys(each.wheel.radius_m for each in given if not each.tyre)
+    return [
+        Note(DiagnosisCode.LIKE_RADIUS, values={"family": cause.name, "radius_m": radius, "larger_m": size.value})
+        for cause in (diagnosis.causes if diagnosis.verdict in ("named", "one_of") else ())
+        for size in cause.parameters
+        if size.name == EFFECTS[cause.key].like_radius
+        for radius in radii
+    ]
 
 
 def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:

@@ -131,6 +131,7 @@ def declared_of(run: Run, processed: ProcessedRun) -> dict[str, str]:
     wheel, transducer, zeros = run.vehicle.wheel, run.vehicle.transducer, processed.quality.zeros
     return {
         **{f"[wheel] {name}": f"{getattr(wheel, name):.9g}" for name in ("radius_m", *_OUTBOARD) if wheel},
+        "[wheel] rolling_radius_m": f"{wheel.rolling_radius_m:.9g}" if wheel and wheel.rolling_radius_m else "radius_m",
         **{f"[sensors.{role}] latency_s": f"{run.vehicle.latency_s(role):.9g}" for role in _SPEEDS},
         **{f"scale of {role}": text for role, text in run.scales((*TRANSDUCER_ROLES, *_SPEEDS, "pitch")).items()},
         **{f"zero of {role}": "none" for role in TRANSDUCER_ROLES},
@@ -148,7 +149,7 @@ def _counted_from(key: str) -> set[str]:
     return {
         *(f"scale of {role}" for role in roles),
         *(f"[sensors.{role}] latency_s" for role in (_SPEEDS if roles & {*_SPEEDS} else ())),
-        *(("[wheel] radius_m",) if "wheel_speed" in roles else ()),
+        *(("[wheel] radius_m", "[wheel] rolling_radius_m") if "wheel_speed" in roles else ()),
         *(f"zero of {role}" for role in of_zero),
         *(("[transducer] zero", "[transducer] angle_offset_deg") if of_zero else ()),
         *(outboard[:1] if "vertical_load" in of_zero else ()),

@@ -97,7 +97,7 @@ class HealthMonitor:
             for bus in vehicle.bus
         }
         self._gnss = Gnss(roles, started_ns)
-        self._motion = Motion(vehicle.wheel.radius_m if vehicle.wheel else None)
+        self._motion = Motion(vehicle.wheel.rolling_m if vehicle.wheel else None)
         self._host = HostWatch(vehicle.logger)
         self._board = Board()
 

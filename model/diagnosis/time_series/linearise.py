@@ -138,6 +138,7 @@ class Simulation:
     space: SoilSpace
     effects: tuple[type[Effect], ...]
     reading: Reading
+    rolling_radius_m: float | None = None
 
     def model(self, values: Mapping[str, float]) -> WheelSoilModel:
         """Return the model with only those effects that are not at their neutral."""
@@ -388,7 +389,7 @@ def _derivatives(
     columns = conditions.map(column)
     speed = Dual(columns.ground_speed_mps, {_SPEED: 1.0})
     seeded = replace(
-        _moved(columns, speed, radius),
+        _moved(columns, speed, simulation.rolling_radius_m or radius),
         vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
         ground_acceleration_mps2=Dual(columns.ground_acceleration_mps2, {_RATE: 1.0}),
         wheel_acceleration_radps2=Dual(columns.wheel_acceleration_radps2, {_SPIN: 1.0}),

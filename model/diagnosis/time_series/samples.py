@@ -190,7 +190,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
         moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
-        wheel_radius_m=campaign.wheel.radius_m,
+        wheel_radius_m=campaign.runs[0].rolling_m,
         block_s=max((block_seconds(run, campaign) for run in campaign.runs), default=BLOCK_S),
         excluded=dict(excluded),
         notes=notes,
@@ -319,7 +319,7 @@ def _blocks(
         found[name] = np.full(len(starts), value)
     found |= _instants(run, starts, step, found)
     found["moments"] = _moments(run, starts, step, acceleration, jerk)
-    found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
+    found["slip"] = slip_of(run.rolling_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
     keep = _kept(run, found, excluded)
     return {name: x[..., keep] for name, x in found.items()}
 
@@ -415,7 +415,7 @@ def _kept(run: ProcessedRun, found: dict[str, FloatArray], excluded: Counter[str
     Nor where ground or wheel stand: a receiver that lags behind a stop looks like a locked wheel.
     """
     size = np.abs(found["slip"])
-    at = slip_of(run.wheel_radius_m * found["instants.wheel_speed_radps"], found["instants.ground_speed_mps"], 0.0)
+    at = slip_of(run.rolling_m * found["instants.wheel_speed_radps"], found["instants.ground_speed_mps"], 0.0)
     with np.errstate(invalid="ignore"):
         small = size < LITTLE_SLIP
         stands = (~(found[f"instants.{name}"] > 0).all(axis=0) for name in ("ground_speed_mps", "wheel_speed_radps"))

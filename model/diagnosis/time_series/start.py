@@ -88,6 +88,7 @@ def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading:
         soil_space(campaign.soil_prior),
         considered(coverage, in_runs, reading, campaign.of_vehicle),
         reading,
+        campaign.runs[0].rolling_radius_m,
     )
     return Start(campaign, samples, simulation, noise)
 

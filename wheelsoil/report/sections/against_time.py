@@ -240,7 +240,7 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
     for run in runs:
         missing = run.quality.missing
         series = (
-            ("speed", "wheel_speed", run.wheel_speed_radps * run.wheel_radius_m, "rim", orange, "dash"),
+            ("speed", "wheel_speed", run.rim_speed_mps, "rim", orange, "dash"),
             ("speed", "ground_speed", run.ground_speed_mps, "ground", MEASURED, "solid"),
             ("slip", "slip", np.where(run.used, run.slip, np.nan), "slip", blue, "solid"),
             ("load", "vertical_load", run.vertical_load_n, "load", MEASURED, "solid"),
