@@ -31,6 +31,8 @@ class Case:
     time_s: list[float] = field(default_factory=lambda: list(_TIME_S))
     layout: Mapping[str, object] = field(default_factory=dict)
     refused: bool = False
+    signals: Mapping[str, object] = field(default_factory=dict)
+    """Where the roles are needed to judge a table."""
 
 
 def table(header: str, *columns: list[object], sign: str = ",") -> str:
@@ -231,6 +233,16 @@ CASES = (
         {"Fz [N]": _FORCE},
         "the time column states no unit: taken for s",
         [i + (i % 7 + 1) / 10 for i in _STEPS],
+    ),
+    *(
+        Case(
+            f"{unit} headed as seconds",
+            table("t [s],Fz [N]", [10 * i * much for i in range(4000)], [4000 + i % 9 for i in range(4000)]),
+            said=f'time_unit = "{unit}"',
+            refused=True,
+            signals={"vertical_load": "Fz [N]"},
+        )
+        for unit, much in (("ms", 1), ("us", 1000))
     ),
     Case("ts_ms", table("ts_ms,Fz [N]", [10 * i for i in _STEPS], list(_FORCE)), {"Fz [N]": _FORCE}),
     Case("rate beside a time", "".join(_whole()), said="times of its own", layout={"rate_hz": 50.0}, refused=True),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq import ROLES, Channel, Note, RecordingCode, Severity
+from daq import ROLES, Channel, Note, RecordingCode, Severity, find_unit
 from daq.can import Decoder, FrameBatch
 from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus, signals_of
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
@@ -21,6 +21,7 @@ from daq.logs import LogReport, read_log
 from daq.recording import RunRecording
 from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
 from daq.series import Series, SeriesBlock, read_series
+from daq.series.time_stamps import unstretched
 from daq.zero_file import carried_zeros
 
 if TYPE_CHECKING:
@@ -277,11 +278,12 @@ class Run:
         }
         for blocks in chain([tuple(empty.values())], series.blocks()):
             by_topic = {block.topic: block for block in blocks}
-            yield {
-                role: _in_our_units(reference, _column(reference, by_topic[reference.message]))
-                for role, reference in references.items()
+            channels = (
+                _in_our_units(reference, _column(reference, by_topic[reference.message]))
+                for reference in references.values()
                 if reference.message in by_topic
-            }
+            )
+            yield unstretched({one.name: one for one in channels}, self.vehicle.series, series.report)
 
     def reading_notes(self) -> list[Note]:
         """Return notes on what the last reading of a log or of series lost, and what it read in one of two ways."""
@@ -323,6 +325,19 @@ class Run:
             f"{bit.offset * to.si_factor + to.si_offset:.9g}"
             for to, bit in pairs
         }
+
+    def factors(self, roles: Collection[str]) -> dict[str, str]:
+        """Return what vehicle.toml makes of one of the unit of a file of series, for some roles; nothing of frames.
+
+        Raises as `channels`.
+        """
+        topics = self.series.topics if self.series else {}
+        measured = {*roles} - {replaced_speed(self.vehicle)} if topics else ()
+        found = resolve_columns(self.vehicle, topics, (), measured, source=self.path.name)
+        written = {
+            to.role: find_unit(topics[to.message][to.signal], ROLES[to.role].quantities) for to in found.values()
+        }
+        return {role: f"{found[role].si_factor / (of.factor if of else 1.0):.9g}" for role, of in written.items()}
 
     def channels(self, roles: Collection[str] = ROLES) -> dict[str, Channel]:
         """Return the channels of some roles in SI units, angles in radians, but positions in degrees.

@@ -56,6 +56,8 @@ class SeriesReport:
         Of the file, read so far: 0 to 1.
     absolute_time : bool or None
         Whether time stamps are dates; None before the first.
+    stamp_s : float
+        Seconds of one of the time column, 0 where its stamps are no numbers.
     unzoned : bool
         Whether dates came without a time zone, and are taken for UTC.
     balance : Balance
@@ -80,6 +82,7 @@ class SeriesReport:
     rows: dict[str, int] = field(default_factory=dict)
     share: float = 0.0
     absolute_time: bool | None = None
+    stamp_s: float = 0.0
     unzoned: bool = False
     balance: Balance = field(default_factory=Balance)
     out_of_order: dict[str, int] = field(default_factory=dict)

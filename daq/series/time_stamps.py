@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import (
+    TRANSDUCER_ROLES,
     BoolArray,
+    Channel,
     ConfigError,
     DataError,
     Fault,
@@ -37,6 +39,8 @@ _EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 _EPOCH_S = EARLIEST_DATE_NS / 1e9
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-5, 1.5
 """Usual intervals of numbers that are seconds without saying so; others may be ms, minutes or days."""
+_SLOWEST_STEP_S, _LONG_S, _USUAL_STEP_S, _OF_WHEEL = 2.0, 600.0, 0.01, (*TRANSDUCER_ROLES, "wheel_speed")
+_SMALLER = ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)
 _LAST_NS = float(LAST_TIME_NS)
 _ZONE = re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d")
@@ -194,6 +198,7 @@ class TimeStamps:
                     'write it behind the column: "time [s]"',
                 )
             self._factor_ns = float(round(unit.factor * 1e9))
+            self._report.stamp_s = unit.factor
         return self._factor_ns
 
     def _by_size(self, cells: NDArray[Any]) -> str:
@@ -267,6 +272,25 @@ class TimeStamps:
         where = f"{self._report.path}, column {self._column!r}"
         step = 'say how it is written: [series] time_format = "%d/%m/%Y %H:%M:%S.%f"'
         raise DataError.of("the time stamps are not understood", where, repr(first), _KINDS, step)
+
+
+def unstretched(channels: dict[str, Channel], layout: SeriesSection, report: SeriesReport) -> dict[str, Channel]:
+    """Return the channels; ConfigError where numbers make a wheel's slower than any logger: their unit is smaller.
+
+    [series] of vehicle.toml decides where it states a unit.
+    """
+    for one in channels.values() if report.stamp_s and not layout.time_unit else ():
+        time_s = one.time_ns[np.isfinite(one.values)] / 1e9
+        step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+        if one.name in _OF_WHEEL and step_s > _SLOWEST_STEP_S and time_s[-1] - time_s[0] > _LONG_S:
+            unit, _ = min(_SMALLER, key=lambda of: abs(np.log(step_s / report.stamp_s * of[1] / _USUAL_STEP_S)))
+            raise ConfigError.of(
+                "the unit of time seems to be another one",
+                found=f"{one.name} every {step_s:.4g} s for {(time_s[-1] - time_s[0]) / 3600:.3g} h",
+                expected="0.5 Hz or more",
+                next_step=f'write time_unit = "{unit}" under [series] of vehicle.toml; if it is right, state it there',
+            )
+    return channels
 
 
 def at_rate(count: int, start_row: int, rate_hz: float) -> IntArray:

@@ -121,8 +121,15 @@ class FaultGate:
     def notes(self) -> Iterator[Note]:
         """Yield a note for each channel and kind of fault."""
         for (role, kind), tally in self._found.items():
-            facts = {"role": role, "kind": kind.value, "value": tally.value, "time_s": tally.time_s}
-            yield Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts | {"share": tally.count / self._total[role]})
+            facts = {
+                "role": role,
+                "kind": kind.value,
+                "value": tally.value,
+                "time_s": tally.time_s,
+                "count": tally.count,
+                "share": tally.count / self._total[role],
+            }
+            yield Note(RunCode.SENSOR_FAULT, Severity.DOUBT, facts)
 
     def _sound(self, chunks: list[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
         """Yield consecutive chunks without their faults, and remember those."""
@@ -196,7 +203,7 @@ class FaultGate:
             found = self._found.setdefault((role, kind), _Tally())
             found.count += int(rows.sum())
             found.time_s += float(rows.sum() * np.nan_to_num(mean_interval_ns(np.diff(series[0])))) * 1e-9
-            found.value = float(np.median(series[1][rows]))
+            found.value = float(np.quantile(series[1][rows], 0.5, method="nearest"))  # one that came
 
 
 def _joined(chunks: list[Mapping[str, Channel]]) -> Mapping[str, Channel]:

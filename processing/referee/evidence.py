@@ -34,6 +34,7 @@ _QUARTERS, _CHANGED_BELOW = {"first": 0, "last": 3}, 1e-20
 """What is judged again, and below which probability it is not sound; in 600 sound runs it is 7e-15 at the least."""
 _ABOVE_GROUND_M, _LIGHT, _LIKE = 0.02, 0.48, 0.2
 """A sinkage this far above ground is turned; a wheel carries less than half of its share of a mass in pounds."""
+_PIECES, _LEAST_MOVED_M, _NEAR = 40, 5.0, 3.0  # of a run; for positions; within this factor distances are alike
 _HELD_S, _LEAST_LEFT = 2.0, 0.1
 _ALIKE, _AT_REST = 1e-9, 0.001
 """Shares of a value within which the next is the same, and of the largest, below which one is at rest."""
@@ -47,7 +48,7 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     """
     evidence = evidence_of(run, vehicle)
     ruling, quarter = judge(evidence), ""
-    sized = list(_of_wrong_size(run, vehicle))
+    sized = [*_of_wrong_size(run, vehicle), *_stretched(run)]
     for name in () if ruling.doubted else _QUARTERS:
         part = judge(evidence, (_QUARTERS[name], 4))
         ruling, quarter = (part, name) if part.sound < _CHANGED_BELOW else (ruling, quarter)
@@ -81,6 +82,19 @@ def _of_wrong_size(run: ProcessedRun, vehicle: VehicleConfig) -> Iterator[Note]:
             values = {"role": channel.role, "size": size, "least": least, "most": most, "units": tuple(fits)}
             values |= {"why": why, "signal": vehicle.signals[channel.role].signal}
             yield Note(RunCode.WRONG_SIZE, Severity.FAULT if channel.use is Use.OUTPUT else Severity.DOUBT, values)
+
+
+def _stretched(run: ProcessedRun) -> list[Note]:
+    """Return a fault where a vehicle drives a thousand or a million times as far as its positions move."""
+    moved_m = float(np.nansum(_chords(run, max(len(run.ground_speed_mps) // _PIECES, 1))[1]))
+    ratio = float(np.nansum(np.abs(run.ground_speed_mps))) / run.rate_hz / moved_m if moved_m > _LEAST_MOVED_M else nan
+    return [
+        Note(
+            RunCode.WRONG_SIZE, Severity.FAULT, {"role": "ground_speed", "size": ratio, "units": (unit,), "why": "time"}
+        )
+        for unit, factor in (("ms", 1e3), ("us", 1e6))
+        if 1 / _NEAR < ratio / factor < _NEAR
+    ]
 
 
 def _overloaded(run: ProcessedRun, vehicle: VehicleConfig) -> list[Note]:
@@ -189,9 +203,9 @@ def _against_track(run: ProcessedRun, channels: dict[str, FloatArray]) -> dict[s
     return found
 
 
-def _chords(run: ProcessedRun) -> tuple[int, FloatArray]:
-    """Return how many samples a window has, and how far the positions are apart at its ends, shape (k,)."""
-    step = max(round(_WINDOW_S * run.rate_hz), 1)
+def _chords(run: ProcessedRun, step: int = 0) -> tuple[int, FloatArray]:
+    """Return how many samples a window has (2 s of them), and how far the positions are apart at its ends, (k,)."""
+    step = step or max(round(_WINDOW_S * run.rate_hz), 1)
     latitude, longitude = np.deg2rad(run.latitude_deg[::step]), np.deg2rad(run.longitude_deg[::step])
     north, east = np.diff(latitude), np.diff(longitude) * np.cos(latitude[:-1])
     return step, EARTH_RADIUS_M * np.hypot(north, east)

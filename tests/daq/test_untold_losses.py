@@ -45,6 +45,9 @@ def test_a_file_that_can_be_read_in_two_ways(case: Case, tmp_path: Path) -> None
     path.write_text(case.text, encoding="utf-8")
     if case.refused:
         with pytest.raises((ConfigError, DataError), match=case.said):
+            if case.signals:
+                vehicle = VehicleConfig.model_validate({"series": case.layout, "signals": case.signals})
+                series_run(path, Configuration(vehicle)).channels()
             all_of(path, **case.layout)
         return
     columns, time_s, said = all_of(path, **case.layout)
@@ -53,6 +56,16 @@ def test_a_file_that_can_be_read_in_two_ways(case: Case, tmp_path: Path) -> None
         np.testing.assert_allclose(columns[name], values)
     np.testing.assert_allclose(np.subtract(time_s, time_s[0]), np.subtract(case.time_s, case.time_s[0]))
     assert case.said in said
+
+
+@pytest.mark.parametrize(("unit", "step", "count"), [("", 1, 4000), ("", 10, 50), ("s", 10, 4000)])
+def test_slow_tables_are_read_where_they_may_be_right(tmp_path: Path, unit: str, step: int, count: int) -> None:
+    """1 Hz for an hour, a few minutes of 0.1 Hz, and a unit that vehicle.toml states."""
+    path = tmp_path / "run.csv"
+    path.write_text("t [s],Fz [N]\n" + "".join(f"{step * i},{4000 + i % 9}\n" for i in range(count)), encoding="utf-8")
+    layout = {"series": {"time_unit": unit} if unit else {}, "signals": {"vertical_load": "Fz [N]"}}
+    run = series_run(path, Configuration(VehicleConfig.model_validate(layout)))
+    assert len(run.channels()["vertical_load"]) == count
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.said and not case.refused], ids=lambda case: case.name)

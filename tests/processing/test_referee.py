@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fault_support import recording
 from referee_study import base_world, is_right, ruling_of
 from referee_world import WAYS, Way, World, firm, mistaken, sound_world
 
 from daq import ROLES, Severity, VehicleConfig, find_unit
 from model.wheel_soil import SOILS
-from processing import RunCode, is_refused
+from processing import LOOK, ProcessOptions, RunCode, is_refused
+from processing.pipeline import process
 from processing.referee import BY_KEY, LISTED, MENDS, Evidence, Kind, Ruling, evidence_of, judge
 from wheelsoil.wording.notes import note_text
 
@@ -141,6 +143,21 @@ def test_a_sinkage_above_the_ground_is_turned(sound) -> None:  # type: ignore[no
     assert sized(turned) == [("sinkage", "turned")]
     assert 'write sinkage = "-M.sinkage"' in note_text(turned.processed().quality.notes[-1])
     assert is_refused(turned.processed())
+
+
+@pytest.mark.parametrize("factor", [1, 1000])
+def test_time_that_the_positions_contradict_is_refused(factor: int) -> None:
+    """1 kHz in ms that are taken for s looks like 1 Hz for hours, and drives a thousand times as far."""
+    run, _ = recording("clay", 0)
+    channels = {role: one for role, one in run.channels().items() if role != "gnss_time"}
+    slow = {
+        role: replace(one, time_ns=(one.time_ns - one.time_ns[0]) * factor, values=one.values)
+        for role, one in channels.items()
+    }
+    found = process(slow, run.vehicle, run.info, ProcessOptions(purpose=LOOK, rate_hz=max(1, 100 / factor)))
+    texts = [note_text(note) for note in found.quality.notes if note.code == RunCode.WRONG_SIZE]
+    assert is_refused(found) == (factor > 1) and len(texts) == (factor > 1)
+    assert all('write time_unit = "ms" under [series]' in text for text in texts)
 
 
 def test_positions_in_radians_are_noted(sound) -> None:  # type: ignore[no-untyped-def]

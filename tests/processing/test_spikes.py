@@ -14,6 +14,7 @@ from daq import BoolArray, Channel, FloatArray
 from processing.pipeline import process
 from processing.pipeline.spikes import spikes
 from wheelsoil.wording.notes import note_text
+from wheelsoil.workflows.grading import doubted_runs
 
 SPEEDS_MPS = (0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
 SHARE = 0.003
@@ -89,6 +90,20 @@ def test_spikes_do_not_move_the_slip(role: str) -> None:
     both = sound.used & changed.used
     assert np.median(changed.slip[both]) == pytest.approx(np.median(sound.slip[both]), abs=0.001)
     assert both.sum() > 0.9 * sound.used.sum()
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_isolated_values_are_said_of_every_run(count: int) -> None:
+    """Also by `diagnose`, which prints what is doubted; of values that stand apart one is named, not their middle."""
+    run, channels = recording("clay", 0)
+    one = channels["vertical_load"]
+    values = one.values.copy()
+    values[np.linspace(100, len(values) - 100, count).astype(int)] = np.resize([-52090.0, 68370.0], count)
+    found = process(channels | {"vertical_load": replace(one, values=values)}, run.vehicle, run.info)
+    assert doubted_runs([found]) == ["run-1: isolated values excluded of vertical_load"]
+    facts = [facts for (_, kind), facts in facts_of(found).items() if kind in ("mark", "spike")]
+    assert sum(int(str(each["count"])) for each in facts) == count
+    assert all(each["value"] in (-52090.0, 68370.0) for each in facts)
 
 
 def test_a_spike_beside_an_invalid_fix_is_found() -> None:

@@ -18,6 +18,7 @@ from diagnosis_samples import diagnosis
 from daq.config import SensorSection
 from daq.errors import ConfigError
 from daq.runs import Run
+from daq.series import Series, SeriesReport
 from daq.vehicle_sections import SignalName
 from model.diagnosis.core.average import Average, FittedSet
 from model.diagnosis.core.campaign import Campaign, considered
@@ -428,6 +429,26 @@ def test_runs_with_and_without_a_dbc_make_one_model(processed, first):
     members[first] = (replace(members[first][0], databases={}), members[first][1])
     (scale,) = (line for line in made(members, "torque_gain").provenance["counted_from"] if line.startswith("scale"))
     assert scale.startswith("scale of driving_torque = ")
+
+
+@pytest.mark.parametrize(("unit", "sign"), [("kN m", 1), ("N m", -1)])
+def test_a_gain_of_a_table_is_not_corrected_twice(processed, unit, sign):
+    """No DBC says its scale: what vehicle.toml makes of the unit of the file does."""
+    units = {"driving_torque": "N m", "drawbar_pull": "N", "vertical_load": "N"}
+    series = Series({"table": units}, lambda: iter(()), SeriesReport("run.csv", "csv"))
+
+    def of_table(run: Run, **torque: object) -> Run:
+        names = {role: SignalName(signal=role) for role in units}
+        names["driving_torque"] = SignalName(signal="driving_torque", **torque)
+        return replace(run, series=series, databases={}, vehicle=run.vehicle.model_copy(update={"signals": names}))
+
+    members = [(of_table(run), done) for run, done in processed]
+    model = made(members, "torque_gain")
+    assert "unit and sign of driving_torque = times 1" in model.provenance["counted_from"]
+    same = of_table(members[0][0], unit="N m")
+    refuse_mended(model, [members[0], (same, members[0][1]), processed[0]])
+    with pytest.raises(ConfigError, match="unit and sign of driving_torque has changed"):
+        refuse_mended(model, [(of_table(members[0][0], unit=unit, sign=sign), members[0][1])])
 
 
 @pytest.mark.parametrize("command", ["fit", "report"])

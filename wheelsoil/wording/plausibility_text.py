@@ -20,6 +20,8 @@ _WHY = {
     "turned": 'sinkage is above the ground: write {role} = "-{signal}" under [signals] of vehicle.toml',
     "radians": "the positions move a 57th as far as the vehicle: "
     'write unit = "rad" for latitude and longitude under [signals] of vehicle.toml',
+    "time": "the vehicle drives {size:.3g} times as far as the positions move, so that time seems to be in {units[0]} "
+    'and taken for seconds: write time_unit = "{units[0]}" under [series] of vehicle.toml',
     "sigma": "sigma = {size:g} under [sensors.{role}] of vehicle.toml, where one sample differs from the next by "
     "{least:.3g}, and the largest are {most:.3g}: give it in {units[0]}",
 }

@@ -108,7 +108,8 @@ def _sensor_fault(v: Values) -> str:
         "clipped": f"is clipped at {v['value']:.4g} {unit}",
         "mark": f"has the value {v['value']:.6g} {unit}, far from all others, which stands for none",
     }[v["kind"]]
-    return f"{v['role']} {kind}: {v['time_s']:.1f} s ({v['share']:.1%}) excluded"
+    amount = f"{v['time_s']:.1f} s" if v["time_s"] >= 1 or "count" not in v else f"{v['count']:,} samples"
+    return f"{v['role']} {kind}: {amount} ({v['share']:.1%}) excluded"
 
 
 def _taken_off(v: Values) -> str:

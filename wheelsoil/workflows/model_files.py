@@ -26,6 +26,7 @@ from wheelsoil.wording.verdict import gain_words, sentence_of
 
 _WIDTH = 100
 _SPEEDS = ("ground_speed", "wheel_speed")
+_SCALED = (*TRANSDUCER_ROLES, *_SPEEDS, "pitch")
 _OUTBOARD = ("outboard_mass_kg", "outboard_inertia_kgm2")
 
 
@@ -133,7 +134,8 @@ def declared_of(run: Run, processed: ProcessedRun) -> dict[str, str]:
         **{f"[wheel] {name}": f"{getattr(wheel, name):.9g}" for name in ("radius_m", *_OUTBOARD) if wheel},
         "[wheel] rolling_radius_m": f"{wheel.rolling_radius_m:.9g}" if wheel and wheel.rolling_radius_m else "radius_m",
         **{f"[sensors.{role}] latency_s": f"{run.vehicle.latency_s(role):.9g}" for role in _SPEEDS},
-        **{f"scale of {role}": text for role, text in run.scales((*TRANSDUCER_ROLES, *_SPEEDS, "pitch")).items()},
+        **{f"scale of {role}": text for role, text in run.scales(_SCALED).items()},
+        **{f"unit and sign of {role}": f"times {text}" for role, text in run.factors(_SCALED).items()},
         **{f"zero of {role}": "none" for role in TRANSDUCER_ROLES},
         **{f"zero of {role}": ", ".join(zero.recordings) for role, zero in zeros.items()},
         "[transducer] zero": transducer.zero,
@@ -148,6 +150,7 @@ def _counted_from(key: str) -> set[str]:
     of_zero = roles if effect.at_standstill or effect.needs.zero_of else set()
     return {
         *(f"scale of {role}" for role in roles),
+        *(f"unit and sign of {role}" for role in roles),
         *(f"[sensors.{role}] latency_s" for role in (_SPEEDS if roles & {*_SPEEDS} else ())),
         *(("[wheel] radius_m", "[wheel] rolling_radius_m") if "wheel_speed" in roles else ()),
         *(f"zero of {role}" for role in of_zero),
