@@ -28,8 +28,7 @@ class RunCode(StrEnum):
     IMPLAUSIBLE = "implausible"
     """sound (probability), mends (keys, see `processing.referee`), shares (their probabilities), slip (median),
     traction, pull (90 % quantiles of size, in loads), load_share (of the mass), track (ground speed over that of the
-    positions), radius_m, signals, units, signs: by role, as declared; held: seconds of roles that never change;
-    quarter: the "first" or "last", where only that is impossible"""
+    positions), radius_m, signals, units, signs: by role, as declared; held: seconds of roles that never change"""
     MOSTLY_STANDING = "mostly_standing"
     """share"""
     SLOW_VEHICLE = "slow_vehicle"

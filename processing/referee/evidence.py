@@ -30,8 +30,6 @@ from processing.referee.mends import JUDGED_ROLES
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
 _LEAST_WINDOWS = 3
-_QUARTERS, _CHANGED_BELOW = {"first": 0, "last": 3}, 1e-20
-"""What is judged again, and below which probability it is not sound; in 600 sound runs it is 7e-15 at the least."""
 _ABOVE_GROUND_M, _LIGHT, _LIKE = 0.02, 0.48, 0.2
 """A sinkage this far above ground is turned; a wheel carries less than half of its share of a mass in pounds."""
 _PIECES, _LEAST_MOVED_M, _NEAR = 40, 5.0, 3.0  # of a run; for positions; within this factor distances are alike
@@ -47,11 +45,8 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     where the run is sound without them: then there is no note, but their rows, shape (n,), by role.
     """
     evidence = evidence_of(run, vehicle)
-    ruling, quarter = judge(evidence), ""
+    ruling = judge(evidence)
     sized = [*_of_wrong_size(run, vehicle), *_stretched(run)]
-    for name in () if ruling.doubted else _QUARTERS:
-        part = judge(evidence, (_QUARTERS[name], 4))
-        ruling, quarter = (part, name) if part.sound < _CHANGED_BELOW else (ruling, quarter)
     if not ruling.doubted:
         return [*sized, *_overloaded(run, vehicle)], {}
     held = _held_rows(evidence.channels, run)
@@ -59,7 +54,7 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     if frozen:
         return sized, frozen
     severity = Severity.FAULT if ruling.refused else Severity.DOUBT
-    values = _values(run, vehicle, evidence, ruling) | ({"quarter": quarter} if quarter else {})
+    values = _values(run, vehicle, evidence, ruling)
     if whole:
         values |= {"held": whole}
     return [Note(RunCode.IMPLAUSIBLE, severity, values), *sized], {}

@@ -96,12 +96,9 @@ def is_judged(evidence: Evidence) -> bool:
     return _rows(evidence) is not None
 
 
-def judge(evidence: Evidence, part: tuple[int, int] = (0, 1)) -> Ruling:
-    """Return the posterior over sound and every mend that the measured channels allow.
-
-    Of the samples in motion `part` is looked at: (3, 4) is the last quarter, without the positions.
-    """
-    rows = _rows(evidence, part)
+def judge(evidence: Evidence) -> Ruling:
+    """Return the posterior over sound and every mend that the measured channels allow."""
+    rows = _rows(evidence)
     if rows is None:
         return Ruling(1.0)
     samples = _effective_samples(rows)
@@ -121,7 +118,7 @@ def judge(evidence: Evidence, part: tuple[int, int] = (0, 1)) -> Ruling:
     return Ruling(float(shares[0]), tuple((possible[i + 1], float(shares[i + 1])) for i in order))
 
 
-def _rows(evidence: Evidence, part: tuple[int, int] = (0, 1)) -> FloatArray | None:
+def _rows(evidence: Evidence) -> FloatArray | None:
     """Return thinned samples of all channels, shape (5, n), NaN where not measured; None with too few."""
     if not evidence.channels:
         return None
@@ -132,7 +129,7 @@ def _rows(evidence: Evidence, part: tuple[int, int] = (0, 1)) -> FloatArray | No
         if role in evidence.channels:
             size = np.abs(evidence.channels[role][whole])
             moving |= size > _MOVING_SHARE * np.quantile(size, _FAST_QUANTILE) if len(size) else False
-    whole = np.array_split(whole[moving], part[1])[part[0]]
+    whole = whole[moving]
     if len(whole) < _LEAST_ROWS:
         return None
     chosen = whole[np.unique(np.linspace(0, len(whole) - 1, _ROWS).astype(np.int64))]

@@ -25,7 +25,7 @@ WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
         (f"[vehicle]\naxles = 2\n{WHEEL}axle = 3", "wheel.axle = 3 is not on a vehicle with vehicle.axles = 2"),
         (f"[vehicle]\naxles = 2\n{WHEEL}axle = 0", "wheel.axle: .*greater than or equal to 1"),
         ("[signals]\nyawrate = 'Imu.Yaw'", "yaw_rate"),
-        (f"[vehicle]\nmass_kg = 3600\n{WHEEL}outboard_mass_kg = 75000", r"wheel.outboard_mass_kg.* 75000 g are 75 kg"),
+        (f"[vehicle]\nmass_kg = 3600\n{WHEEL}outboard_mass_kg = 75000", r"outboard_mass_kg.* 75000 g are 75 kg"),
         (f"[vehicle]\nmass_kg = 3.6\n{WHEEL}outboard_mass_kg = 75", r"of which it is a part.* 3.6 t are 3600 kg"),
     ],
 )

@@ -193,25 +193,6 @@ def test_a_mass_in_pounds_is_noted(sound, factor: float, axles: int | None, said
 
 
 @pytest.mark.parametrize(
-    ("quarter", "soil", "seed", "share"), [("first", "clay", 3, 0.3), ("last", "firm", 9000, 0.25)]
-)
-def test_a_unit_that_changes_within_the_run_is_found(quarter: str, soil: str, seed: int, share: float) -> None:
-    """As a whole it is sound: thirty samples are."""
-    right = base_world(soil, quiet=True, seed=seed)
-    one = right.channels["ground_speed"]
-    at = np.arange(len(one)) / len(one)
-    there = at < share if quarter == "first" else at > 1 - share
-    wrong = changed_world(right, {}, ground_speed=np.where(there, 3600 / 1609.344, 1.0) * one.values)
-    assert not ruling_of(wrong).doubted
-    run = wrong.processed()
-    [note] = [note for note in run.quality.notes if note.code == RunCode.IMPLAUSIBLE]
-    assert note.values["quarter"] == quarter and is_refused(run)
-    assert f"the {quarter} quarter of the run is impossible as it is declared, the rest is not" in note_text(note)
-    assert "export the run anew" in note_text(note)
-    assert not is_refused(right.processed())
-
-
-@pytest.mark.parametrize(
     ("way", "soft"),
     [
         pytest.param(way, soft, id=f"{way.__name__}-{soft}", marks=[pytest.mark.slow] * (soft != bool(number % 2)))

@@ -34,11 +34,11 @@ def test_two_soils_are_refused_before_the_work(tmp_path: Path) -> None:
 def test_runs_are_parted_by_their_pull_where_they_are_clearly_two_groups(
     pulls: dict[str, float | None], groups: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def traction(runs: tuple[SimpleNamespace, ...]) -> SimpleNamespace:
+    def pull_of(runs: tuple[SimpleNamespace, ...], _: str) -> SimpleNamespace | None:
         pull = pulls[runs[0].run.id]
-        return SimpleNamespace(pull=None if pull is None else SimpleNamespace(pull_n=pull, load_n=9000.0))
+        return None if pull is None else SimpleNamespace(pull_n=pull, load_n=9000.0)
 
-    monkeypatch.setattr("wheelsoil.workflows.diagnosis.traction_of", traction)
+    monkeypatch.setattr("wheelsoil.workflows.diagnosis.at_usual_slip", pull_of)
     found = _two_groups([SimpleNamespace(run=RunInfo(id=name, file=f"{name}.log")) for name in pulls])  # type: ignore[misc]
     assert found.get("groups") == groups
     if groups is not None:

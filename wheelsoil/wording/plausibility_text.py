@@ -62,8 +62,6 @@ def refusal(note: Note, where: str) -> Fault:
 
 
 def _what(v: Values) -> str:
-    if v.get("quarter"):
-        return f"the {v['quarter']} quarter of the run is impossible as it is declared, the rest is not"
     return (
         "the run is impossible as it is declared (sound with less than 0.1 %)"
         if v["sound"] < 1e-3
@@ -92,9 +90,6 @@ def _next_step(v: Values) -> str:
 
 def _mend_step(v: Values) -> str:
     mends = [BY_KEY[key] for key in v["mends"]]
-    if v.get("quarter"):
-        seems = "" if len(mends) > 1 else f"{_mistake(mends[0])} there; "
-        return f"{seems}export the run anew, or leave that quarter out by keep in choice.toml and go on"
     if len(mends) == 1:
         return f"{_mistake(mends[0])} ({_share(v['shares'][0])}): {_cure(mends[0], v)}"
     options = [
