@@ -306,19 +306,24 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    without_average = replace(options, average=False)
+    inputs, without_average = _deciding(campaigns), replace(options, average=False)
 
     def compute() -> Diagnosis:
         from model.diagnosis import diagnose
 
-        before = known("diagnosis", (tuple(campaigns), without_average)) if options.average else None
+        before = known("diagnosis", (inputs, without_average)) if options.average else None
         # only `one_of` has an average: any other diagnosis is the same without one
         return before if before and before.verdict != "one_of" else diagnose(campaigns, options)
 
-    found: Diagnosis = kept("diagnosis", (tuple(campaigns), options), compute)
+    found: Diagnosis = kept("diagnosis", (inputs, options), compute)
     if options.average:
-        kept("diagnosis", (tuple(campaigns), without_average), lambda: replace(found, average=None))
+        kept("diagnosis", (inputs, without_average), lambda: replace(found, average=None))
     return _with_remarks(found, campaigns)
+
+
+def _deciding(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
+    """Return what a diagnosis depends on: what is declared is only for model files, and the page knows no DBCs."""
+    return tuple(replace(campaign, declared={}) for campaign in campaigns)
 
 
 def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
@@ -345,7 +350,7 @@ def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
 
 def known_diagnosis(campaigns: Sequence[Campaign], options: DiagnosisOptions) -> Diagnosis | None:
     """Return what `diagnose_campaigns` returns, where it is kept; else None, without computing it."""
-    found: Diagnosis | None = known("diagnosis", (tuple(campaigns), options))
+    found: Diagnosis | None = known("diagnosis", (_deciding(campaigns), options))
     return None if found is None else _with_remarks(found, campaigns)
 
 
