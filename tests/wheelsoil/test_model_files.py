@@ -353,7 +353,7 @@ def made(runs: Sequence[tuple[Run, ProcessedRun]], *causes: str) -> ExtendedMode
         sizes = effect(key, **{p.name: p.start for p in one.parameters}).parameters
         named.append(Cause(one.name, one.form, one.kind, key, 1.0, 1.0, sizes))
     found = replace(diagnosis("named"), causes=tuple(named), average=None)
-    (model,) = models_of(found, campaigns_of([], runs), "balanced", "")
+    (model,) = models_of(found, campaigns_of([], runs), "balanced", "", runs)
     return ExtendedModel.from_mapping(tomllib.loads(model_toml(model)))
 
 

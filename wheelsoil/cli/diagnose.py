@@ -158,14 +158,16 @@ def diagnose_command(
             configs[per_wheel.wheel] = processed[0][0].vehicle
         target = output.with_stem(f"{output.stem}-{per_wheel.wheel}") if output and per_wheel.several else output
         by_wheel[per_wheel.wheel] = _diagnose(
-            campaigns_of(paths, processed, soil), settings, None if of_all else target, show, force=force
+            campaigns_of(paths, processed, soil), settings, None if of_all else target, show, processed, force=force
         )
         of_wheels[per_wheel.wheel] = processed
 
     def together() -> None:
         per_wheel.doubt(of_wheels)
         chosen = replace(settings, average=output is not None)
-        found = _diagnose(vehicles_of(paths, of_wheels, soil), chosen, output, show, force=force, alone=by_wheel)
+        processed = [each for of_wheel in of_wheels.values() for each in of_wheel]
+        given = vehicles_of(paths, of_wheels, soil)
+        found = _diagnose(given, chosen, output, show, processed, force=force, alone=by_wheel)
         if next_run or found.next_run:
             names = {f"wheel {wheel}": wheel for wheel in of_wheels}
             best = next((names[run.campaign] for run in found.next_run), next(iter(of_wheels)))
@@ -182,6 +184,7 @@ def _diagnose(
     settings: DiagnosisOptions,
     output: Path | None,
     show: Callable[[Diagnosis], None],
+    processed: Processed = (),
     *,
     force: bool,
     alone: Mapping[str, Diagnosis] | None = None,
@@ -195,7 +198,7 @@ def _diagnose(
     with computing("diagnosing"):
         diagnosis = diagnose_given(given, settings)
         diagnosis = with_advice(diagnosis, alone) if alone else diagnosis
-    written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False))
+    written = list(zip(targets, models_of(diagnosis, given, settings.reading, command_line(), processed), strict=False))
     try:
         for path, model in written:
             write_whole(path, model_toml(model))

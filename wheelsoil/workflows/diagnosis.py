@@ -34,7 +34,6 @@ from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept, known
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
-from wheelsoil.workflows.model_files import declared_of
 from wheelsoil.workflows.runs import Files
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import at_usual_slip
@@ -233,7 +232,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     first = members[0][0]
     terrain = first.terrain if soil_name is None else None
     soil = known_soil(soil_name, terrain)
-    declared, stated = first.vehicle.wheel, [declared_of(*member) for member in members]
+    declared = first.vehicle.wheel
     _check_static(first, [run for _, run in members])
     return Campaign(
         name=Path(folder).resolve().name if folder else soil.name or _UNNAMED,
@@ -246,11 +245,6 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         outboard_inertia_kgm2=declared.outboard_inertia_kgm2 if declared else 0.0,
         static=first.static,
         commanded_slip="slip" in first.vehicle.signals,
-        wheel_id=declared.id if declared else "",
-        declared={
-            name: tuple(dict.fromkeys(each[name] for each in stated if name in each))
-            for name in sorted(set().union(*stated))
-        },
     )
 
 
@@ -306,7 +300,7 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    inputs, without_average = _deciding(campaigns), replace(options, average=False)
+    inputs, without_average = tuple(campaigns), replace(options, average=False)
 
     def compute() -> Diagnosis:
         from model.diagnosis import diagnose
@@ -319,11 +313,6 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     if options.average:
         kept("diagnosis", (inputs, without_average), lambda: replace(found, average=None))
     return _with_remarks(found, campaigns)
-
-
-def _deciding(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
-    """Return what a diagnosis depends on: what is declared is only for model files, and the page knows no DBCs."""
-    return tuple(replace(campaign, declared={}) for campaign in campaigns)
 
 
 def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
@@ -350,7 +339,7 @@ def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
 
 def known_diagnosis(campaigns: Sequence[Campaign], options: DiagnosisOptions) -> Diagnosis | None:
     """Return what `diagnose_campaigns` returns, where it is kept; else None, without computing it."""
-    found: Diagnosis | None = known("diagnosis", (_deciding(campaigns), options))
+    found: Diagnosis | None = known("diagnosis", (tuple(campaigns), options))
     return None if found is None else _with_remarks(found, campaigns)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
@@ -46,14 +46,21 @@ def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Pa
 
 
 def models_of(
-    diagnosis: Diagnosis, campaigns: Sequence[Campaign | Bench], reading: Reading, command: str
+    diagnosis: Diagnosis,
+    campaigns: Sequence[Campaign | Bench],
+    reading: Reading,
+    command: str,
+    processed: Iterable[tuple[Run, ProcessedRun]] = (),
 ) -> list[ExtendedModel]:
     """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
+
+    `processed` are the campaigns' runs, for what their errors of measurement count from.
 
     Wheels of one vehicle have one model.
     Where several sets of causes remain possible, it holds the most probable ones, each with its soil. A soil that was
     re-calibrated beside what nobody can explain is not worth keeping.
     """
+    runs = {id(done): run for run, done in processed}
     average = diagnosis.average
     averaged = {soil.campaign for cause_set in average.sets[:1] for soil in cause_set.soils} if average else set()
     decided = diagnosis.verdict in ("named", "nothing_detectable")
@@ -68,7 +75,7 @@ def models_of(
             ground,
             reading,
             tyre=campaign.tyre,
-            provenance=_provenance(diagnosis, campaign, command),
+            provenance=_provenance(diagnosis, campaign, command, runs),
         )
         if average and ground in averaged
         else extended_model(
@@ -78,31 +85,42 @@ def models_of(
             causes,
             reading,
             tyre=campaign.tyre,
-            provenance=_provenance(diagnosis, campaign, command),
+            provenance=_provenance(diagnosis, campaign, command, runs),
         )
         for campaign, ground in ((campaigns[grounds.index(ground)], ground) for ground in dict.fromkeys(grounds))
     ]
     return [
-        _of_wheels(model, [each for each in campaigns if each.ground == model.provenance["campaign"]])
+        _of_wheels(model, [each for each in campaigns if each.ground == model.provenance["campaign"]], runs)
         for model in models
     ]
 
 
-def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench]) -> ExtendedModel:
-    """Return a model with the wheels that it is of, and what its errors of measurement count from."""
+def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench], runs: Mapping[int, Run]) -> ExtendedModel:
+    """Return a model with the wheels that it is of, and what its errors of measurement count from.
+
+    Parameters
+    ----------
+    runs : mapping id of a processed run -> its run
+    """
     driven = [each for each in members if isinstance(each, Campaign)]
     wheels = {each.of_vehicle.wheel: (each.wheel, each.tyre) for each in driven if each.of_vehicle}
+    whole = replace(model, wheels=wheels)
     lines = tuple(
-        f"{f'wheel {each.wheel_id}: ' if wheels else ''}{name} = {value}"
+        f"{f'wheel {wheel}: ' if wheels else ''}{name} = {value}"
         for each in driven
-        for name in sorted(set().union(*map(_counted_from, replace(model, wheels=wheels).of_wheel(each.wheel_id).keys)))
-        for value in each.declared.get(name, ())
+        for wheel in [each.of_vehicle.wheel if each.of_vehicle else model.wheel_id]
+        for declared in [[declared_of(runs[id(done)], done) for done in each.runs if id(done) in runs]]
+        for name in sorted(set().union(*map(_counted_from, whole.of_wheel(wheel).keys)))
+        for value in dict.fromkeys(facts[name] for facts in declared if name in facts)
     )
-    return replace(model, wheels=wheels, provenance=model.provenance | ({"counted_from": lines} if lines else {}))
+    return replace(whole, provenance=model.provenance | ({"counted_from": lines} if lines else {}))
 
 
-def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
-    runs = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in campaign.runs)
+def _provenance(
+    diagnosis: Diagnosis, campaign: Campaign | Bench, command: str, runs: Mapping[int, Run]
+) -> dict[str, Fact]:
+    driven = () if isinstance(campaign, Bench) else campaign.runs
+    names = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in driven)
     # The held-out gain of what is in the file: of the named causes, of the average, else of nothing.
     if diagnosis.average is not None:
         gain = diagnosis.average.gain
@@ -113,8 +131,10 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": command,
         "campaign": campaign.ground,
-        "runs": tuple(runs),
-        "wheel": "" if isinstance(campaign, Bench) or campaign.of_vehicle else campaign.wheel_id,
+        "runs": tuple(names),
+        "wheel": ""
+        if isinstance(campaign, Campaign) and campaign.of_vehicle
+        else next((" ".join(runs[id(done)].vehicle.wheel_ids) for done in driven if id(done) in runs), ""),
         "verdict": diagnosis.verdict,
         "sentence": sentence_of(replace(diagnosis, gain=gain)),
         "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),

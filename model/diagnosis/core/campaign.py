@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import pi
 
@@ -69,10 +69,6 @@ class Campaign:
         Where it is diagnosed together with the vehicle's other wheels.
     commanded_slip : bool
         The slip is a test rig's, in place of one of the speeds.
-    wheel_id : str
-        Of one of several wheels; else empty.
-    declared : mapping name -> values
-        What errors of measurement count from, as vehicle.toml, its DBCs and zeros declare it of the runs.
     """
 
     name: str
@@ -86,8 +82,6 @@ class Campaign:
     static: tuple[StaticTest, ...] = ()
     of_vehicle: OfVehicle | None = None
     commanded_slip: bool = False
-    wheel_id: str = ""
-    declared: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def ground(self) -> str:
