@@ -479,7 +479,7 @@ def processed_for(
         check=check,
         set_aside=set_aside or say_set_aside,
     )
-    for text in doubted_runs(run for _, run in processed):
+    for text in doubted_runs([run for _, run in processed]):
         say_folded(text)
     say_doubted_soils(run.terrain for run, _ in processed if files.soil is None)
     return processed

@@ -105,16 +105,13 @@ def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict
     return found
 
 
-def doubted_runs(runs: Iterable[ProcessedRun]) -> list[str]:
+def doubted_runs(runs: Sequence[ProcessedRun]) -> list[str]:
     """Return what makes runs implausible as declared, unused rut readings and spikes, with the names of the runs."""
-    spiked: dict[str, list[str]] = {}
-
-    def notes_of(run: ProcessedRun) -> Iterator[Note]:
+    about = runs_by_text(runs, lambda run: map(without_numbers, [*plausibility_of(run), *_unused_ruts(run)]))
+    for run in runs:
         if roles := [note.values["role"] for note in run.quality.notes if note.values.get("kind") in ("spike", "mark")]:
-            spiked.setdefault(f"isolated values excluded of {', '.join(dict.fromkeys(roles))}", []).append(run.run.id)
-        return map(without_numbers, [*plausibility_of(run), *_unused_ruts(run)])
-
-    return [f"{', '.join(names)}: {text}" for text, names in (runs_by_text(runs, notes_of) | spiked).items()]
+            about.setdefault(f"isolated values excluded of {', '.join(dict.fromkeys(roles))}", []).append(run.run.id)
+    return [f"{', '.join(names)}: {text}" for text, names in about.items()]
 
 
 def doubted_soils(terrains: Iterable[TerrainConfig | None]) -> list[str]:
