@@ -43,6 +43,7 @@ from .errors import DataError as DataError
 from .errors import Fault as Fault
 from .errors import HardwareError as HardwareError
 from .errors import RecordingError as RecordingError
+from .errors import TimeUnitError as TimeUnitError
 from .errors import WheelsoilError as WheelsoilError
 from .errors import every_error_as as every_error_as
 from .errors import near_names as near_names

@@ -44,9 +44,7 @@ class Fault:
             ("expected", self.expected),
             ("next", self.next_step),
         )
-        return "\n".join([self.what, *(f"  {label}: {text}" for label, text in labelled if text)]).replace(
-            "\n  expected: known: ", "\n  expected: "
-        )
+        return "\n".join([self.what, *(f"  {label}: {text}" for label, text in labelled if text)])
 
 
 class WheelsoilError(Exception):
@@ -88,6 +86,10 @@ class ConfigError(WheelsoilError, ValueError):
     """A file, option or argument that people wrote is wrong."""
 
     exit_code: ClassVar[int] = 2
+
+
+class TimeUnitError(ConfigError):
+    """The unit of time of a file seems to be another one than it says."""
 
 
 class DatabaseError(ConfigError):
@@ -174,12 +176,15 @@ def near_names(name: str, known: Iterable[str]) -> list[str]:
     return difflib.get_close_matches(name, sorted(set(known)), n=3, cutoff=0.5)
 
 
-def nearest(name: str, known: Iterable[str], most: int = 12) -> str:
-    """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list."""
+def nearest(name: str, known: Iterable[str], most: int = 12, label: str = "") -> str:
+    """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list.
+
+    Within a sentence a `label` says what that list is of.
+    """
     names = sorted(set(known))
     if close := near_names(name, names):
         return f"nearest: {', '.join(close)}"
     if not names:
         return "there are none"
     listed = ", ".join(names[:most]) + (", ..." if len(names) > most else "")
-    return f"known: {listed}"
+    return f"{label}{listed}"

@@ -227,7 +227,9 @@ class SignalName(Section):
 def _known_roles(of_roles: dict[str, Any]) -> dict[str, Any]:
     unknown = [role for role in of_roles if role not in ROLES]
     if unknown:
-        raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
+        raise ValueError(
+            "; ".join(f"no role is called {role!r} ({nearest(role, ROLES, label='known: ')})" for role in unknown)
+        )
     return of_roles
 
 

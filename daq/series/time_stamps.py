@@ -20,6 +20,7 @@ from daq import (
     IntArray,
     Quantity,
     SeriesSection,
+    TimeUnitError,
     find_unit,
     nearest,
 )
@@ -275,7 +276,7 @@ class TimeStamps:
 
 
 def unstretched(channels: dict[str, Channel], layout: SeriesSection, report: SeriesReport) -> dict[str, Channel]:
-    """Return the channels; ConfigError where numbers make a wheel's slower than any logger: their unit is smaller.
+    """Return the channels; TimeUnitError where numbers make a wheel's slower than any logger: their unit is smaller.
 
     [series] of vehicle.toml decides where it states a unit.
     """
@@ -284,7 +285,7 @@ def unstretched(channels: dict[str, Channel], layout: SeriesSection, report: Ser
         step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
         if one.name in _OF_WHEEL and step_s > _SLOWEST_STEP_S and time_s[-1] - time_s[0] > _LONG_S:
             unit, _ = min(_SMALLER, key=lambda of: abs(np.log(step_s / report.stamp_s * of[1] / _USUAL_STEP_S)))
-            raise ConfigError.of(
+            raise TimeUnitError.of(
                 "the unit of time seems to be another one",
                 found=f"{one.name} every {step_s:.4g} s for {(time_s[-1] - time_s[0]) / 3600:.3g} h",
                 expected="0.5 Hz or more",

@@ -91,7 +91,7 @@ class LazyGroup(typer.core.TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand that `args` starts with; an unknown name comes with the nearest known."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            ctx.fail(f"No such command {args[0]!r} ({nearest(args[0], COMMANDS)}).")
+            ctx.fail(f"No such command {args[0]!r} ({nearest(args[0], COMMANDS, label='known: ')}).")
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:

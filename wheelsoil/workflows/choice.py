@@ -227,7 +227,7 @@ def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
 
 def _known_effect(key: str) -> str:
     if key not in EFFECTS:
-        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS)})")
+        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS, label='known: ')})")
     return key
 
 

@@ -19,6 +19,7 @@ from daq import (
     Fault,
     Note,
     RecordingCode,
+    TimeUnitError,
     UncertainTimestamps,
     WheelsoilError,
 )
@@ -384,9 +385,10 @@ def doubts_of(run: Run, wheel: str | None = None) -> list[str]:
         place = place_of(run, options, None)
         kept = place.get() if place else None
         processed = _process(run, place, options, None) if kept is None else kept
-    except (WheelsoilError, OSError) as error:  # `process` says what is wrong; the unit of time spoils the list, too
-        faults = error.faults if isinstance(error, ConfigError) else ()
-        return [f"{one.what}: {one.found}; {one.next_step}" for one in faults if "time_unit" in one.next_step]
+    except TimeUnitError as error:
+        return [f"{fault.what}: {fault.found}; {fault.next_step}" for fault in error.faults]
+    except (WheelsoilError, OSError):
+        return []  # `process` says what is wrong
     return texts_of(plausibility_of(processed))
 
 

@@ -52,11 +52,15 @@ def interface(now: Situation) -> Iterator[Line]:
             step = "sudo modprobe can_raw; where there is no such module, another kernel or a python-can interface"
             yield failed(bus, "this kernel has no SocketCAN", step)
         elif link is not None and not link.exists:
-            known = nearest(bus, can_links())
+            known = nearest(bus, can_links(), label="known: ")
             step = "plug in the adapter, load its driver, or fix `channel` in vehicle.toml; `ip -br link show type can`"
             yield failed(bus, f"there is no interface {bus} ({known})", step)
         elif link is not None and not link.is_can:
-            yield failed(bus, "this is no CAN interface", f"name one in vehicle.toml ({nearest(bus, can_links())})")
+            yield failed(
+                bus,
+                "this is no CAN interface",
+                f"name one in vehicle.toml ({nearest(bus, can_links(), label='known: ')})",
+            )
         elif link is not None and not link.up:
             yield failed(bus, "the interface is down: nothing can be received", _bring_up(now, bus))
         elif reception.fault is not None:
