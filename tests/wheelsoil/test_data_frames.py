@@ -155,10 +155,12 @@ def test_draws_without_arviz_are_said(fit: CampaignFit, monkeypatch: pytest.Monk
         fit.to_inference_data("ding")
 
 
-def test_pandas_is_not_imported_before_a_frame_is_asked_for() -> None:
+def test_pandas_and_python_can_are_not_imported_before_they_are_needed() -> None:
+    """Nor is cantools harmed for whoever wants its tester, which needs python-can."""
     program = (
-        "import sys; from wheelsoil.cli.app import run; "
-        f"code = run(['info', {str(SAMPLE)!r}]); sys.exit(code or 'pandas' in sys.modules)"
+        f"import sys; from wheelsoil.cli.app import run; code = run(['info', {str(SAMPLE)!r}])\n"
+        "if code or {'pandas', 'can'} & set(sys.modules): sys.exit(1)\n"
+        "import cantools; sys.exit(not (cantools.tester.Tester and 'can' in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
