@@ -75,6 +75,11 @@ def test_the_root_lists_all_and_knows_its_version():
     assert invoke().code == 2
 
 
+def test_python_runs_it_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "wheelsoil", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == ok("--version").out
+
+
 def test_help_imports_nothing_heavy():
     code = (
         "import sys; from wheelsoil.cli.app import run; run(['--help']); run(['--version']); "

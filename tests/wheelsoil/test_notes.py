@@ -8,7 +8,7 @@ from daq.notes import Note, RecordingCode, Severity
 from model.notes import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode, StepCode
 from processing.notes import RunCode, ZeroCode
 from wheelsoil.wording import diagnosis_notes, model_notes, run_notes
-from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.notes import note_text, noted_of_runs, texts_of
 
 CODES = (RecordingCode, RunCode, ZeroCode, LackCode, DiagnosisCode, FitCode, BevameterCode, SinkageCode, StepCode)
 SENTENCES = {**diagnosis_notes.SENTENCES, **model_notes.SENTENCES, **run_notes.SENTENCES}
@@ -24,6 +24,8 @@ def test_a_sentence_is_made_of_the_values() -> None:
     gaps = Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": "ground_speed", "share": 0.25})
     assert note_text(gaps) == "ground_speed is missing for 25 % of the run, and those samples are excluded"
     assert texts_of([gaps, gaps]) == [note_text(gaps)], "each once"
+    assert noted_of_runs([("a", [gaps]), ("b", [gaps])]) == [f"all runs: {note_text(gaps)}"]
+    assert noted_of_runs([("a", []), ("b", [gaps])]) == [f"b: {note_text(gaps)}"]
 
 
 def test_severities_are_ordered() -> None:

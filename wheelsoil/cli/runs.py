@@ -105,7 +105,7 @@ def _show_processed(
     *,
     json: bool,
 ) -> None:
-    from wheelsoil.wording.notes import texts_of
+    from wheelsoil.wording.notes import noted_of_runs
     from wheelsoil.wording.run_summary import summary_table
 
     if target:
@@ -119,9 +119,9 @@ def _show_processed(
         if i:
             print()
         print_pairs([*([("wheel", wheel)] if wheel else []), *summary_table(run)])
-        name = f"{run.run.id}, wheel {wheel}" if wheel else run.run.id
-        for text in texts_of(run.quality.notes):
-            say_folded(f"{name}: {text}")
+    names = [f"{run.run.id}, wheel {wheel}" if wheel else run.run.id for wheel, run in found]
+    for text in noted_of_runs([(name, run.quality.notes) for name, (_, run) in zip(names, found, strict=True)]):
+        say_folded(text)
     print_set_aside([run for _, run in aside])
 
 

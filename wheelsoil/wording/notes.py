@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from math import exp, isfinite, log
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ from wheelsoil.wording.numbers import number, percent_apart
 if TYPE_CHECKING:
     from daq import Note
     from model.diagnosis import NextRun
-    from processing import ProcessedRun
 
 
 _DECIDING_ODDS = 1000.0
@@ -76,22 +75,27 @@ def texts_of(notes: Iterable[Note]) -> list[str]:
     return list(dict.fromkeys(map(note_text, notes)))
 
 
-def runs_by_text(
-    runs: Iterable[ProcessedRun], notes_of: Callable[[ProcessedRun], Iterable[Note]]
-) -> dict[str, list[str]]:
+def runs_by_text(runs: Iterable[tuple[str, Iterable[Note]]]) -> dict[str, list[str]]:
     """Return each sentence with the names of the runs that it is about, in their order.
 
     Parameters
     ----------
-    notes_of : callable
-        What is noted of a run.
+    runs : iterable of (name, notes)
 
     Returns
     -------
     mapping text -> list of str
     """
     about: dict[str, list[str]] = {}
-    for run in runs:
-        for text in texts_of(notes_of(run)):
-            about.setdefault(text, []).append(run.run.id)
+    for name, notes in runs:
+        for text in texts_of(notes):
+            about.setdefault(text, []).append(name)
     return about
+
+
+def noted_of_runs(runs: Sequence[tuple[str, Iterable[Note]]]) -> list[str]:
+    """Return each sentence of runs (name, notes) behind the runs that it is about."""
+    return [
+        f"{'all runs' if len(names) == len(runs) > 1 else ', '.join(names)}: {text}"
+        for text, names in runs_by_text(runs).items()
+    ]

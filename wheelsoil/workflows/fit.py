@@ -226,7 +226,7 @@ def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
     """
     if whole_runs(runs):
         return ""
-    about = runs_by_text(runs, lambda run: run.quality.missing.values())
+    about = runs_by_text((run.run.id, run.quality.missing.values()) for run in runs)
     of_all = [text for text, names in about.items() if len(names) == len(runs)]
     of_some = [f"{', '.join(names)}: {text}" for text, names in about.items() if len(names) < len(runs)]
     return ", and ".join([*of_all, *of_some])

@@ -107,7 +107,9 @@ def runs_to_check(runs: Sequence[ProcessedRun], grades: Sequence[Grade]) -> dict
 
 def doubted_runs(runs: Sequence[ProcessedRun]) -> list[str]:
     """Return what makes runs implausible as declared, unused rut readings and spikes, with the names of the runs."""
-    about = runs_by_text(runs, lambda run: map(without_numbers, [*plausibility_of(run), *_unused_ruts(run)]))
+    about = runs_by_text(
+        (run.run.id, map(without_numbers, [*plausibility_of(run), *_unused_ruts(run)])) for run in runs
+    )
     for run in runs:
         if roles := [note.values["role"] for note in run.quality.notes if note.values.get("kind") in ("spike", "mark")]:
             about.setdefault(f"isolated values excluded of {', '.join(dict.fromkeys(roles))}", []).append(run.run.id)

@@ -549,7 +549,7 @@ def signals(inputs: ReportInputs) -> Contents:
         blocks.append(Table("All channels, all runs", head, rows, _SENSORS_NOTE, left=2))
     lost = [f"{source.run_id}: {'; '.join(source.lost)}" for source in inputs.sources if source.lost]
     blocks += [Text(f"Lost while recording: {listed(lost)}.", "warning")] if lost else []
-    notes = runs_by_text(inputs.runs, lambda run: run.quality.notes)
+    notes = runs_by_text((run.run.id, run.quality.notes) for run in inputs.runs)
     blocks += [Text(_of_runs(text, names, len(inputs.runs))) for text, names in list(notes.items())[:3]]
     told = inputs.diagnosed.notes if inputs.diagnosed is not None else ()
     blocks += [Text(f"{upper(note_text(note))}.", "warning") for note in told if note.code == DiagnosisCode.WHEEL_ORDER]

@@ -12,7 +12,7 @@ from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, number, signed
 from wheelsoil.wording.losses import losses_as_texts
-from wheelsoil.wording.notes import runs_by_text
+from wheelsoil.wording.notes import noted_of_runs
 
 _REASONS = {
     Reason.USED: ("used", "#0072B2", ""),
@@ -39,12 +39,7 @@ _MOST_EVENTS = 40
 @section("quality", "Quality of the runs")
 def quality(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports."""
-    # Each note once, with the runs it concerns.
-    about = runs_by_text(inputs.runs, lambda run: run.quality.notes)
-    notes = [
-        Text(f"{'all runs' if len(ids) == len(inputs.runs) > 1 else ', '.join(ids)}: {note}.")
-        for note, ids in about.items()
-    ]
+    notes = [Text(f"{text}.") for text in noted_of_runs([(run.run.id, run.quality.notes) for run in inputs.runs])]
     blocks: list[Block] = [
         Panels([_shares_figure(inputs.runs)], _reading(inputs)),
         _runs_table(inputs),
