@@ -1,7 +1,7 @@
 // Figures of the appendix, drawn from the JSON beside them (wheelsoil/report/figures.py, docs/decisions/plotting.md).
 // In the page drawing.js stands before this file and page.js after it; all three are one script.
 
-const JOURNAL_MM = 174, RIGHT = 14, BOTTOM = 42, LINE = 20, SAMPLE = 24, LETTERING = 12, NEAR = 40, DRAG_PX = 6, SHADES = 5;
+const JOURNAL_MM = 174, RIGHT = 14, BOTTOM = 42, LINE = 24, SAMPLE = 24, TURNED = 90, LETTERING = 12, NEAR = 40, DRAG_PX = 6, SHADES = 5;
 const LINKED_LEFT = 66; // of figures on one time axis
 /** The token of each colour; others are the same in a light and a dark theme. */
 const TOKENS = { "rgba(90,90,90,0.35)": "--d-dens-4", "#111111": "--d-measured", "rgba(0,0,0,0.13)": "--d-noise", "#dcebf7": "--ph-drive", "#fbe5d3": "--ph-brake", "#eeeeee": "--ph-still",
@@ -35,8 +35,8 @@ function fitted(words, room, x, y, attributes) {
   return svg("text", { x, y, ...attributes }, `${short}…`, svg("title", {}, words));
 }
 
-/** A value as it is shown. */
-const told = (value) => (typeof value === "number" ? String(value).replace("-", "−") : value);
+/** A value as it is written at an axis and the pointer. */
+const written = (value) => (typeof value === "number" ? String(value).replace("-", "−") : value);
 
 /** What an axis needs: `units` turns a value into a place on its linear scale, `marks` are the ticks as [place, text]. */
 function axisOf({ title, range, order, log, zero }) {
@@ -44,7 +44,7 @@ function axisOf({ title, range, order, log, zero }) {
   const marks = (limits, most) => {
     if (order) return order.map((name, i) => [i, name]);
     const found = ticks(limits, most), step = found[1] - found[0] || 1;
-    if (log) return found.filter(Number.isInteger).map((value) => [value, told(10 ** value)]);
+    if (log) return found.filter(Number.isInteger).map((value) => [value, written(10 ** value)]);
     return found.map((value) => [value, tickText(value, step)]);
   };
   return { title, range, order, zero, units, marks };
@@ -113,11 +113,11 @@ const DRAWN = {
     return paths.map((d, i) => svg("path", { class: `dens-${i + 1}`, d, "shape-rendering": "crispEdges" }));
   },
   bar(trace, around) {
-    const { X, Y, y, stacked, grouped, turn } = around, slot = Math.abs(Y(1) - Y(0)), high = 0.7 * slot, fill = fillOf(trace, around);
+    const { X, Y, y, stacked, beside } = around, high = 0.7 * Math.abs(Y(1) - Y(0)), each = beside ? high / beside.count : high, fill = fillOf(trace, around);
     return trace.x.map((value, i) => {
-      const from = grouped ? 0 : stacked.get(y[i]) ?? 0, each = grouped ? high / grouped : high, top = Y(y[i]) - high / 2 + (grouped ? turn * each : 0);
+      const from = beside ? 0 : stacked.get(y[i]) ?? 0, top = Y(y[i]) - high / 2 + (beside ? beside.turn * each : 0);
       stacked.set(y[i], from + value);
-      return rectangle([X(from), X(from + value)], [top, top + each], fill, svg("title", {}, `${trace.name}, ${trace.y[i]}: ${told(value)}`));
+      return rectangle([X(from), X(from + value)], [top, top + each], fill, svg("title", {}, `${trace.name}, ${trace.y[i]}: ${written(value)}`));
     });
   },
   column: (trace, { X, Y, x, y }) => y.map((value, i) => rectangle([X(x[i] - 0.25), X(x[i] + 0.25)], [Y(trace.base), Y(trace.base + value)], paint(trace.colour))),
@@ -159,27 +159,21 @@ class Figure {
   }
 
   draw() {
-    const { layout } = this.spec, width = this.div.clientWidth, height = layout.height, all = this.traces, shown = all.filter(({ name }) => !this.hidden.has(name));
-    const axes = { x: axisOf(layout.xaxis), y: axisOf(layout.yaxis) }, legend = this.legend(all, width), limits = {};
-    for (const key of ["x", "y"]) limits[key] = this.zoom[key] ?? this.limitsOf(axes[key], key, shown);
-    const names = axes.x.order ? Math.min(90, Math.max(...axes.x.order.map(widthOf))) : 0, top = legend.height + (axes.y.title ? 24 : 8);
-    const up = axes.y.marks(limits.y, (height - top - BOTTOM) / 40), widest = Math.min(Math.max(0, ...up.map(([, words]) => widthOf(words))), 0.42 * width);
-    const box = { left: this.linked ? LINKED_LEFT : widest + 14, right: width - RIGHT, top, bottom: height - BOTTOM };
-    const turned = axes.x.order && names > (box.right - box.left) / axes.x.order.length - 6;
-    if (turned) box.bottom -= names - LETTERING;
-    if (layout.one_scale) evened(limits, box);
-    const X = scale(limits.x, [box.left, box.right]), Y = scale(axes.y.order ? limits.y.toReversed() : limits.y, [box.bottom, box.top]);
-    Object.assign(this, { width, X, Y, box, axes, shown });
-    this.svg = svg("svg", { class: "plotted", viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": this.div.getAttribute("aria-label") });
-    const defs = svg("defs"), inside = svg("svg", { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top, viewBox: `${box.left} ${box.top} ${box.right - box.left} ${box.bottom - box.top}` });
-    const groups = this.groupsOf(shown, { X, Y, box, defs, key: this.key, grouped: layout.grouped ? shown.length : 0 });
-    this.cursor = svg("path", { class: "cursor", d: `M0 ${box.top}V${box.bottom}`, visibility: "hidden" });
+    const { layout } = this.spec, all = this.traces;
+    this.width = this.div.clientWidth;
+    this.shown = all.filter(({ name }) => !this.hidden.has(name));
+    this.axes = { x: axisOf(layout.xaxis), y: axisOf(layout.yaxis) };
+    const legend = this.legend(all);
+    this.layOut(layout, legend.height);
+    const { left, right, top, bottom } = this.box, across = { x: left, width: right - left }, up = { y: top, height: bottom - top };
+    const defs = svg("defs"), inside = svg("svg", { ...across, ...up, viewBox: `${left} ${top} ${right - left} ${bottom - top}` }); // what lies beyond it is not seen
+    const upright = (look, x, visibility = "visible") => svg("path", { class: look, d: `M${x} ${top}V${bottom}`, visibility });
+    this.cursor = upright("cursor", 0, "hidden");
     this.here = svg("circle", { class: "here", r: 5, visibility: "hidden" });
     this.drag = svg("rect", { class: "zoom" });
-    inside.append(...groups, ...(layout.dotted ?? []).map((at) => svg("path", { class: "dotted", d: `M${X(axes.x.units(at))} ${box.top}V${box.bottom}` })), this.cursor, this.here, this.drag);
-    this.svg.append(defs, ...this.frame(up, names, turned), inside, ...legend.parts);
-    this.tip = document.createElement("div");
-    Object.assign(this.tip, { className: "tip", hidden: true });
+    inside.append(...this.groups(defs, layout.grouped), ...(layout.dotted ?? []).map((at) => upright("dotted", this.X(this.axes.x.units(at)))), this.cursor, this.here, this.drag);
+    this.svg = svg("svg", { class: "plotted", viewBox: `0 0 ${this.width} ${layout.height}` }, defs, ...this.frame(layout.height), inside, ...legend.parts);
+    this.tip = Object.assign(document.createElement("div"), { className: "tip", hidden: true });
     this.div.replaceChildren(this.svg, this.tip);
     this.div.style.minHeight = "";
   }
@@ -188,57 +182,79 @@ class Figure {
     if (this.svg) this.draw();
   }
 
-  /** The first range of an axis; all that is drawn after a double-click, or where there is none. A time axis is one for all its figures. */
-  limitsOf(axis, key, shown) {
-    if (axis.order) return [-0.5, axis.order.length - 0.5];
-    const traces = key === "x" ? this.siblings.flatMap((figure) => figure.traces) : shown;
-    return (!this.whole && axis.range) || reachOf(traces.flatMap((trace) => placesOf(trace, key, axis)), axis.zero);
+  /** Where the axes lie, and their scales and ticks. */
+  layOut({ height, one_scale: isEven }, legend) {
+    const { x, y } = this.axes, limits = { x: this.limitsOf("x"), y: this.limitsOf("y") }, top = legend + (y.title ? 24 : 8);
+    this.up = y.marks(limits.y, (height - top - BOTTOM) / 40);
+    const widest = Math.max(0, ...this.up.map(([, words]) => widthOf(words))), left = this.linked ? LINKED_LEFT : Math.min(widest, 0.42 * this.width) + 14;
+    this.box = { left, right: this.width - RIGHT, top, bottom: height - BOTTOM };
+    const room = this.box.right - left, longest = Math.max(0, ...(x.order ?? []).map(widthOf));
+    this.slot = x.order ? room / x.order.length : room;
+    this.turned = longest > this.slot - 6 ? Math.min(longest, TURNED) : 0;
+    if (this.turned) this.box.bottom -= this.turned - LETTERING;
+    if (isEven) evened(limits, this.box);
+    this.X = scale(limits.x, [left, this.box.right]);
+    this.Y = scale(y.order ? limits.y.toReversed() : limits.y, [this.box.bottom, top]);
+    this.across = x.marks(limits.x, Math.max(3, room / 80));
   }
 
-  groupsOf(shown, around) {
-    const stacked = new Map(), bars = shown.filter(({ kind }) => kind === "bar"), { x: across, y: up } = this.axes;
+  /** The part that is zoomed into; else the first range of an axis, or all that is drawn after a double-click and where there is none. */
+  limitsOf(key) {
+    const axis = this.axes[key], traces = key === "x" ? this.siblings.flatMap((figure) => figure.traces) : this.shown; // of one time axis
+    if (axis.order) return [-0.5, axis.order.length - 0.5];
+    return this.zoom[key] ?? ((!this.whole && axis.range) || reachOf(traces.flatMap((trace) => placesOf(trace, key, axis)), axis.zero));
+  }
+
+  groups(defs, isGrouped) {
+    const { X, Y, box, key, shown, axes } = this, stacked = new Map(), bars = shown.filter(({ kind }) => kind === "bar");
     return shown.map((trace, i) => {
-      const places = { x: trace.x?.map(across.units), y: trace.y?.map(up.units), before: shown[i - 1], stacked, turn: bars.indexOf(trace) };
-      const group = svg("g", { class: "trace", "data-name": trace.name }, ...DRAWN[trace.kind](trace, { ...around, ...places }));
+      const around = { X, Y, box, key, defs, stacked, before: shown[i - 1], x: trace.x?.map(axes.x.units), y: trace.y?.map(axes.y.units) };
+      const beside = isGrouped ? { count: bars.length, turn: bars.indexOf(trace) } : null;
+      const group = svg("g", { class: "trace", "data-name": trace.name }, ...DRAWN[trace.kind](trace, { ...around, beside }));
       group.trace = trace;
       return group;
     });
   }
 
   /** Grid, ticks and titles. */
-  frame(up, names, turned) {
-    const { X, Y, box, axes } = this, slot = (box.right - box.left) / (axes.x.order?.length || 1), made = [];
-    const across = axes.x.marks(X.limits, Math.max(3, (box.right - box.left) / 80)).filter((_, i) => !turned || i % Math.ceil(16 / slot) === 0);
-    const grid = [...(axes.x.order ? [] : across.map(([at]) => `M${X(at)} ${box.top}V${box.bottom}`)), ...(axes.y.order ? [] : up.map(([at]) => `M${box.left} ${Y(at)}H${box.right}`))];
-    made.push(svg("path", { class: "grid", d: grid.join("") }), svg("path", { class: "axis", d: `M${box.left} ${box.bottom}H${box.right}` }));
-    if (Y.limits[0] < 0 && Y.limits[1] > 0 && !axes.y.order) made.push(svg("path", { class: "zero", d: `M${box.left} ${Y(0)}H${box.right}` }));
-    for (const [at, words] of across) {
-      const place = turned ? [X(at) + 4, box.bottom + 8] : [Math.min(X(at), box.right + RIGHT - widthOf(words) / 2), box.bottom + 17], turn = turned ? { transform: `rotate(-90 ${place.join(" ")})` } : {};
-      made.push(fitted(words, turned ? names : slot, ...place, { class: "tick x", "text-anchor": turned ? "end" : "middle", ...turn }));
-    }
-    for (const [at, words] of up) made.push(fitted(words, box.left - 12, box.left - 8, Y(at) + 4, { class: "tick y", "text-anchor": "end" }));
-    made.push(text(axes.y.title, 0, box.top - 12, { class: "title" }), text(axes.x.title, box.right, this.spec.layout.height - 6, { class: "title", "text-anchor": "end" }));
-    return made;
+  frame(height) {
+    const { X, Y, box, axes, turned } = this, every = turned ? Math.ceil(16 / this.slot) : 1, isCrossed = !axes.y.order && Y.limits[0] < 0 && Y.limits[1] > 0;
+    const upright = axes.x.order ? [] : this.across.map(([at]) => `M${X(at)} ${box.top}V${box.bottom}`), level = axes.y.order ? [] : this.up.map(([at]) => `M${box.left} ${Y(at)}H${box.right}`);
+    return [
+      svg("path", { class: "grid", d: [...upright, ...level].join("") }),
+      svg("path", { class: "zero", d: isCrossed ? `M${box.left} ${Y(0)}H${box.right}` : "" }),
+      svg("path", { class: "axis", d: `M${box.left} ${box.bottom}H${box.right}` }),
+      ...this.across.filter((_, i) => i % every === 0).map(([at, words]) => this.tickAcross(X(at), words)),
+      ...this.up.map(([at, words]) => fitted(words, box.left - 12, box.left - 8, Y(at) + 4, { class: "tick y", "text-anchor": "end" })),
+      text(axes.y.title, 0, box.top - 12, { class: "title" }),
+      text(axes.x.title, box.right, height - 6, { class: "title", "text-anchor": "end" }),
+    ];
+  }
+
+  tickAcross(at, words) {
+    const { turned, box: { right, bottom } } = this;
+    if (!turned) return fitted(words, this.slot, Math.min(at, right + RIGHT - widthOf(words) / 2), bottom + 17, { class: "tick x", "text-anchor": "middle" });
+    return fitted(words, turned, at + 4, bottom + 8, { class: "tick x", "text-anchor": "end", transform: `rotate(-90 ${at + 4} ${bottom + 8})` });
   }
 
   /** The names of the traces, each a button that hides its trace; none where there is one name only. */
-  legend(all, width) {
-    const looks = new Map(), parts = [], defs = svg("defs");
+  legend(all) {
+    const looks = new Map(), parts = [], defs = svg("defs"), most = this.width - SAMPLE - 8;
     for (const trace of all) if (!trace.quiet || !looks.has(trace.name)) looks.set(trace.name, trace);
     if (looks.size < 2) return { height: 0, parts };
     let x = 0, y = 14;
     for (const [name, trace] of looks) {
-      const room = SAMPLE + 8 + Math.min(widthOf(name), width - SAMPLE - 8);
-      if (x && x + room > width) [x, y] = [0, y + LINE];
-      parts.push(this.entry(trace, x, y, width, defs));
+      const room = SAMPLE + 8 + Math.min(widthOf(name), most);
+      if (x && x + room > this.width) [x, y] = [0, y + LINE];
+      parts.push(this.entry(trace, { x, y, defs }, most));
       x += room + 14;
     }
     return { height: y + 8, parts: [defs, ...parts] };
   }
 
-  entry(trace, x, y, width, defs) {
-    const isHidden = this.hidden.has(trace.name), look = (SAMPLES[trace.kind] ?? swatch)(trace, { x, y, key: `${this.key}-legend`, defs });
-    const words = fitted(trace.name, width - SAMPLE - 8, x + SAMPLE + 6, y, { class: "tick" });
+  entry(trace, at, most) {
+    const isHidden = this.hidden.has(trace.name), look = (SAMPLES[trace.kind] ?? swatch)(trace, { ...at, key: `${this.key}-legend` });
+    const words = fitted(trace.name, most, at.x + SAMPLE + 6, at.y, { class: "tick" });
     const made = svg("g", { class: isHidden ? "entry off" : "entry", role: "button", tabindex: 0, "aria-pressed": !isHidden, "aria-label": `${trace.name}: shown` }, ...look, words);
     made.name = trace.name;
     return made;
@@ -281,8 +297,8 @@ class Figure {
 
   /** The point of each line that is nearest to the pointer: { trace, i, x, y, away } in pixels. */
   nearest(pointer) {
-    const { x: across, y: up } = this.axes, told = this.shown.filter(({ kind, quiet }) => !quiet && (kind === "line" || kind === "points"));
-    return told.map((trace) => {
+    const { x: across, y: up } = this.axes, answering = this.shown.filter(({ kind, quiet }) => !quiet && (kind === "line" || kind === "points"));
+    return answering.map((trace) => {
       let best = { away: NEAR };
       trace.x.forEach((value, i) => {
         if (value === null || trace.y[i] === null) return;
@@ -299,8 +315,8 @@ class Figure {
     if (this.linked) moveCursor(this.block, this.X.back(pointer.x));
     const found = this.nearest(pointer), [best] = found.toSorted((a, b) => a.away - b.away);
     if (!best) return this.leave();
-    const { trace, i, x, y } = best, where = trace.texts?.[i] ?? `${this.axes.x.title} ${told(trace.x[i])}`;
-    this.tip.textContent = [where, ...(this.linked ? found : [best]).map((each) => `${each.trace.name}: ${told(each.trace.y[each.i])}`)].join("\n");
+    const { trace, i, x, y } = best, where = trace.texts?.[i] ?? `${this.axes.x.title} ${written(trace.x[i])}`;
+    this.tip.textContent = [where, ...(this.linked ? found : [best]).map((each) => `${each.trace.name}: ${written(each.trace.y[each.i])}`)].join("\n");
     this.tip.hidden = false;
     const left = x > this.width / 2 ? x - this.tip.offsetWidth - 12 : x + 12, top = Math.min(y - 12, this.box.bottom - this.tip.offsetHeight);
     Object.assign(this.tip.style, { left: `${left}px`, top: `${Math.max(0, top)}px` });
@@ -342,8 +358,8 @@ class Figure {
       start = null;
       if (x || y) this.zoomTo({ x: values(x, this.X), y: this.axes.y.order ? null : values(y, this.Y) });
     });
-    on("pointerleave", () => this.leave());
-    on("dblclick", () => this.zoomOut());
+    on("pointerleave", ({ pointerType }) => { if (pointerType === "mouse") this.leave(); });
+    on("dblclick", (event) => { if (this.holds(at(event))) this.zoomOut(); });
     on("click", ({ target }) => this.toggle(target.closest(".entry")));
     on("keydown", (event) => {
       if (event.key !== "Enter" && event.key !== " ") return;

@@ -34,8 +34,7 @@ class Place {
     if (!this.run) return;
     const after = this.run.x.findIndex((t) => t >= x);
     const [px, py] = this.points[after < 0 ? this.points.length - 1 : after];
-    const here = this.svg.querySelector(".here");
-    for (const [name, value] of Object.entries({ cx: px, cy: py, visibility: "visible" })) here.setAttribute(name, value);
+    set(this.svg.querySelector(".here"), { cx: px, cy: py, visibility: "visible" });
   }
   point({ clientX, clientY }) {
     if (!this.run) return;
@@ -73,6 +72,7 @@ for (const select of document.querySelectorAll(".figures select")) {
     maps.get(block)?.draw();
   });
 }
+
 function csvOf(curves) {
   const cell = (value) => (value === null || value === undefined ? "" : /[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value);
   const rows = [["series", "x", "y", "lower", "upper"]];
