@@ -22,7 +22,7 @@ import wheelsoil.cli
 from wheelsoil import __version__
 from wheelsoil.cli.app import COMMANDS, load
 
-HEAVY = ("numpy", "pandas", "scipy", "cantools", "can", "mcap", "pyarrow", "plotly", "rich", "pydantic", "jinja2")
+HEAVY = ("numpy", "pandas", "scipy", "cantools", "can", "mcap", "pyarrow", "rich", "pydantic", "jinja2")
 PROGRAM = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()"]
 ABSENT = {"log", "doctor"} if sys.platform == "win32" else set[str]()
 

@@ -80,8 +80,6 @@ def test_the_band_of_the_first_figure_lies_about_its_model(plain_material):
 
 @pytest.mark.parametrize("verdict", SENTENCES)
 def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
-    import plotly.graph_objects as go
-
     report = built(plain_material, diagnosis(verdict))
     assert [section.key for section in report.sections] == [
         builder.key
@@ -94,12 +92,11 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
     assert report.sentence == SENTENCES[verdict]
     for key in KEYS:
         for figure in figures(report, key):
-            go.Figure(data=figure.data, layout=figure.layout)
-            assert figure.layout["xaxis"]["title"]["text"], figure.key
+            assert figure.layout["xaxis"]["title"], figure.key
         for block in section(report, key).blocks:
             if isinstance(block, Panels):
                 assert len(block.reading) < 330, "two lines on how to read it"
-    html = report.html("x.json")  # plotly.js holds ids of its own
+    html = report.html("x.json")
     ids = re.findall(r'id="((?:plot|data)-[^"]+)"', html)
     assert len(ids) == len(set(ids))
     levels = [int(level) for level in re.findall(r"<h([1-6])[ >]", html)]
@@ -332,12 +329,7 @@ def test_names_stay_data(plain_material):
         notes=(Note(DiagnosisCode.CAMPAIGN_EXCLUDED, values={"fault": Fault(EVIL)}),),
         plot_data=(seen(campaign=EVIL, runs=(EVIL, "b")),),
     )
-    page = built(plain_material, found).html("x.json")
-    assert "<img" not in page
-    for _, figure in re.findall(r'id="data-([^"]+)">(.*?)</script>', page, re.DOTALL):
-        for trace in json.loads(figure)["data"]:
-            shown = [trace["name"], *(x for axis in "xy" for x in trace.get(axis, []) if isinstance(x, str))]
-            assert not any("<" in name for name in shown), "plotly reads HTML"
+    assert "<img" not in built(plain_material, found).html("x.json")
 
 
 def curves(drawing: Drawing, look: str) -> list[dict[str, Any]]:

@@ -7,7 +7,6 @@ import re
 import signal
 from typing import Any
 
-import pytest
 from live_browser import Shower, looking_at
 from live_client import page, until
 from live_support import START_UTC_S, bus, reason
@@ -51,7 +50,6 @@ _TIMED_OUT_SOON = """() => {
   const timeout = AbortSignal.timeout.bind(AbortSignal);
   AbortSignal.timeout = () => (window.timedOut = timeout(100));
 }"""
-_COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
 
 
 def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: PagePanel) -> None:
@@ -113,14 +111,12 @@ def test_the_unit_of_the_speed_is_kept(browser: Browser, panel: PagePanel) -> No
         seen.get_by_role("button", name="m/s").click()
 
 
-def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePanel) -> None:
+def test_its_buttons_are_large(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel), looking_at(browser, panel.address, width=360, scale=2.0) as seen:
         expect(seen.locator("#state")).to_have_text("RECORDING")
         for button in seen.locator("#bar button, #bar input").all():
             box = button.bounding_box()
             assert box is not None and min(box["width"], box["height"]) >= 48
-        for canvas in seen.locator("canvas").all():
-            assert canvas.evaluate("(canvas) => canvas.width / canvas.clientWidth") == pytest.approx(2, rel=0.01)
 
 
 def test_live_values_buses_and_curves_move(browser: Browser) -> None:
@@ -131,8 +127,8 @@ def test_live_values_buses_and_curves_move(browser: Browser) -> None:
         frames = seen.locator("#run div").nth(1)
         first = frames.text_content()
         seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].textContent !== first", arg=first)
-        for plot in ("#slip-plot", "#pull-plot"):
-            assert seen.locator(plot).evaluate(_COLOURED) > 20
+        for curve in ("#slip-plot .dot", "#pull-plot .line"):
+            expect(seen.locator(curve).last).to_have_attribute("d", re.compile("^M.*M|^M.*L"))
         shower.changes = {"session_s": 55.0, "traces": {}}
         expect(seen.locator("#values [data-role=slip] .age")).to_contain_text("not known for")
         expect(seen.locator("#values [data-role=slip] .reach")).to_have_text("")
@@ -281,6 +277,7 @@ def test_a_plot_that_has_nothing_to_show_says_why(browser: Browser) -> None:
     changes = {"setup": {"wheel_radius_m": None, "latency_s": {}, "min_speed_mps": 0.5}}
     with page() as panel, Shower(panel, **changes), looking_at(browser, panel.address) as seen:
         expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile("0 points"))
+        expect(seen.locator("#slip-plot p")).to_have_text("no slip: vehicle.toml has no [wheel] radius_m")
         expect(seen.locator("#pull-plot")).to_have_attribute("aria-label", re.compile("newest"))
 
 

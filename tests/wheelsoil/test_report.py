@@ -76,24 +76,20 @@ def test_the_page_is_one_file_that_loads_nothing(report):
     page = Page(text)
     assert page.loads == []
     assert "default-src 'none'" in text
-    assert text.count('id="plotly"') == 1, "plotly.js is embedded once, packed"
     assert len(page.ids) == len(set(page.ids))
-    assert len(text) < 4_000_000
+    assert len(text) < 1_500_000
 
 
-def test_every_section_is_there_and_every_figure_is_plotly(report):
-    import plotly.graph_objects as go
-
+def test_every_section_and_figure_is_there(report):
     page = Page(report.read_text(encoding="utf-8"))
     asked_for = {"against", "cost"}  # of an earlier report, and of a named cause
     assert {section.key for section in SECTIONS} - asked_for <= set(page.ids)
     assert len(page.figures) >= 14
     for key, figure in page.figures.items():
-        go.Figure(data=figure["data"], layout=figure["layout"])  # raises on anything that plotly does not know
         assert f"plot-{key}" in page.ids
         for axis in ("xaxis", "yaxis"):
             drawn = figure["layout"][axis]
-            assert drawn["title"]["text"] or drawn.get("type") == "category", key
+            assert drawn["title"] or drawn.get("order"), key
 
 
 def test_json_holds_the_numbers_that_are_shown(report):
@@ -143,13 +139,11 @@ def test_names_from_data_stay_data(campaign, tmp_path):
     text = page_path.read_text(encoding="utf-8")
     page = Page(text)
     numbers = json.loads(page_path.with_suffix(".json").read_text(encoding="utf-8"))
-    plain_scripts = [script for script in page.scripts if "type" not in script]
+    plain_scripts = [script for script in page.scripts if script.get("type") != "application/json"]
     assert len(plain_scripts) == 1, "ours"
     assert "<script>alert" not in text
     assert "49" not in numbers["title"], "templates in names are not run"
     assert EVIL in numbers["title"]
-    figure = page.figures["shares"]
-    assert all("<" not in name for name in figure["data"][0]["y"]), "plotly reads HTML, so names are escaped for it"
 
 
 def test_without_a_diagnosis_the_best_law_is_beside_wong(material):

@@ -27,28 +27,29 @@ DRAW = """async (plots) => {
   for (const plot of document.querySelectorAll(plots)) {
     plot.closest("details.part").open = true;
     plot.scrollIntoView();
-    for (let i = 0; i < 400 && !plot.querySelector(".main-svg"); i++) await new Promise((go) => setTimeout(go, 25));
+    for (let i = 0; i < 400 && !plot.querySelector("svg"); i++) await new Promise((go) => setTimeout(go, 25));
   }
   window.scrollTo(0, 0);
 }"""
-EMPTY = """() => [...document.querySelectorAll(".plot")].filter((plot) => {
-  const points = (plot.data ?? []).flatMap((trace) => (trace.z ?? [trace.x ?? []]).flat());
-  return !plot.querySelector(".main-svg") || !points.some((value) => value !== null);
-}).map((plot) => plot.id)"""
+EMPTY = """() => [...document.querySelectorAll(".plot")].filter((plot) =>
+  ![...plot.querySelectorAll(".trace [d], .trace rect")].some((part) => part.getAttribute("d") !== "")
+).map((plot) => plot.id)"""
 CRAMPED = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
   const box = (element) => element.getBoundingClientRect(), frame = box(plot), found = [];
-  const legend = plot.querySelector(".legend"), area = plot.querySelector(".nsewdrag");
-  if (legend && area && box(legend).bottom > box(area).top + 3) found.push("the legend is over the curves");
-  for (const label of plot.querySelectorAll(".infolayer .xtitle, .infolayer .ytitle, .legendtext, .xtick, .ytick")) {
+  const area = plot.querySelector("svg > svg"), top = frame.top + plot.figure.box.top;
+  const names = [...plot.querySelectorAll(".entry")];
+  if (names.some((name) => box(name).bottom > top)) found.push("the legend is over the curves");
+  for (const label of plot.querySelectorAll(".plotted text")) {
+    if (area.contains(label)) continue;
     const { left, right, top, bottom } = box(label);
     if (left < frame.left - 1 || right > frame.right + 1 || top < frame.top - 1 || bottom > frame.bottom + 1)
       found.push(`${label.textContent} is cut`);
   }
-  for (const axis of ["xtick", "ytick"]) {
-    const boxes = [...plot.querySelectorAll(`.${axis} text`)].map(box);
+  for (const axis of ["x", "y"]) {
+    const boxes = [...plot.querySelectorAll(`.tick.${axis}`)].map(box);
     if (boxes.some((a, i) => boxes.slice(i + 1).some((b) =>
       a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2)))
-      found.push(`${axis} labels overlap`);
+      found.push(`labels of ${axis} overlap`);
   }
   return found.map((what) => `${plot.id}: ${what}`);
 })"""
@@ -151,36 +152,81 @@ def test_no_script_but_its_own_runs(browser: Browser, written: Written, tmp_path
         assert page.evaluate("window.struck") is None
 
 
-def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser: Browser, written: Written) -> None:
-    drawn = "[...document.querySelectorAll('#time .plot')]"
+POINTS = """() => [...document.querySelectorAll(".plot")].flatMap(({ figure }) => {
+  const { X, Y, axes } = figure, away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+  return [...figure.svg.querySelectorAll(".trace")].flatMap((group) => {
+    const { trace } = group, numbers = (path) => path.getAttribute("d").match(/[ML]-?[\\d.]+ -?[\\d.]+/g) ?? [];
+    if (!["line", "points"].includes(trace.kind)) return [];
+    const pairs = [...group.querySelectorAll("path")].flatMap(numbers);
+    const drawn = pairs.map((pair) => pair.slice(1).split(" ").map(Number));
+    return trace.x.flatMap((value, i) => {
+      if (value === null || trace.y[i] === null) return [];
+      const wanted = [X(axes.x.units(value)), Y(axes.y.units(trace.y[i]))];
+      const isThere = drawn.some((place) => away(place, wanted) < 0.2);
+      return isThere ? [] : [`${figure.key}, ${trace.name}: ${value}, ${trace.y[i]}`];
+    });
+  });
+})"""
+AREA = """({ figure: { svg, box: { left, right, top, bottom } } }) =>
+  ({ x: svg.getBoundingClientRect().x + left, y: svg.getBoundingClientRect().y + top, width: right - left })"""
+TRACES = """() => Object.fromEntries([...document.querySelectorAll(".plot")].map(({ figure }) =>
+  [figure.key, [...figure.svg.querySelectorAll(".trace")].map(({ trace }) => trace)]))"""
 
-    def cursor() -> float:
-        return float(page.evaluate("document.getElementById('plot-drive-speed').layout.shapes[0].x0"))
+
+def test_what_the_json_has_is_drawn(browser: Browser, each: Written) -> None:
+    with opened(browser, each.page) as page:
+        page.evaluate(DRAW, ".plot")
+        assert page.evaluate(POINTS) == [], "every point of every line stands at its place"
+        drawn = page.evaluate(TRACES)
+    for key, figure in each.numbers["figures"].items():
+        first = next((trace["shown_for"] for trace in figure["traces"] if trace["shown_for"]), "")
+        kept = [trace for trace in figure["traces"] if trace["shown_for"] in ("", first)]
+        assert [[trace.get(axis) for axis in "xyz"] for trace in drawn[key]] == [
+            [trace.get(axis) for axis in "xyz"] for trace in kept
+        ], key
+
+
+def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser: Browser, written: Written) -> None:
+    drawn = "[...document.querySelectorAll('#time .plot')].map(({ figure }) => figure)"
+    cursors = f"{drawn}.map(({{ X, cursor }}) => X.back(cursor.transform.baseVal[0]?.matrix.e))"
 
     with opened(browser, written.page) as page:
         page.evaluate(DRAW, "#time .plot")
-        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
-        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
-        for step in (100, 140):
-            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
+        speed = page.locator("#plot-drive-speed")
+        speed.scroll_into_view_if_needed()
+        box = speed.evaluate(AREA)
+        page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
         here = page.locator("#time .place .here")
         here.and_(page.locator("[visibility=visible]")).wait_for()
-        before, place = cursor(), here.bounding_box()
+        assert "ground: " in page.locator("#plot-drive-speed .tip").inner_text(), "values at the pointer"
+        before, place = page.evaluate(cursors), here.bounding_box()
+        assert max(before) - min(before) < 1e-3
         path = page.locator("#time .place .start").bounding_box()
         page.mouse.move(path["x"] + path["width"] / 2, path["y"] + path["height"] / 2)
-        page.wait_for_function(f"document.getElementById('plot-drive-speed').layout.shapes[0].x0 < {before}")
-        assert here.bounding_box() != place and cursor() < 3.0
-        page.evaluate("Plotly.relayout('plot-drive-speed', {'xaxis.range': [5, 15]})")
-        page.wait_for_function(
-            f"{drawn}.every((one) => one.layout.xaxis.range[0] === 5 && one.layout.xaxis.range[1] === 15)"
-        )
-        page.locator("#plot-drive-speed").scroll_into_view_if_needed()
-        box = page.locator("#plot-drive-speed .nsewdrag").bounding_box()
-        for step in (100, 140):
-            page.mouse.move(box["x"] + step, box["y"] + box["height"] / 2)
-        page.wait_for_function(f"{drawn}.every((one) => one.layout.shapes[0].visible)")
-        assert len(set(page.evaluate(f"{drawn}.map((one) => one.layout.shapes[0].x0)"))) == 1
-        assert page.evaluate(f"{drawn}.every((one) => one.layout.shapes.length === 1)")
+        assert here.bounding_box() != place and page.evaluate(cursors)[0] < min(3.0, before[0])
+        speed.scroll_into_view_if_needed()
+        box = speed.evaluate(AREA)
+        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 22)
+        page.mouse.up()
+        limits = page.evaluate(f"{drawn}.map(({{ X }}) => X.limits)")
+        assert limits == [limits[0]] * len(limits) and 0.0 < limits[0][0] < limits[0][1]
+        page.mouse.dblclick(box["x"] + 50, box["y"] + 20)
+        whole = page.evaluate(f"{drawn}.map(({{ X }}) => X.limits)")
+        assert whole == [whole[0]] * len(whole) and whole[0][0] <= 0.0 < limits[0][1] < whole[0][1]
+
+
+def test_a_name_in_the_legend_hides_its_line(browser: Browser, written: Written) -> None:
+    with opened(browser, written.page) as page:
+        page.evaluate(DRAW, "#plot-slip-driving")
+        wong = page.locator("#plot-slip-driving .entry", has_text="Wong")
+        lines = "#plot-slip-driving .trace[data-name=Wong]"
+        assert page.locator(lines).count() and wong.get_attribute("aria-pressed") == "true"
+        wong.click()
+        assert page.locator(lines).count() == 0 and wong.get_attribute("aria-pressed") == "false"
+        page.keyboard.press("Enter")
+        assert page.locator(lines).count()
 
 
 @pytest.mark.slow
@@ -199,10 +245,10 @@ def test_a_figure_is_saved_and_a_run_is_chosen(browser: Browser, written: Writte
         of_model = [row.split(",") for row in rows if row.startswith(curve["name"])]
         assert [float(row[2]) for row in of_model] == pytest.approx(curve["y"])
         for section, figure in (("slip", "slip-driving"), ("time", "time-dp"), ("track", "track-use")):
-            before = page.evaluate("(id) => JSON.stringify(document.getElementById(id).data)", f"plot-{figure}")
+            before = page.evaluate("(id) => JSON.stringify(document.getElementById(id).figure.shown)", f"plot-{figure}")
             page.locator(f"#{section} select").first.select_option("run-2")
             kept = [t for t in written.numbers["figures"][figure]["traces"] if t["shown_for"] == "run-2"]
-            shown = page.evaluate("(id) => document.getElementById(id).data", f"plot-{figure}")
+            shown = page.evaluate("(id) => document.getElementById(id).figure.shown", f"plot-{figure}")
             assert kept and [trace.get("y") for trace in shown] == [trace.get("y") for trace in kept]
             assert json.dumps(shown) != before
 
@@ -226,9 +272,9 @@ def test_figures_are_drawn_when_they_are_looked_at(browser: Browser, written: Wr
     with opened(browser, written.page) as page:
         page.locator("details.part").evaluate_all("(all) => all.forEach((one) => { one.name = ''; one.open = true; })")
         last = page.locator(".plot").last
-        assert last.locator(".main-svg").count() == 0
+        assert last.locator("svg").count() == 0
         last.scroll_into_view_if_needed()
-        last.locator(".main-svg").first.wait_for()
+        last.locator("svg").first.wait_for()
 
 
 def test_a_phone_need_not_scroll_sideways(browser: Browser, each: Written) -> None:
@@ -278,8 +324,8 @@ def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> Non
             == 0
         )
         assert EVIL.capitalize()[1:] in page.locator("header b").inner_text().capitalize()
-        ticks = page.locator("#plot-shares .ytick text").all_text_contents()
+        ticks = page.locator("#plot-shares .tick.y").all_text_contents()
         assert [tick for tick in ticks if EVIL in tick], "letter for letter in a figure, too"
         page.locator("#time select").select_option(f"{EVIL} 2")
-        assert page.evaluate("document.querySelector('#plot-time-dp').data.length") > 4
+        assert page.evaluate("document.querySelector('#plot-time-dp').figure.shown.length") > 4
         assert page.evaluate("window.struck") is None

@@ -45,7 +45,7 @@ def test_a_model_that_is_far_off_is_seen_to_be(material):
     models = (replace(wong, predictions=off), *material.fit.models[1:])
     moved = replace(material, campaign=replace(material.fit, models=models))
     figure = drawbar_pull.build(moved).blocks[0].figures[0]
-    lines = [trace for trace in figure.data if trace["name"] == "Wong" and "marker" in trace]
+    lines = [trace for trace in figure.data if trace["name"] == "Wong" and "symbol" in trace]
     highest = max(y for trace in lines for y in trace["y"])
     low, high = figure.layout["yaxis"]["range"]
     measured = material.pool.measured("dp")[material.pool.slip > 0]
@@ -54,16 +54,17 @@ def test_a_model_that_is_far_off_is_seen_to_be(material):
 
 
 def test_colours_of_one_figure_differ_in_both_modes_and_are_no_state():
-    script = (files("wheelsoil.report") / "page.js").read_text()
+    script = (files("wheelsoil.report") / "figure.js").read_text()
     tokens = dict(re.findall(r'"(#\w+)": "(--[\w-]+)"', script))
     light, dark = (files("wheelsoil.web") / "static" / "tokens.css").read_text().split("prefers-color-scheme: dark")
     assert not {"--go", "--amber", "--stop"} & set(tokens.values())
     assert all(f"{name}:" in dark for name in tokens.values()) and all(f"{name}:" in light for name in tokens.values())
-    in_dark = dict(re.findall(r"(--[\w-]+): (#\w{6})\b", dark))
+    in_light, in_dark = (dict(re.findall(r"(--[\w-]+): (#\w{6})\b", theme)) for theme in (light, dark))
     of_models = [RECOMMENDED, MEASURED, *(one.colour for one in STYLES.values())]
     reasons = [colour for _, colour, _ in quality._REASONS.values()]
     for colours, apart in ((of_models, 60.0), (reasons, 25.0)):
-        for mode in (colours, [in_dark.get(tokens.get(one, ""), one) for one in colours]):
+        for theme in (in_light, in_dark):
+            mode = [theme.get(tokens.get(one, ""), one) for one in colours]
             rgb = [np.array([int(one[i : i + 2], 16) for i in (1, 3, 5)]) for one in mode]
             near = [
                 (mode[i], mode[j]) for j in range(len(rgb)) for i in range(j) if np.linalg.norm(rgb[i] - rgb[j]) < apart

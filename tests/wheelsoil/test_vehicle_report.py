@@ -263,7 +263,7 @@ def test_each_wheel_has_a_report_and_the_vehicle_a_page_that_leads_to_them(repor
     assert names == {f"report{part}.{kind}" for part in ("", *(f"-{w}" for w in IDS)) for kind in ("html", "json")}
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'<dt><a href="([^"]+)">', page) == [f"report-{wheel}.html" for wheel in IDS]
-    assert 'id="plotly"' not in page and 'href="#appendix"' not in page, "all of its figures are drawings"
+    assert 'id="plot-' not in page and 'href="#appendix"' not in page, "all of its figures are drawings"
     of_one = (folder / "report-FL.html").read_text(encoding="utf-8")
     assert "Of wheel FL alone: if others are instrumented, all decide (wheelsoil report FOLDER)." in of_one
     headline = re.search(r"<h1>(.*?)</h1>", page)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import logging
 import os
@@ -76,24 +75,23 @@ class Head:
 
 
 def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
-    """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
+    """Return the page as HTML text, with its one script; it loads nothing from outside.
 
     `made_at` is the time of the report; `json_name` the name of the file with the numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
 
-    folder = files("wheelsoil.report")
+    pages, shared = files("wheelsoil.report"), files("wheelsoil.web") / "static"
     environment = Environment(
         loader=PackageLoader("wheelsoil.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    tokens = files("wheelsoil.web").joinpath("static", "tokens.css").read_text(encoding="utf-8")
     summary, *others = sections
     keys = {name: {builder.key for builder in group} for name, group in GROUPS.items()}
     groups = {name: [section for section in others if section.key in of_group] for name, of_group in keys.items()}
     appendix = {name: sections for name, sections in groups.items() if sections}
-    scripts = (get_plotlyjs() if appendix else "", folder.joinpath("page.js").read_text(encoding="utf-8"))
-    hashes = (b64encode(sha256(script.encode()).digest()).decode() for script in scripts)
+    style = "".join(file.read_text(encoding="utf-8") for file in (shared / "tokens.css", pages / "page.css"))
+    scripts = (shared / "drawing.js", pages / "figure.js", pages / "page.js")
+    script = "\n".join(file.read_text(encoding="utf-8") for file in scripts)
     page = environment.get_template("template.html.j2").render(
         **vars(head),
         summary=summary,
@@ -102,16 +100,15 @@ def render(head: Head, sections: Sequence[Section], *, made_at: str, json_name: 
         made_at=made_at,
         json_name=json_name,
         version=__version__,
-        plotly=b64encode(gzip.compress(scripts[0].encode(), mtime=0)).decode(),
-        script=scripts[1],
-        script_hashes=" ".join(f"'sha256-{each}'" for each in hashes),  # the page's policy: no other script runs
+        script=script,
+        script_hash=b64encode(sha256(script.encode()).digest()).decode(),  # the page's policy: no other script runs
         text_columns=_text_columns,
         figure_value=figure_value,
         unbroken=_unbroken,
         json=_json,
         figure_json=lambda figure: _json({"data": figure.data, "layout": figure.layout, "groups": figure.groups}),
         drawing_json=lambda drawing: _json({"title": drawing.title, "curves": plain(drawing.curves)}),
-        style=tokens + folder.joinpath("page.css").read_text(encoding="utf-8"),
+        style=style,
     )
     return isolated(in_texts(page, lambda text: unbroken(typeset(text))))
 

@@ -54,14 +54,14 @@ class Lights:
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure as plain JSON values.
+    """A figure of the appendix as plain JSON values; figure.js draws it.
 
     Attributes
     ----------
     key : str
         Unique in the report.
     data, layout
-        Input of plotly.js: lists, mappings, texts, numbers and None, no NaN.
+        See `wheelsoil.report.figures`: lists, mappings, texts, numbers and None, no NaN.
     groups : sequence of str
         Name of the choice that each trace belongs to ("" = always shown); the reader chooses among the groups.
     """
@@ -235,7 +235,7 @@ def section(key: str, title: str) -> Callable[[Callable[[ReportInputs], Contents
 
 
 def figures_of(section: Section) -> list[Figure]:
-    """Return the plotly figures of a section."""
+    """Return the figures of a section that a script draws."""
     return [figure for block in blocks_of(section) if isinstance(block, Panels) for figure in block.figures]
 
 

@@ -1,8 +1,7 @@
-"""Plotly figures as dicts: one style, for colour-blind readers and print; few points."""
+"""Figures of the appendix as dicts, which figure.js draws: one style, for colour-blind readers; few points."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -18,6 +17,7 @@ EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
 _POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
 
 Trace = dict[str, Any]
+Places = Sequence[float | str | None]
 
 ALL_RUNS = "all runs"
 """Name of the choice among the runs that shows all of them."""
@@ -26,7 +26,6 @@ MEASURED = "#111111"
 RECOMMENDED = "#0b62c4"
 CLOUD = "rgba(90,90,90,0.35)"
 GREY_BAND = "rgba(0,0,0,0.13)"
-GRID = "#e3e3e3"
 _NONE: FloatArray = np.zeros(0)
 _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
 """Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
@@ -40,7 +39,7 @@ _BULK = (0.5, 99.5)
 
 @dataclass(frozen=True)
 class Style:
-    """How one model looks wherever it is drawn; `dash` and `symbol` are plotly's."""
+    """How one model looks wherever it is drawn; figure.js has the dashes and symbols."""
 
     label: str
     colour: str
@@ -221,17 +220,6 @@ def _cell(values: FloatArray, cells: int) -> IntArray:
     return np.asarray(np.minimum((values - low) / (high - low) * cells, cells - 1), np.int64)
 
 
-def words(text: str) -> str:
-    """Return a name with HTML escaped, because plotly interprets some HTML in its texts."""
-    return html.escape(text, quote=False)
-
-
-def translucent(colour: str) -> str:
-    """Return a colour "#rrggbb" as the translucent fill of a band."""
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},0.22)"
-
-
 def numbers(values: FloatArray, digits: int = 5) -> list[float | None]:
     """Return values rounded to `digits` significant digits, NaN as None."""
     form = f".{digits}g"
@@ -239,45 +227,33 @@ def numbers(values: FloatArray, digits: int = 5) -> list[float | None]:
 
 
 def line(x: FloatArray, y: FloatArray, name: str, colour: str, dash: str = "solid", width: float = 2.0) -> Trace:
-    """Return a line trace; NaN breaks it."""
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": words(name),
-        "x": numbers(x),
-        "y": numbers(y),
-        "line": {"color": colour, "dash": dash, "width": width},
-        "connectgaps": False,
-    }
+    """Return a line; NaN breaks it."""
+    place = {"x": numbers(x), "y": numbers(y)}
+    return {"kind": "line", "name": name, **place, "colour": colour, "dash": dash, "width": width}
 
 
 def marked_line(x: FloatArray, y: FloatArray, name: str, style: Style) -> Trace:
     """Return a line with the markers of a model."""
-    trace = line(x, y, name, style.colour, style.dash)
-    return trace | {"mode": "lines+markers", "marker": {"symbol": style.symbol, "size": 8, "color": style.colour}}
+    return line(x, y, name, style.colour, style.dash) | {"symbol": style.symbol, "size": 8}
+
+
+def points(x: Places, y: Places, name: str, look: tuple[str, str], size: float = 6.0) -> Trace:
+    """Return points at numbers or names; a look is a colour and a symbol."""
+    return {"kind": "points", "name": name, "x": x, "y": y, "colour": look[0], "symbol": look[1], "size": size}
 
 
 def dots(x: FloatArray, y: FloatArray, name: str) -> Trace:
-    """Return a cloud of small dots."""
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": words(name),
-        "x": numbers(x, 4),
-        "y": numbers(y, 4),
-        "marker": {"color": CLOUD, "size": 4},
-        "hoverinfo": "skip",
-    }
+    """Return a cloud of small dots, which do not answer to the pointer."""
+    return points(numbers(x, 4), numbers(y, 4), name, (CLOUD, "circle"), 4.0) | {"quiet": True}
 
 
-def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour: str) -> list[Trace]:
-    """Return two traces: an invisible upper edge and the area down to the lower one."""
-    edge = {"width": 0, "color": colour}
-    base: Trace = {"type": "scatter", "mode": "lines", "x": numbers(x), "line": edge, "hoverinfo": "skip"}
-    return [
-        base | {"y": numbers(upper), "showlegend": False, "name": words(name)},
-        base | {"y": numbers(lower), "fill": "tonexty", "fillcolor": colour, "name": words(name)},
-    ]
+def band(
+    x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour: str, opacity: float = 1.0
+) -> list[Trace]:
+    """Return two traces: the upper edge, which is not drawn, and the area down to the lower one."""
+    base: Trace = {"name": name, "x": numbers(x)}
+    area = {"kind": "band", "colour": colour, "opacity": opacity}
+    return [base | {"kind": "edge", "y": numbers(upper)}, base | {"y": numbers(lower)} | area]
 
 
 def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> list[Trace]:
@@ -295,22 +271,18 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
     first, last = (filled[0], filled[-1] + 1) if len(filled) else (0, 1)
     filled_counts = counts[counts > 0]
     cells: Trace = {
-        "type": "heatmap",
-        "name": words(name),
+        "kind": "cells",
+        "name": name,
         "x0": float(f"{(across[first] + across[first + 1]) / 2:.5g}"),
         "dx": float(f"{across[1] - across[0]:.5g}"),
         "y0": float(f"{(up[0] + up[1]) / 2:.5g}"),
         "dy": float(f"{up[1] - up[0]:.5g}"),
         "z": counts[:, first:last].tolist(),
-        "zmin": 0,
-        "zmax": float(np.percentile(filled_counts, 95)) if len(filled_counts) else 1.0,
-        "colorscale": [[0, "rgba(0,0,0,0)"], [1e-6, "#efefef"], [1, "#a6a6a6"]],
-        "showscale": False,
-        "hoverinfo": "skip",
+        "most": float(np.percentile(filled_counts, 95)) if len(filled_counts) else 1.0,
     }
     beyond = np.flatnonzero((y < up[0]) | (y > up[-1]))
     lone = beyond[thinned_rows(x[beyond], y[beyond], cells=_LONE_CELLS, per_cell=1)]
-    return [cells, *([dots(x[lone], y[lone], name) | {"showlegend": False}] if len(lone) else [])]
+    return [cells, *([dots(x[lone], y[lone], name)] if len(lone) else [])]
 
 
 def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, fill: tuple[str, str]) -> Trace:
@@ -323,55 +295,22 @@ def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: 
     for start, end in spans:
         x += [round(start, 3), round(start, 3), round(end, 3), round(end, 3), None]
         y += [low, high, high, low, None]
-    colour, pattern = fill
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": words(name),
-        "x": x,
-        "y": y,
-        "line": {"width": 0, "color": colour},
-        "fill": "toself",
-        "fillcolor": colour,
-        "fillpattern": {"shape": pattern, "fgcolor": "#b5b5b5", "bgcolor": colour, "size": 7, "solidity": 0.12},
-        "hoverinfo": "skip",
-    }
+    return {"kind": "stripes", "name": name, "x": x, "y": y, "colour": fill[0], "pattern": fill[1]}
 
 
 def bars(labels: Sequence[str], values: Sequence[float], name: str, colour: str, pattern: str) -> Trace:
     """Return one part of a stacked horizontal bar; the pattern distinguishes the parts without colour."""
-    return {
-        "type": "bar",
-        "orientation": "h",
-        "name": words(name),
-        "y": [words(label) for label in labels],
-        "x": [round(float(v), 5) for v in values],
-        "marker": {"color": colour, "pattern": {"shape": pattern, "solidity": 0.3}},
-    }
+    place = {"x": [round(float(v), 5) for v in values], "y": list(labels)}
+    return {"kind": "bar", "name": name, **place, "colour": colour, "pattern": pattern}
 
 
 def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[str, Any]:
-    """Return the layout of a figure: axis titles with units, a legend above, no frame."""
-    axis = {"gridcolor": GRID, "zerolinecolor": "#9a9a9a", "linecolor": "#555", "ticks": "outside", "automargin": True}
-    layout: dict[str, Any] = {
-        "height": height,
-        "margin": {"l": 60, "r": 14, "t": 10, "b": 50},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#1a1a1a"},
-        "hovermode": "closest",
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "y": 1.02,
-            "yanchor": "bottom",
-            "font": {"size": 12},
-            "traceorder": "normal",
-        },
-        "xaxis": axis | {"title": {"text": x_title, "font": {"size": 12.5}}},
-        "yaxis": axis | {"title": {"text": y_title, "font": {"size": 12.5}}},
-    }
-    return layout | more
+    """Return the layout of a figure: its axes, whose titles have units, its height in pixels, and what is special.
+
+    An axis may have a ``range`` to begin with, names in an ``order`` from the left or the top, powers of ten
+    (``log``), or hold ``zero``. The rest: ``one_scale`` for both axes, ``grouped`` bars, ``dotted`` vertical lines.
+    """
+    return {"height": height, "xaxis": {"title": x_title}, "yaxis": {"title": y_title}, **more}
 
 
 def set_axis_range(
@@ -397,7 +336,7 @@ def set_axis_range(
     low, high = (float(value) for value in np.percentile(known, _BULK))
     low, high = _stretched(low, high, also[np.isfinite(also)])
     pad = margin * (high - low) or 1.0
-    layout[f"{axis}axis"] |= {"range": [low - pad, high + pad], "autorange": False}
+    layout[f"{axis}axis"] |= {"range": [low - pad, high + pad]}
 
 
 def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]:
@@ -409,9 +348,3 @@ def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]
     if below + above > span:
         below, above = min(below, max(span - above, span / 2)), min(above, max(span - below, span / 2))
     return low - below, high + above
-
-
-def dotted_line(x: float) -> dict[str, Any]:
-    """Return a vertical dotted line over the whole figure at one x, as plotly's shape."""
-    place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
-    return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

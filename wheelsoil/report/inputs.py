@@ -374,7 +374,7 @@ def source_of_table(wheel_test: BenchFiles) -> Source:
 
 def versions() -> dict[str, str]:
     """Return the versions of what makes the numbers."""
-    names = ("numpy", "scipy", "cantools", "mcap", "plotly")
+    names = ("numpy", "scipy", "cantools", "mcap")
     return {"wheelsoil": __version__, "Python": platform.python_version(), **{name: version(name) for name in names}}
 
 

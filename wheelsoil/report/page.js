@@ -1,112 +1,9 @@
-"use strict";
-// Drawings are SVG in the page. Figures of the appendix are drawn when they come near the window.
-const JOURNAL = { millimetres: 174, pixels: 658 };
-const narrow = window.matchMedia("(max-width: 600px)").matches;
-const touch = window.matchMedia("(hover: none)").matches; // there Plotly's buttons would never go, and lie over the title
-const dark = window.matchMedia("(prefers-color-scheme: dark)");
-const options = { responsive: true, displaylogo: false, displayModeBar: narrow || touch ? false : "hover", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d"]] };
-// What the figures' colours become in a dark theme: the token of the same role.
-const TOKENS = { "#111111": "--d-measured", "#1a1a1a": "--ink", "#ffffff": "--surface", "#e3e3e3": "--d-grid", "#9a9a9a": "--d-zero", "#555": "--ink-3",
-  "#efefef": "--d-dens-1", "#a6a6a6": "--d-dens-5", "rgba(0,0,0,0.13)": "--d-noise", "#dcebf7": "--ph-drive", "#fbe5d3": "--ph-brake", "#eeeeee": "--ph-still",
-  "#0b62c4": "--d-model", "#0072B2": "--d-model", "#D55E00": "--d-base", "#CC79A7": "--d-alt", "#009E73": "--d-second", "#6b5a00": "--d-third",
-  "#882255": "--d-wine", "#661100": "--d-brown" };
-
-const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+// Drawings are SVG in the page. Figures of the appendix (figure.js) are drawn when they come near the window.
 const dataOf = (id) => JSON.parse(document.getElementById(id).textContent);
 
-function themed(value) {
-  if (typeof value === "string") return value in TOKENS ? token(TOKENS[value]) : value;
-  if (Array.isArray(value)) return value.length && typeof value[0] === "number" ? value : value.map(themed);
-  if (value === null || typeof value !== "object") return value;
-  return Object.fromEntries(Object.entries(value).map(([name, part]) => [name, themed(part)]));
-}
-
-function specOf(div) {
-  const spec = dataOf(div.id.replace(/^plot-/, "data-"));
-  if (dark.matches) [spec.data, spec.layout] = [themed(spec.data), themed(spec.layout)];
-  if (narrow) {
-    spec.layout.margin = { ...spec.layout.margin, l: 52, r: 6 };
-    spec.layout.font.size = 11;
-    spec.layout.legend.font.size = 10.5;
-    for (const axis of ["xaxis", "yaxis"]) if (spec.layout[axis].title) spec.layout[axis].title.font = { size: 11 };
-  }
-  return spec;
-}
-
-class Shown {
-  constructor(div) {
-    this.div = div;
-    this.select = div.closest(".figures").querySelector("select");
-    this.spec = null;
-  }
-  data() {
-    const { data, groups } = this.spec;
-    const chosen = this.select ? this.select.value : groups.find((group) => group !== "");
-    return data.filter((_, i) => ["", undefined, chosen].includes(groups[i]));
-  }
-  async draw() {
-    library ??= unpacked();
-    await library;
-    this.spec ??= specOf(this.div);
-    const linked = this.div.closest("[data-linked]");
-    const layout = structuredClone(this.spec.layout);
-    if (linked) {
-      Object.assign(layout, { hovermode: "x", shapes: [cursorAt(null)] });
-      Object.assign(layout.margin, { l: narrow ? 56 : 76 });
-      layout.yaxis.automargin = false;
-    }
-    Plotly.newPlot(this.div, this.data(), layout, options);
-    if (linked) link(this.div, linked);
-    this.div.style.minHeight = "";
-  }
-  choose() {
-    if (this.div.layout) Plotly.react(this.div, this.data(), this.div.layout, options);
-  }
-  async svg() {
-    if (!this.spec) await this.draw();
-    const { height } = this.spec.layout;
-    const url = await Plotly.toImage(this.div, { format: "svg", width: JOURNAL.pixels, height });
-    const text = decodeURIComponent(url.slice(url.indexOf(",") + 1));
-    return text.replace(/<svg ([^>]*?)width="[^"]*" height="[^"]*"/, `<svg $1width="${JOURNAL.millimetres}mm" height="${((height * JOURNAL.millimetres) / JOURNAL.pixels).toFixed(1)}mm"`);
-  }
-  curves() {
-    this.spec ??= specOf(this.div);
-    return this.data();
-  }
-}
-
-const figures = new Map();
-
-// The library that draws them lies packed in the page until the first figure is looked at; the page's policy knows it.
-let library = null;
-async function unpacked() {
-  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const script = document.createElement("script");
-  script.textContent = await new Response(stream).text();
-  document.body.append(script);
-}
-
-// Figures on one time axis zoom together, and one cursor runs through all of them.
-function cursorAt(x) {
-  const line = { color: dark.matches ? token("--accent") : "#0b57b0", width: 1.2 };
-  return { type: "line", xref: "x", yref: "paper", x0: x ?? 0, x1: x ?? 0, y0: 0, y1: 1, line, visible: x !== null };
-}
-
-function link(div, block) {
-  const drawnOnes = () => [...block.querySelectorAll(".plot")].filter((one) => one.layout);
-  div.on("plotly_relayout", (change) => {
-    if (block.zooming || !Object.keys(change).some((name) => name.startsWith("xaxis."))) return;
-    const { range, autorange } = div.layout.xaxis;
-    const same = autorange ? { "xaxis.autorange": true } : { "xaxis.range": [...range] };
-    block.zooming = true;
-    Promise.all(drawnOnes().filter((one) => one !== div).map((one) => Plotly.relayout(one, same))).finally(() => { block.zooming = false; });
-  });
-  div.on("plotly_hover", ({ xvals }) => moveCursor(block, xvals[0]));
-}
-
+/** The one cursor of the figures on a time axis, and of their map. */
 function moveCursor(block, x) {
-  for (const one of block.querySelectorAll(".plot")) if (one.layout) Plotly.relayout(one, { shapes: [cursorAt(x)] });
+  for (const { figure } of block.querySelectorAll(".plot")) if (figure.svg) figure.showCursor(x);
   maps.get(block)?.show(x);
 }
 
@@ -137,8 +34,7 @@ class Place {
     if (!this.run) return;
     const after = this.run.x.findIndex((t) => t >= x);
     const [px, py] = this.points[after < 0 ? this.points.length - 1 : after];
-    const here = this.svg.querySelector(".here");
-    for (const [name, value] of Object.entries({ cx: px, cy: py, visibility: "visible" })) here.setAttribute(name, value);
+    set(this.svg.querySelector(".here"), { cx: px, cy: py, visibility: "visible" });
   }
   point({ clientX, clientY }) {
     if (!this.run) return;
@@ -154,49 +50,27 @@ for (const block of document.querySelectorAll(".figures.placed")) {
   maps.get(block).draw();
 }
 const near = new IntersectionObserver((entries) => {
-  for (const entry of entries) {
-    if (!entry.isIntersecting) continue;
-    near.unobserve(entry.target);
-    figures.get(entry.target).draw();
+  for (const { target, isIntersecting } of entries) {
+    if (!isIntersecting) continue;
+    near.unobserve(target);
+    target.figure.draw();
+    target.figure.listen();
+    sized.observe(target);
   }
 }, { rootMargin: "500px 0px" });
-for (const div of document.querySelectorAll(".plot")) {
-  figures.set(div, new Shown(div));
-  near.observe(div);
-}
+const sized = new ResizeObserver((entries) => {
+  for (const { target } of entries) if (target.clientWidth && target.clientWidth !== target.figure.width) target.figure.redraw();
+});
+for (const div of document.querySelectorAll(".plot")) near.observe(new Figure(div).div);
 for (const select of document.querySelectorAll(".figures select")) {
   const block = select.closest(".figures");
   select.addEventListener("change", () => {
     const name = document.createElement("bdi");
     name.textContent = select.value;
     block.querySelector(".chosen").replaceChildren("Shown: ", name);
-    for (const div of block.querySelectorAll(".plot")) figures.get(div).choose();
+    for (const { figure } of block.querySelectorAll(".plot")) figure.redraw();
     maps.get(block)?.draw();
   });
-}
-dark.addEventListener("change", () => {
-  for (const shown of figures.values()) {
-    if (!shown.spec) continue;
-    shown.spec = null;
-    shown.draw();
-  }
-});
-
-// A drawing on its own carries its colours with it.
-const STYLED = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linejoin", "opacity", "font-size", "font-weight", "font-family", "text-anchor"];
-function standalone(drawing) {
-  const svg = drawing.querySelector(".wide-svg svg");
-  const copy = svg.cloneNode(true);
-  const parts = [...svg.querySelectorAll("*")];
-  [...copy.querySelectorAll("*")].forEach((part, i) => {
-    const style = getComputedStyle(parts[i]);
-    for (const name of STYLED) part.style.setProperty(name, style.getPropertyValue(name));
-  });
-  const { width, height } = svg.viewBox.baseVal;
-  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
-  copy.setAttribute("width", `${JOURNAL.millimetres}mm`);
-  copy.setAttribute("height", `${((height * JOURNAL.millimetres) / width).toFixed(1)}mm`);
-  return new XMLSerializer().serializeToString(copy);
 }
 
 function csvOf(curves) {
@@ -217,14 +91,12 @@ function save(text, type, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-document.addEventListener("click", async ({ target }) => {
+document.addEventListener("click", ({ target }) => {
   const kind = target.dataset?.save;
   if (!kind) return;
-  const key = target.parentElement.dataset.figure;
-  const drawing = document.getElementById(`drawing-${key}`);
-  const shown = drawing ? null : figures.get(document.getElementById(`plot-${key}`));
-  if (kind === "csv") save(csvOf(drawing ? dataOf(`curves-${key}`).curves : shown.curves()), "text/csv", `${key}.csv`);
-  else save(drawing ? standalone(drawing) : await shown.svg(), "image/svg+xml", `${key}.svg`);
+  const key = target.parentElement.dataset.figure, drawing = document.getElementById(`drawing-${key}`), figure = document.getElementById(`plot-${key}`)?.figure;
+  if (kind === "csv") save(csvOf(drawing ? dataOf(`curves-${key}`).curves : figure.traces), "text/csv", `${key}.csv`);
+  else save(standalone(drawing ? drawing.querySelector(".wide-svg svg") : figure.svg, target.closest(".card").querySelector("h3, h4, h5").textContent, JOURNAL_MM), "image/svg+xml", `${key}.svg`);
 });
 
 // An address with a section in it opens that section; the contents show where the reader is.

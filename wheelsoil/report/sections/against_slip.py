@@ -25,13 +25,11 @@ from wheelsoil.report.figures import (
     binned,
     density,
     dots,
-    dotted_line,
     line,
     marked_line,
     set_axis_range,
     style,
     thinned_by_sign,
-    translucent,
 )
 from wheelsoil.report.inputs import Pool, ReportInputs
 from wheelsoil.report.words import number
@@ -68,8 +66,7 @@ _ERRORS_TORQUE = (
 )
 _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 _SINKAGE_AXIS = "sinkage (mm)"
-_FROM_FORCES = "#8A6D00"
-_FORCES_BAND = "rgba(230,159,0,0.22)"
+_FROM_FORCES, _FORCES_BAND, _OPACITY = "#8A6D00", "#E69F00", 0.22
 
 _READING_SINKAGE = (
     "total sinkage of the wheel against slip, median over all samples in bins of slip. The laws are fitted to forces "
@@ -147,16 +144,13 @@ def _of_measured(slip: FloatArray, measured: FloatArray, bins: Binning, ends: tu
 def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     """Return a model's median in bins of slip, and the 95 % band of its coefficients if known."""
     model_style = style(name)
-    drawn = marked_line(median.centre, median.median, model_style.label, model_style) | {"legendgroup": name}
+    drawn = marked_line(median.centre, median.median, model_style.label, model_style)
     known = dict(zip(sigma.centre.tolist(), sigma.median.tolist(), strict=True))
     half = Z95 * np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
     if not np.isfinite(half).any():
         return [drawn]
-    edges = band(
-        median.centre, median.median - half, median.median + half, model_style.label, translucent(model_style.colour)
-    )
-    hidden = [trace | {"showlegend": False, "legendgroup": name} for trace in edges]
-    return [*hidden, drawn]
+    edges = (median.median - half, median.median + half)
+    return [*band(median.centre, *edges, model_style.label, model_style.colour, _OPACITY), drawn]
 
 
 def _recommended(inputs: ReportInputs, channel: str, choice: str, *, driving: bool) -> list[Trace]:
@@ -188,10 +182,9 @@ def _errors(
         medians.append(error.median[driven])
         numbers[name] = {"predicted": bins.of(values), "error": error}
     unit = axis[axis.index("(") :]
-    layout = axes("slip", f"measured − predicted {unit}", height=340)
+    layout = axes("slip", f"measured − predicted {unit}", height=340, dotted=[inputs.fit.slip_threshold])
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
-    layout["shapes"] = [dotted_line(inputs.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
 
 
@@ -265,7 +258,7 @@ def _with_forces(figure: Figure, facts: SinkageFacts) -> Figure:
         ]
     ).T
     traces: list[Trace] = [
-        *band(slip, 1e3 * low, 1e3 * high, "from forces, 95 %", _FORCES_BAND),
+        *band(slip, 1e3 * low, 1e3 * high, "from forces, 95 %", _FORCES_BAND, _OPACITY),
         line(slip, 1e3 * stays, "from forces, peak at the bottom", _FROM_FORCES, "solid", 2.5),
         line(slip, 1e3 * moves, "from forces, peak ahead", _FROM_FORCES, "longdashdot", 2.5),
     ]

@@ -24,7 +24,6 @@ from wheelsoil.report.figures import (
     set_axis_range,
     shades,
     style,
-    words,
 )
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.track import places
@@ -45,7 +44,6 @@ _SEGMENTS = {
 }
 _SHOWN = ("dp", "t")
 _GAP_S = 0.5
-_MARK = "#8a5300"
 
 _CAPTION_DRIVE = (
     "If the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
@@ -99,10 +97,7 @@ def _forces(inputs: ReportInputs) -> tuple[list[Figure], str]:
 
 
 def _with_marks(figure: Figure, inputs: ReportInputs) -> Figure:
-    """Return a figure with the marks that were set in the field, as flags on an axis of their own."""
-    layout = dict(figure.layout) | {
-        "yaxis2": {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True}
-    }
+    """Return a figure with the marks that were set in the field, as flags over its whole height."""
     data, groups = list(figure.data), list(figure.groups)
     for run in inputs.runs:
         source = inputs.source_of(run)
@@ -110,29 +105,15 @@ def _with_marks(figure: Figure, inputs: ReportInputs) -> Figure:
         if marks and run.run.id in groups:
             data.append(_flags(run, marks))
             groups.append(run.run.id)
-    return replace(figure, data=data, layout=layout, groups=groups) if len(data) > len(figure.data) else figure
+    return replace(figure, data=data, groups=groups) if len(data) > len(figure.data) else figure
 
 
 def _flags(run: ProcessedRun, marks: Sequence[Event]) -> Trace:
     """Return a vertical line with its text at each mark."""
     times_s = [round(1e-9 * (event.time_ns - run.start_ns), 3) for event in marks]
     x = [value for time_s in times_s for value in (time_s, time_s, None)]
-    labels = [value for event in marks for value in ("", f"\u2691 {words(event.text)}", "")]
-    look = {"color": _MARK, "width": 1.4, "dash": "dot"}
-    return {
-        "type": "scatter",
-        "mode": "lines+text",
-        "name": "marks",
-        "x": x,
-        "y": [0.0, 1.0, None] * len(times_s),
-        "yaxis": "y2",
-        "text": labels,
-        "textposition": "bottom right",
-        "textfont": {"color": _MARK, "size": 12},
-        "line": look,
-        "cliponaxis": False,
-        "hoverinfo": "skip",
-    }
+    place = {"x": x, "y": [0.0, 1.0, None] * len(times_s)}
+    return {"kind": "flags", "name": "marks", **place, "texts": [event.text for event in marks]}
 
 
 def _of_all(inputs: ReportInputs) -> list[Figure]:
@@ -257,7 +238,7 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
             f"drive-{panel}",
             title,
             [trace for _, trace in drawn[panel]],
-            axes("time (s)", axis, height=240, showlegend=panel == "speed"),
+            axes("time (s)", axis, height=240),
             [name for name, _ in drawn[panel]],
             wide=True,
         )

@@ -67,15 +67,9 @@ def _figure(found: Diagnosis) -> Figure:
         for part, name, (colour, pattern) in zip(parts, (*labels, "no cause at all"), _LOOKS, strict=True)
         if part
     ]
-    layout = axes("probability", "", height=120 + 26 * len(shown), barmode="stack")
+    layout = axes("probability", "", height=120 + 26 * len(shown))
     layout["xaxis"] |= {"range": [0, 1]}
-    order = [plain_name(c.name) for c in shown]
-    layout["yaxis"] |= {
-        "autorange": "reversed",
-        "type": "category",
-        "categoryorder": "array",
-        "categoryarray": order,
-    }
+    layout["yaxis"] |= {"order": [plain_name(c.name) for c in shown]}
     return Figure("candidates", "How probable each cause is", data, layout)
 
 

@@ -189,7 +189,7 @@ def _pair(model: ModelFit) -> Figure | None:
     data.append(marked_line(normal.mean[[i]], normal.mean[[j]], "estimate", look))
     letters = [letter(names[at]) for at in (i, j)]
     units = [unit(normal.units[names[at]]) for at in (i, j)]
-    x_title, y_title = (f"{each} ({u})" if u != "1" else each for each, u in zip(letters, units, strict=True))
+    x_title, y_title = (f"{each} ({u})" if u else each for each, u in zip(letters, units, strict=True))
     title = f"{look.label}: {' and '.join(letters)}"
     return Figure(f"pair-{model.name}", title, data, axes(x_title, y_title, height=300))
 

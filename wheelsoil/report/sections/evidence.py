@@ -179,10 +179,7 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
             line(ends, ends, "equal", RECOMMENDED, "dash"),
         ]
     figure = _figure("diagonal", channel, "left-over against signature", groups)
-    layout = {**figure.layout}
-    for name, title in (("xaxis", "what the cause changes (σ)"), ("yaxis", "measured − predicted (σ)")):
-        layout[name] = {**layout[name], "title": {**layout[name]["title"], "text": title}}
-    return replace(figure, layout=layout)
+    return replace(figure, layout=axes("what the cause changes (σ)", "measured − predicted (σ)", height=340))
 
 
 def _driven(figure: Figure) -> Figure:
@@ -255,9 +252,9 @@ def _gain_figure(gain: Gain) -> Figure:
         bars(names, [100.0] * len(names), "calibrated soil", "#bdbdbd", "/"),
         bars(names, [round(share, 2) for share in shares], "with the causes", "#0072B2", ""),
     ]
-    layout = axes("held-out R₀ (% of calibrated soil's)", "", height=130 + 60 * len(names), barmode="group")
-    layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
-    layout["xaxis"] |= {"rangemode": "tozero"}
+    layout = axes("held-out R₀ (% of calibrated soil's)", "", height=130 + 60 * len(names), grouped=True)
+    layout["yaxis"] |= {"order": names}
+    layout["xaxis"] |= {"zero": True}
     return Figure("gain", "What is left of the error", data, layout)
 
 

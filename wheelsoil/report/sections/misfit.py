@@ -20,11 +20,11 @@ from wheelsoil.report.figures import (
     dots,
     line,
     parted_at_zero,
+    points,
     repeated,
     set_axis_range,
     thinned_by_sign,
     thinned_rows,
-    words,
 )
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
@@ -151,9 +151,9 @@ def _panels(
             set_axis_range(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
         else:
             reach = _sigmas_shown([numbers[f"{seen.campaign}: {title}"] for seen in views])
-            layout["yaxis"] |= {"range": [-reach, reach], "autorange": False}
+            layout["yaxis"] |= {"range": [-reach, reach]}
         if key == "run":
-            layout["xaxis"] |= {"type": "category"}
+            layout["xaxis"] |= {"order": list(dict.fromkeys(run for seen in views for run in seen.runs))}
         elif key != "slip":
             set_axis_range(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
         name = f"{OUTPUTS[channel].name.capitalize()} {title}"
@@ -176,7 +176,7 @@ def _wheel_orders(everything: tuple[PlotData, ...]) -> list[Figure]:
                 groups += [seen.campaign] * len(traces)
         unit = OUTPUTS[channel].unit_text
         layout = axes("cycles a turn of the wheel", f"swing ({unit})", height=310)
-        layout["yaxis"] |= {"rangemode": "tozero"}
+        layout["yaxis"] |= {"zero": True}
         name = f"{OUTPUTS[channel].name.capitalize()} by wheel order"
         figures.append(Figure(f"wheel-order-{channel}", name, data, layout, groups))
     return figures
@@ -243,33 +243,19 @@ def _cloud_of_rows(x: FloatArray, residual: FloatArray, sigma: FloatArray) -> tu
 def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
     of_run = [seen.run == i for i in range(len(seen.runs))]
     low, middle, high = np.array([_quartiles(scaled[rows]) for rows in of_run]).T.reshape(3, -1)
-    names = [words(name) for name in seen.runs]
-    bars: Trace = {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "median and middle half",
-        "x": names,
-        "y": plotted(middle),
-        "error_y": {
-            "type": "data",
-            "symmetric": False,
-            "array": plotted(high - middle),
-            "arrayminus": plotted(middle - low),
-            "color": MEASURED,
-        },
-        "marker": {"color": MEASURED, "size": 8},
-    }
+    names = list(seen.runs)
+    medians = points(names, plotted(middle), "median and middle half", (MEASURED, "circle"), 8.0)
+    reach = {"array": plotted(high - middle), "arrayminus": plotted(middle - low)}
     expected: Trace = {
-        "type": "bar",
+        "kind": "column",
         "name": "middle half of noise",
         "x": names,
         "y": [2 * _QUARTILE] * len(names),
-        "base": [-_QUARTILE] * len(names),
-        "marker": {"color": GREY_BAND},
-        "width": 0.5,
+        "base": -_QUARTILE,
+        "colour": GREY_BAND,
     }
     shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high}
-    return [expected, bars], shown
+    return [expected, medians | {"error_y": reach}], shown
 
 
 def _quartiles(values: FloatArray) -> list[float]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from math import exp, isfinite, log10
+
+import numpy as np
 
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import Trace, axes, dotted_line, words
+from wheelsoil.report.figures import axes, points
+from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
@@ -77,24 +81,19 @@ def _plausible(key: str, parameter: str, radius_m: float) -> float:
 
 def _figure(shares: dict[str, float]) -> Figure:
     ordered = sorted(shares, key=lambda key: shares[key])
-    marks: Trace = {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "minimum detectable",
-        "x": [float(f"{shares[key]:.4g}") for key in ordered],
-        "y": [words(form_name(effect_name(key))) for key in ordered],
-        "marker": {
-            "size": 9,
-            "color": ["#0072B2" if shares[key] <= 1 else "#D55E00" for key in ordered],
-            "symbol": ["circle" if shares[key] <= 1 else "x" for key in ordered],
-        },
-    }
-    layout = axes("smallest / plausible size", "", height=110 + 22 * len(ordered), showlegend=False)
-    low, high = log10(min(shares.values())), log10(max(shares.values()))
-    layout["xaxis"] |= {"type": "log", "dtick": 1, "range": [min(low, -1.0) - 0.1, max(high, 1.0) + 0.1]}
-    layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
-    layout["shapes"] = [dotted_line(1)]
-    return Figure("detectable", "Minimum detectable effect", [marks], layout)
+    names = [form_name(effect_name(key)) for key in ordered]
+    least = np.array([shares[key] for key in ordered])
+    parts = (("detectable", least <= 1, ("#0072B2", "circle")), ("not detectable", least > 1, ("#D55E00", "x")))
+    marks = [
+        points(plotted(least[rows], 4), list(compress(names, rows)), name, look, 9.0)
+        for name, rows, look in parts
+        if rows.any()
+    ]
+    layout = axes("smallest / plausible size", "", height=110 + 22 * len(ordered), dotted=[1.0])
+    low, high = log10(least[0]), log10(least[-1])
+    layout["xaxis"] |= {"log": True, "range": [min(low, -1.0) - 0.1, max(high, 1.0) + 0.1]}
+    layout["yaxis"] |= {"order": names}
+    return Figure("detectable", "Minimum detectable effect", marks, layout)
 
 
 @section("next_run", "Next run")

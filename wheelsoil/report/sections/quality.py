@@ -75,9 +75,9 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
         shares = [100 * float(np.mean(run.reason == reason)) if len(run) else 0.0 for run in runs]
         if any(shares):
             data.append(bars(names, shares, label, colour, pattern))
-    layout = axes("share of samples (%)", "", height=150 + 28 * len(runs), barmode="stack")
+    layout = axes("share of samples (%)", "", height=150 + 28 * len(runs))
     layout["xaxis"] |= {"range": [0, 100]}
-    layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
+    layout["yaxis"] |= {"order": names}
     return Figure("shares", "Used and excluded samples", data, layout)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray, number
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import MEASURED, Trace, axes, by_load, dots, marked_line, set_axis_range, style
+from wheelsoil.report.figures import MEASURED, Trace, axes, by_load, marked_line, points, set_axis_range, style
+from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.grounds_text import adequacy_words, form_error_words
 from wheelsoil.wording.notes import note_text
@@ -92,7 +93,7 @@ def _figure(wheel_test: BenchFiles, channel: str, predictions: dict[str, dict[st
         marked_line(slip[order], factor * np.append(values[channel], np.nan)[order], style(name).label, style(name))
         for name, values in predictions.items()
     ]
-    data.append({**dots(wheel_test.rows.slip, measured, "measured"), "marker": {"color": MEASURED, "size": 7}})
+    data.append(points(plotted(wheel_test.rows.slip, 4), plotted(measured, 4), "measured", (MEASURED, "circle"), 7.0))
     title = f"{OUTPUTS[channel].name} ({unit})"
     layout = axes("slip", title, height=360)
     set_axis_range(layout, "x", wheel_test.rows.slip)

@@ -10,7 +10,7 @@ import numpy as np
 from daq import BoolArray, DataError, FloatArray
 from processing import ProcessedRun
 from wheelsoil.report.content import Contents, Figure, Panels, Table, section
-from wheelsoil.report.figures import ALL_RUNS, Trace, axes, words
+from wheelsoil.report.figures import ALL_RUNS, Trace, axes, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number
@@ -83,8 +83,8 @@ def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, 
     latitude = float(np.mean(np.concatenate([run.latitude_deg[known_places(run)] for run in placed])))
     longitudes = np.concatenate([run.longitude_deg[known_places(run)] for run in placed])
     longitude = float(_wrapped(longitudes[0] + np.mean(_wrapped(longitudes - longitudes[0]))))
-    points = min(_MOST, max(60, _POINTS_IN_ALL // len(placed)))
-    return [_track(run, latitude, longitude, points) for run in placed], (latitude, longitude)
+    most = min(_MOST, max(60, _POINTS_IN_ALL // len(placed)))
+    return [_track(run, latitude, longitude, most) for run in placed], (latitude, longitude)
 
 
 def known_places(run: ProcessedRun) -> BoolArray:
@@ -97,10 +97,10 @@ def _wrapped(degrees: FloatArray) -> FloatArray:
     return (degrees + 180.0) % 360.0 - 180.0
 
 
-def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) -> _Track:
+def _track(run: ProcessedRun, latitude: float, longitude: float, most: int) -> _Track:
     """Return a run on the tangent plane at a position (degrees)."""
     known = np.flatnonzero(known_places(run))
-    rows = known[np.unique(np.linspace(0, len(known) - 1, min(points, len(known))).astype(int))]
+    rows = known[np.unique(np.linspace(0, len(known) - 1, min(most, len(known))).astype(int))]
     north = _EARTH_M * np.radians(run.latitude_deg - latitude)
     east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(_wrapped(run.longitude_deg - longitude))
     distance = run.distance_m[np.isfinite(run.distance_m)]
@@ -148,25 +148,16 @@ def _by_use(tracks: list[_Track]) -> list[Trace]:
 def _marks(tracks: list[_Track], rows: list[BoolArray], name: str, colour: str, symbol: str) -> list[Trace]:
     east = np.concatenate([track.east_m[keep] for track, keep in zip(tracks, rows, strict=True)])
     north = np.concatenate([track.north_m[keep] for track, keep in zip(tracks, rows, strict=True)])
-    marker: dict[str, Any] = {"color": colour, "symbol": symbol, "size": 6}
-    return [_points(east, north, name, marker)] if len(east) else []
+    return [points(plotted(east), plotted(north), name, (colour, symbol))] if len(east) else []
 
 
 def _starts(tracks: list[_Track]) -> list[Trace]:
     east = np.array([track.east_m[0] for track in tracks])
     north = np.array([track.north_m[0] for track in tracks])
-    ring = {"color": "#111111", "symbol": "circle-open", "size": 15, "line": {"width": 2}}
-    trace = _points(east, north, "start", ring)
-    return [trace | {"text": [words(track.name) for track in tracks], "hoverinfo": "text"}]
-
-
-def _points(east: FloatArray, north: FloatArray, name: str, marker: dict[str, Any]) -> Trace:
-    place = {"x": plotted(east, 5), "y": plotted(north, 5)}
-    return {"type": "scatter", "mode": "markers", "name": name, **place, "marker": marker}
+    ring = points(plotted(east), plotted(north), "start", ("#111111", "circle-open"), 15.0)
+    return [ring | {"texts": [track.name for track in tracks]}]
 
 
 def _plane() -> dict[str, Any]:
     """Return a layout whose axes have one scale."""
-    layout = axes("east (m)", "north (m)", height=430)
-    layout["yaxis"] |= {"scaleanchor": "x", "scaleratio": 1}
-    return layout
+    return axes("east (m)", "north (m)", height=430, one_scale=True)

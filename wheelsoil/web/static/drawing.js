@@ -1,5 +1,5 @@
-// Pieces of a figure: SVG elements, scales, ticks, lines (docs/decisions/plotting.md). Colours and widths are classes
-// of page.css, by the tokens.
+// Pieces of a figure of the analyst's page and the report: SVG elements, scales, ticks, lines
+// (docs/decisions/plotting.md). Colours are by the tokens.
 
 const NS = "http://www.w3.org/2000/svg";
 
@@ -63,6 +63,14 @@ export function line(x, y, X, Y) {
   return path;
 }
 
+/** The area between two lines, in pieces where a value of either is missing. */
+export function area(x, upper, lower, X, Y) {
+  const pieces = [[]];
+  x.forEach((_, i) => (upper[i] === null || lower[i] === null ? pieces.push([]) : pieces.at(-1).push(i)));
+  const edge = (rows, y) => rows.map((i) => `${place(X(x[i]))} ${place(Y(y[i]))}`);
+  return pieces.filter((rows) => rows.length > 1).map((rows) => `M${[...edge(rows, upper), ...edge(rows.toReversed(), lower)].join("L")}z`).join("");
+}
+
 /** Dots: strokes of no length with round ends, all in one path. */
 export function dots(x, y, X, Y, rows) {
   let path = "";
@@ -83,18 +91,19 @@ export function nearest(values, wanted) {
 /** A sample of a line, for a legend or beside a value. */
 export const sample = (look, x, y, width = 16) => svg("path", { class: look, d: `M${x} ${y}h${width}` });
 
-const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap", "opacity", "font-family", "font-size", "font-weight", "text-anchor"];
+const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap", "stroke-linejoin", "opacity", "visibility", "font-family", "font-size", "font-weight", "text-anchor"];
 
-/** A figure as a file of its own: its colours and type written into it. */
-export function standalone(figure, title) {
+/** A figure as a file of its own: its colours and type written into it; as wide as on the screen, or so many millimetres. */
+export function standalone(figure, title, millimetres) {
   const copy = figure.cloneNode(true), mine = [figure, ...figure.querySelectorAll("*")], theirs = [copy, ...copy.querySelectorAll("*")];
   mine.forEach((element, i) => {
     const style = getComputedStyle(element);
     theirs[i].removeAttribute("class");
     for (const name of KEPT) theirs[i].setAttribute(name, style.getPropertyValue(name));
   });
-  const { width, height } = figure.getBoundingClientRect(), ground = getComputedStyle(document.documentElement).getPropertyValue("--surface").trim();
-  set(copy, { xmlns: NS, width, height, viewBox: `0 0 ${width} ${height}` });
+  const box = figure.viewBox.baseVal, { width, height } = box?.width ? box : figure.getBoundingClientRect(), ground = getComputedStyle(document.documentElement).getPropertyValue("--surface").trim();
+  const size = millimetres ? { width: `${millimetres}mm`, height: `${((height * millimetres) / width).toFixed(1)}mm` } : { width, height };
+  set(copy, { xmlns: NS, ...size, viewBox: `0 0 ${width} ${height}` });
   copy.prepend(svg("title", {}, title), svg("rect", { width: "100%", height: "100%", fill: ground }));
   return new XMLSerializer().serializeToString(copy);
 }
