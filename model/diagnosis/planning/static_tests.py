@@ -14,7 +14,7 @@ from model.diagnosis.planning.manoeuvres import with_standstills
 from model.diagnosis.time_series.linearise import Simulation, at_rest
 from model.diagnosis.time_series.noise import named, rest_variance
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N
+from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N, READ, ROLLING_RADIUS_SHARE
 from model.diagnosis.time_series.start import CampaignData
 from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions, Reaction
@@ -22,8 +22,6 @@ from model.wheel_soil.dual import Dual, Number, column
 
 COASTED_S = 120.0
 """On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
-_ROLLING_RADIUS_SHARE = 0.005
-"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 _STANDARD_SHARE = 0.005
 """One-sigma of a known pull or torque over its size: a load cell of class 0.5 (ISO 376), a lever of as much."""
 _KNOWN = {"dp": (StepCode.KNOWN_PULL, "pull_n"), "t": (StepCode.KNOWN_TORQUE, "torque_nm")}
@@ -112,7 +110,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
     rows = _by_inputs(simulation, rolling, "slip") * (speed / sigma)[:, None]
     longer = np.sqrt(max(COASTED_S / (len(run) * run.block_s), 1.0))
     rows = longer * rows
-    common = longer * _ROLLING_RADIUS_SHARE * speed / sigma
+    common = longer * ROLLING_RADIUS_SHARE * speed / sigma
     across = common @ rows
     scale = _scales(simulation)
     return _products(rows, simulation) - np.outer(across * scale, across * scale) / (1.0 + float(common @ common))
@@ -131,7 +129,7 @@ def _read(
     names = {key for _, _, key in simulation.parameters}
     known = {key: value for key, value in data.linear.point.causes.items() if key in names}
     _, by_cause = at_rest(simulation, lifted, known, applied)
-    present = np.array([c in data.linear.channels for c in AT_REST])
+    present = np.array([c in data.linear.channels for c in READ])
     drifted = np.array([[data.noise.values[named(c, "of_run")] ** 2] for c in AT_REST if c in data.linear.channels])
     return by_cause[present], rest_variance(data.linear, lifted, data.noise.values)[present] + len(
         lifted.rests
