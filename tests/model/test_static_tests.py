@@ -184,7 +184,7 @@ def test_a_run_on_firm_ground_tells_a_wrong_radius(larger: float) -> None:
     assert size == pytest.approx(larger, abs=2.0 * sigma)
 
 
-SEEDS = [pytest.param(seed, marks=pytest.mark.study if seed else pytest.mark.slow) for seed in range(20)]
+SEEDS = [pytest.param(seed, marks=[pytest.mark.slow, *[pytest.mark.study] * bool(seed)]) for seed in range(20)]
 
 
 def chance_of(found: Diagnosis, family: str) -> float:

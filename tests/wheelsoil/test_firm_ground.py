@@ -13,9 +13,13 @@ from daq import Note
 from daq.recording import RecordingWriter
 from model.diagnosis import NextRun
 from model.notes import StepCode
+from processing import LOOK, ProcessOptions
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
+from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.wording.notes import key_text
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.runs import Files, say_set_aside
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +60,15 @@ def test_process_shows_it_and_nothing_else_goes_without_soil(with_road: Path, tm
     (tmp_path / "runs.toml").write_text('[[run]]\nfile = "road.mcap"\nground = "firm"\n')
     refused = invoke("fit", tmp_path)
     assert refused.code == 2 and "every run is on firm ground" in refused.err and "wheelsoil process" in refused.err
+
+
+def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Path) -> None:
+    members = []
+    for run in Files().open_runs([with_road], say_set_aside):
+        members.append(Member(tmp_path / run.id, None))
+        assert len(process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file).trace.rows)
+    both, alone = (fit_members(some, FitChoices(), None)["models"] for some in (members, members[:-1]))
+    assert both == alone
 
 
 def test_the_advice_to_coast_says_what_to_write() -> None:
