@@ -14,7 +14,7 @@ from model.diagnosis.planning.manoeuvres import with_standstills
 from model.diagnosis.time_series.linearise import Simulation, at_rest
 from model.diagnosis.time_series.noise import named, rest_variance
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N, READ, ROLLING_RADIUS_SHARE
+from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N, READ, ROLLING_RADIUS_SHARE, Standstills
 from model.diagnosis.time_series.start import CampaignData
 from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions, Reaction
@@ -34,20 +34,23 @@ class Products(Protocol):
         """Return them."""
 
 
-def static_tests(run: Samples) -> Iterator[tuple[Note, Products]]:
-    """Yield what could be measured, and its cross products.
+def static_tests(run: Samples, rests: Standstills) -> Iterator[tuple[Note, Products]]:
+    """Yield what could be measured, and its cross products; no second coasting: it errs as the first does.
 
     Parameters
     ----------
     run : Samples
         A run that was driven: known forces are as large as what it measured.
+    rests : Standstills
+        Of the campaign, with what was read without soil.
     """
     yield Note(StepCode.LIFTED_ZERO), lifted_wheel
     for channel, (code, name) in _KNOWN.items():
         size = float(np.nanquantile(np.abs(run.measured.get(channel, [0.0])), 0.95))
         if size > 0.0:
             yield Note(code, values={name: size}), partial(calibrated, channel, size)
-    yield Note(StepCode.HARD_GROUND, values={"duration_s": COASTED_S}), hard_ground
+    if not np.isfinite(rests.measured.get("slip", np.nan)).any():
+        yield Note(StepCode.HARD_GROUND, values={"duration_s": COASTED_S}), hard_ground
 
 
 def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:

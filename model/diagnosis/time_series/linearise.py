@@ -485,8 +485,10 @@ def _shown(
     count = len(rests)
     names = [key for _, _, key in simulation.parameters]
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
-    at = rests.conditions, dict(values), names
-    shown = (*model.at_rest(*at, applied), model.slip_beyond(*at))
+    shown = (
+        *model.at_rest(rests.conditions, dict(values), names, applied),
+        model.slip_beyond(rests.conditions, dict(values), names),
+    )
 
     def by(x: Number, key: str) -> FloatArray:
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))
