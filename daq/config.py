@@ -377,9 +377,12 @@ class RutReading(OfWheel):
 
 
 class RunInfo(BriefSection):
-    """``[[run]]``: what is known of one run besides its frames."""
+    """``[[run]]``: what is known of one run besides its frames.
 
-    only_if_set = frozenset({"rut"})
+    On firm ground it has no soil: its speeds while the wheel rolls freely are a `StaticTest`.
+    """
+
+    only_if_set = frozenset({"rut", "ground"})
 
     file: str = ""
     id: str = ""
@@ -387,20 +390,30 @@ class RunInfo(BriefSection):
     pass_number: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     added_load_kg: Finite = 0.0
     inflation_kpa: Positive | None = None
+    ground: Literal["soft", "firm"] = "soft"
     rut: tuple[RutReading, ...] = ()
 
 
 _STATIC_KEYS = (("drawbar_pull_n", "drawbar_pull_sigma_n"), ("driving_torque_nm", "driving_torque_sigma_nm"))
 """Keys of a reading and of its one-sigma."""
+_COASTED = (
+    {"driving_torque_nm", "driving_torque_sigma_nm", "drag_nm", "drag_sigma_nm"},
+    {"ground_speed_mps", "ground_speed_sigma_mps", "wheel_speed_radps"},
+)
+"""Keys that go together of a wheel that coasts: of its torque, and of its speeds."""
 
 
 class StaticTest(OfWheel):
-    """``[[static]]``: what the transducer read with the wheel lifted, alone or under a known pull or torque.
+    """``[[static]]``: what is read without soil, of a wheel lifted, under a known force, or coasting on firm ground.
 
-    Readings are raw, with the signs of the roles. A known torque is given as it is, or as a force on a lever.
+    Readings are raw, with the signs of the roles. A known torque is given as it is, or as a force on a lever. Of a
+    wheel that coasts they are means, and its drag is what bearings and brake hold back; `run` is where they are from.
     """
 
-    test: Literal["lifted", "known_pull", "known_torque"]
+    only_if_set = frozenset({"wheel", "run"})
+
+    test: Literal["lifted", "known_pull", "known_torque", "coasting"]
+    run: str = ""
     applied_n: Finite | None = None
     lever_m: Positive | None = None
     applied_nm: Finite | None = None
@@ -409,6 +422,12 @@ class StaticTest(OfWheel):
     drawbar_pull_sigma_n: Positive | None = None
     driving_torque_nm: Finite | None = None
     driving_torque_sigma_nm: Positive | None = None
+    drag_nm: NonNegative | None = None
+    drag_sigma_nm: Positive | None = None
+    ground_speed_mps: Positive | None = None
+    ground_speed_sigma_mps: Positive | None = None
+    wheel_speed_radps: Positive | None = None
+    ground_acceleration_mps2: Finite | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -416,9 +435,13 @@ class StaticTest(OfWheel):
             if (reading is None) != (sigma is None):
                 known, missing = (key, sigma_key) if sigma is None else (sigma_key, key)
                 raise ValueError(f"{missing} is missing: a reading and its one-sigma go together, and {known} is given")
+        given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
+        if self.test == "coasting":
+            return self._of_coasting()
+        if self.drag_nm is not None or self.wheel_speed_radps is not None:
+            raise ValueError('drag_nm and wheel_speed_radps are of a wheel that coasts: test = "coasting"')
         if not self.readings:
             raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
-        given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
         if self.test == "lifted" and given:
             raise ValueError('nothing is applied to a wheel that is only lifted: test = "known_pull" or "known_torque"')
         if self.test == "known_pull" and (given != {"applied_n"} or self.drawbar_pull_n is None):
@@ -443,18 +466,32 @@ class StaticTest(OfWheel):
                 )
         return self
 
+    def _of_coasting(self) -> Self:
+        there = {key for key, value in self if value is not None}
+        if odd := sorted(there & {"drawbar_pull_n", "applied_n", "applied_nm", "lever_m"}):
+            raise ValueError(
+                f"{odd[0]} is not of a wheel that coasts: nothing is applied, and its pull is a rolling resistance "
+                "that is not known; take it out"
+            )
+        lacking = [keys - there for keys in _COASTED if keys & there]
+        if any(lacking) or not lacking:
+            needed = "; or ".join(", ".join(sorted(keys)) for keys in _COASTED)
+            missing = ", ".join(sorted(set().union(*lacking))) or "all of them"
+            raise ValueError(f"{missing} missing: a wheel that coasts needs {needed}")
+        return self
+
     @property
     def applied(self) -> dict[str, float]:
-        """Known pull and torque, N and N m."""
+        """Known pull and torque, N and N m; of a wheel that coasts its drag."""
         pull = self.applied_n or 0.0 if self.test == "known_pull" else 0.0
         torque = (self.applied_nm or 0.0) + (self.applied_n or 0.0) * (self.lever_m or 0.0)
-        return {"dp": pull, "t": torque if self.test == "known_torque" else 0.0}
+        return {"dp": pull, "t": torque if self.test == "known_torque" else 0.0 - (self.drag_nm or 0.0)}
 
     @property
     def readings(self) -> dict[str, tuple[float, float]]:
         """Reading and its one-sigma by channel; the one-sigma includes that of the applied force."""
         return {
-            channel: (reading, hypot(sigma, self.applied_share * self.applied[channel]))
+            channel: (reading, hypot(sigma, self.drag_sigma_nm or self.applied_share * self.applied[channel]))
             for channel, (reading, sigma) in zip(("dp", "t"), self._pairs(), strict=True)
             if reading is not None and sigma is not None
         }

@@ -240,6 +240,27 @@ class WheelSoilModel:
         reaction = _read(active, applied or Reaction(nothing, nothing), state)
         return reaction.drawbar_pull, reaction.driving_torque
 
+    def slip_beyond(
+        self, conditions: Conditions, values: Mapping[str, Number] | None = None, wrt: Sequence[str] = ()
+    ) -> Number:
+        """Return by how much the measured slip is larger than the true one: what a wheel without slip shows.
+
+        Parameters
+        ----------
+        conditions, values, wrt
+            As for `at_rest`; where the wheel stands there is none (NaN).
+
+        Raises
+        ------
+        ConfigError
+            An unknown parameter.
+        """
+        true, parameters = conditions, self._parameters(values or {}, wrt)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for effect, own in reversed(self._active(parameters)):
+                true = effect.inputs(true, own)
+        return conditions.slip - true.slip
+
     def _active(self, parameters: Mapping[str, Number]) -> Active:
         """Return the effects that are not at their neutral values, each with its own parameters."""
         own = [(e, {name: parameters[key] for name, key in e.parameter_keys().items()}) for e in self.effects]

@@ -9,8 +9,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from diagnosis_support import LEVEL
+from firm_road import road
 from short_campaign import driven, noise_of
 
+from model.diagnosis import coasted
 from model.diagnosis.core.bayes_factors import against_rest
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.isolability import least_left, own_columns
@@ -126,6 +128,10 @@ def test_a_radius_that_may_be_something_else_is_told_by_coasting_on_hard_ground(
         ranked = next_runs(seen, members(**{"wheel_radius": 1.0, rival: 0.5}))
         assert ranked[0].step.code == StepCode.HARD_GROUND, [r.step.code for r in ranked]
         assert set(ranked[0].separates) == {"wheel_radius", rival}
+    coasting = replace(driven(), static=(coasted(road()),))
+    seen = linearise_campaigns([coasting], options, [noise_of(driven())])
+    ranked = next_runs(seen, members(wheel_radius=1.0, load_gain=0.5))
+    assert all(run.step.code != StepCode.HARD_GROUND for run in ranked), "it errs as the first does"
 
 
 def test_one_member_needs_no_run() -> None:

@@ -41,7 +41,7 @@ def test_a_braked_standstill_shows_no_zero(brakes: Brakes) -> None:
     assert len(seen) == 4 and ((seen.duration_s < stands) & (seen.duration_s > np.subtract(stands, 1.0))).all()
     held = braked(released, brakes)
     samples = samples_of(held)
-    assert len(samples.rests) == 0 and set(samples.rests.measured) == {"dp", "t"}
+    assert len(samples.rests) == 0 and set(samples.rests.measured) == {"dp", "t", "slip"}
     assert not_identifiable(coverage_of(held, samples))["torque_zero"].code == LackCode.NOT_AT_STANDSTILL
     assert np.isfinite(bound_rows_of_runs(released.runs).torque_at_rest_nm).all()
     assert np.isnan(bound_rows_of_runs(held.runs).torque_at_rest_nm).all()

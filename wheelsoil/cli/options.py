@@ -468,16 +468,18 @@ def processed_for(
         As there.
     """
     from wheelsoil.workflows.grading import doubted_runs
-    from wheelsoil.workflows.runs import process_runs, say_set_aside
+    from wheelsoil.workflows.runs import on_soil, process_runs, say_set_aside
 
-    processed = process_runs(
-        opened,
-        choice.process_options(purpose),
-        zero=files.zero,
-        choice=choice,
-        accept_implausible=files.accept_implausible,
-        check=check,
-        set_aside=set_aside or say_set_aside,
+    processed = on_soil(
+        process_runs(
+            opened,
+            choice.process_options(purpose),
+            zero=files.zero,
+            choice=choice,
+            accept_implausible=files.accept_implausible,
+            check=check,
+            set_aside=set_aside or say_set_aside,
+        )
     )
     for text in doubted_runs([run for _, run in processed]):
         say_folded(text)

@@ -39,6 +39,7 @@ from wheelsoil.workflows import (
     fit_runs,
     fit_table,
     load_choice,
+    on_soil,
     process_runs,
     read_benches,
     vehicles_of,
@@ -224,12 +225,14 @@ def _settings(opened: _Opened, options: FleetOptions) -> DiagnosisOptions:
 def _of_runs(source: Source, runs: Sequence[Run], opened: _Opened, options: FleetOptions) -> Found:
     choice, fit, remarks = opened.choice, None, []
     aside = list(opened.unreadable)
-    processed = process_runs(
-        runs,
-        choice.process_options(LOOK),
-        choice=choice,
-        accept_implausible=True,
-        set_aside=aside.append,
+    processed = on_soil(
+        process_runs(
+            runs,
+            choice.process_options(LOOK),
+            choice=choice,
+            accept_implausible=True,
+            set_aside=aside.append,
+        )
     )
     try:
         fit = fit_runs(processed, choice.fit_choices(), None)

@@ -53,7 +53,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis
-from wheelsoil.workflows.runs import process_runs, repetitions
+from wheelsoil.workflows.runs import on_soil, process_runs, repetitions
 
 _UNIT_WEIGHT_N_M3 = float(Conditions.unit_weight_n_m3)
 """Until the soil is known: a curve takes that of its own."""
@@ -271,4 +271,4 @@ def _taken(members: Sequence[Member], purpose: str) -> Processed:
         same, run = found[j][0], found[i][0]
         where, step = f"run {run.id}, {run.path}", f"switch {run.id} off"
         raise DataError.of(f"the same measurement as run {same.id}", where, str(same.path), "one of them", step)
-    return found
+    return on_soil(found)

@@ -93,8 +93,8 @@ def _static_contradicts(v: Values) -> str:
     known = f" under {v['applied']:.4g} {channel.unit_text}" if v["applied"] else ""
     less = ", less the zero of zero_file" if v["zeroed"] else ""
     return (
-        f"the lifted wheel's {channel.name}{known} reads {reading:.4g} ± {sigma:.2g} {channel.unit_text}{less}, but by "
-        f"the runs it would read {runs:.4g} ± {own:.2g} ({v['sigmas']:.0f} sigma apart): check the unit and sign of "
+        f"the {channel.name} of a static test{known} reads {reading:.4g} ± {sigma:.2g} {channel.unit_text}{less}, but "
+        f"by the runs it would read {runs:.4g} ± {own:.2g} ({v['sigmas']:.0f} sigma apart): check the unit and sign of "
         "reading and applied force, repeat the test, or take it out"
     )
 
@@ -203,6 +203,7 @@ STEP_KEYS: dict[str, str] = {
     StepCode.KNOWN_PULL: "[[static]] in runs.toml",
     StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
     StepCode.LIFTED_ZERO: "zero_file in vehicle.toml, by the command zero",
+    StepCode.HARD_GROUND: 'ground = "firm" under its [[run]] in runs.toml',
 }
 """Key of a file under which the result of a step is written."""
 

@@ -415,7 +415,12 @@ def _static(diagnosis: Diagnosis, width: int) -> list[str]:
             known = f" of {number(force, 4)}" if (force := check.applied[channel]) else ""
             unit = OUTPUTS[channel].unit_text
             read.append(f"{OUTPUTS[channel].name} {number(reading, 4)}{known} {unit}, one-sigma {number(sigma, 2)}")
-        texts.append(f"{plain_name(check.test)}: {'; '.join(read)}")
+        if check.wheel_speed_radps:
+            read.append(
+                f"{check.ground_speed_mps:.4g} m/s at {check.wheel_speed_radps:.4g} rad/s of the wheel, one-sigma "
+                f"{check.ground_speed_sigma_mps:.2g} m/s"
+            )
+        texts.append(f"{plain_name(check.test)}{f' of {check.run}' if check.run else ''}: {'; '.join(read)}")
     return _notes("Static tests, taken as data", texts, width)
 
 

@@ -75,7 +75,9 @@ def statements_of(found: Diagnosis) -> list[Statement]:
     before_next = next((i for i, statement in enumerate(statements) if statement.about == "next"), len(statements))
     first = statements[:1]
     rest = [*statements[1:before_next], *instead_words(found), *prior_words(found), *statements[before_next:]]
-    cautions = sentences([note_text(note) for note in grounds.cautions])
+    coasted = dict.fromkeys(test.run or "a static test" for test in found.static if test.test == "coasting")
+    tests = [f"how the wheel coasts on firm ground is used as data: {', '.join(coasted)}"] if coasted else []
+    cautions = sentences([*tests, *(note_text(note) for note in grounds.cautions)])
     soil = laboratory_words(found)
     return [*first, *cautions, *soil, *rest] if found.verdict == "unexplained" else [*first, *soil, *rest, *cautions]
 

@@ -56,6 +56,8 @@ _UNNAMED = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
 _LARGEST_FORM = 50.0
+_MOST_OFF = 0.2
+"""Share by which a wheel may coast on another rolling radius than declared; it is as far as a cause may go."""
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
@@ -249,7 +251,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
 
 
 def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
-    """Refuse static tests in wheel axes, and a lifted wheel that contradicts the zero taken off the runs."""
+    """Refuse static tests in wheel axes, of a wheel of another size, and of another zero than was taken off."""
     where = f"{run.path.parent / RUNS_FILE}, [[static]]"
     if run.static and run.vehicle.transducer.frame == "wheel":
         raise ConfigError.of(
@@ -260,17 +262,24 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
             "take the tests out: a force that turns with the wheel is no zero of the drawbar pull",
         )
     for number, test in enumerate(run.static):
-        for channel, (reading, sigma) in test.readings.items():
+        ratio = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0) / members[0].rolling_m
+        if test.wheel_speed_radps and abs(ratio - 1.0) > _MOST_OFF:
+            raise ConfigError.of(
+                f"test {number}: {test.run or 'the wheel'} coasts on another radius than that of the slip",
+                where,
+                f"ground_speed_mps / wheel_speed_radps is {ratio:.3g} times {members[0].rolling_m:g} m",
+                f"{1.0 - _MOST_OFF:g} to {1.0 + _MOST_OFF:g} times",
+                "check the units of both speeds, and radius_m in vehicle.toml",
+            )
+        for channel, (reading, sigma) in test.readings.items() if test.test == "lifted" else ():
             role = REACTIONS[channel].role
-            known = [zero for member in members if (zero := member.quality.zeros.get(role)) and zero.is_known]
-            if test.test != "lifted" or not known:
-                continue
-            offset, of_zero = known[0].offset, known[0].systematic_sigma
-            if contradict(reading, sigma, offset, of_zero):
+            zeros = (zero for member in members if (zero := member.quality.zeros.get(role)) and zero.is_known)
+            known = next(zeros, None)
+            if known and contradict(reading, sigma, known.offset, known.systematic_sigma):
                 raise ConfigError.of(
-                    f"test {number} reads another zero of {ROLES[role].name} than {', '.join(known[0].recordings)}",
+                    f"test {number} reads another zero of {ROLES[role].name} than {', '.join(known.recordings)}",
                     where,
-                    f"{reading:g} and {offset:.4g} {ROLES[role].unit_text}",
+                    f"{reading:g} and {known.offset:.4g} {ROLES[role].unit_text}",
                     "the same within five sigmas",
                     "take out the wrong one; beside a zero_file a lifted reading adds nothing",
                 )
@@ -528,5 +537,5 @@ def _in(folder: Path | None, name: str) -> Path | None:
 
 def _listed_runs(folder: Path | None, files: Files) -> tuple[RunInfo, ...]:
     listed = files.runs or _in(folder, RUNS_FILE)
-    found = load_toml(listed, RunsConfig).run if listed else ()
+    found = [run for run in load_toml(listed, RunsConfig).run if run.ground == "soft"] if listed else []
     return tuple(run if run.id else run.model_copy(update={"id": f"run-{i}"}) for i, run in enumerate(found, 1))

@@ -19,6 +19,7 @@ from daq import (
     Fault,
     Note,
     RecordingCode,
+    StaticTest,
     TimeUnitError,
     UncertainTimestamps,
     WheelsoilError,
@@ -189,7 +190,7 @@ def open_and_process(
     check: Check | None = None,
     set_aside: SetAside = say_set_aside,
 ) -> list[tuple[Run, ProcessedRun]]:
-    """Open runs and process each; says on stderr what could not be read of a damaged recording.
+    """Open runs and process each; says on stderr what could not be read of a damaged recording; see `on_soil`.
 
     Of `files`, the zero file takes the place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`).
     Of `choice`, the runs and what is kept of them are taken; `options` are given by themselves
@@ -202,7 +203,7 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     files = files or Files()
-    return process_runs(
+    processed = process_runs(
         files.open_runs(paths, set_aside),
         options,
         zero=files.zero,
@@ -211,6 +212,7 @@ def open_and_process(
         check=check,
         set_aside=set_aside,
     )
+    return on_soil(processed)
 
 
 def process_runs(
@@ -367,6 +369,37 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -
         cause: Literal["misdeclared", "impossible"] = "misdeclared" if mended else "impossible"
         set_aside(SetAsideRun(run.id, cause, fault.what, fault.next_step, f"set aside: {fault}"))
     return [pair for pair in processed if not is_refused(pair[1])]
+
+
+def on_soil(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+    """Return the runs on soil: what the others read while coasting on firm ground is a static test of these.
+
+    It counts once: for the runs of its folder or, where all of them are on firm ground, of the first on soil.
+
+    Raises
+    ------
+    ConfigError
+        No run is on soil.
+    DataError
+        A run on firm ground hardly coasted.
+    """
+    from model.diagnosis import coasted
+
+    soft = [(run, done) for run, done in processed if done.run.ground == "soft"]
+    if processed and not soft:
+        raise ConfigError.of(
+            "every run is on firm ground",
+            processed[0][0].path.parent / RUNS_FILE,
+            'ground = "firm"',
+            "a run on soil beside them",
+            "give the runs on soil too, or look at these with `wheelsoil process`",
+        )
+    tests: dict[Path, tuple[StaticTest, ...]] = {run.path.parent: () for run, _ in soft}
+    for run, done in (pair for pair in processed if pair[1].run.ground == "firm"):
+        home = run.path.parent if run.path.parent in tests else soft[0][0].path.parent
+        tests[home] += (coasted(done, wheel_id(run)),)
+        say(f"run {run.id}: on firm ground: its rolling is a static test, and no soil is fitted to it")
+    return [(replace(run, static=(*run.static, *tests[run.path.parent])), done) for run, done in soft]
 
 
 def doubts_of(run: Run, wheel: str | None = None) -> list[str]:

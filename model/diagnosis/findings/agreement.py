@@ -245,7 +245,7 @@ def disagreement_notes(
 
 
 def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
-    """Yield the readings of the lifted wheel that contradict the runs driven; of several wheels each says its own."""
+    """Yield the forces of static tests that contradict the runs driven; of several wheels each says its own."""
     if linearised.of_vehicles or not np.any(linearised.grams.static):
         return
     driven = replace(linearised.grams, static=0.0)
@@ -255,7 +255,7 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
         rests, start = data.samples.rests, 1 + len(data.columns.soil)
         variance = rest_variance(data.linear, data.samples, data.noise.values)
         causes = data.columns.rests[..., start : start + len(data.columns.causes)]
-        for row, i in np.argwhere(data.columns.rests_present & rests.lifted & causes.any(axis=-1)):
+        for row, i in np.argwhere((data.columns.rests_present & rests.lifted & causes.any(axis=-1))[: len(AT_REST)]):
             shown = {
                 (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True)
             }

@@ -44,8 +44,6 @@ STATIC = frozenset({StepCode.LIFTED_ZERO, StepCode.KNOWN_PULL, StepCode.KNOWN_TO
 """Steps that are no run."""
 _SENSORS = frozenset({StepCode.RUT, StepCode.SINKAGE, StepCode.TORQUE})
 """Runs for which no run that was driven stands, where none has that channel."""
-_NO_DATA = frozenset({StepCode.HARD_GROUND})
-"""Steps whose readings no file takes yet: a radius is mended in vehicle.toml."""
 _SETTLES: Mapping[str, frozenset[StepCode]] = {
     LackCode.NOT_AT_STANDSTILL: frozenset({StepCode.STANDSTILLS}),
     LackCode.ONE_DIRECTION: frozenset({StepCode.OTHER_DIRECTION}),
@@ -94,16 +92,14 @@ class Outlook:
     adequate: float
     measures_more: bool
 
-    def chance(self, code: StepCode, added: FloatArray) -> float | None:
-        """Return the probability that a step ends in the right name; None of one whose readings no file takes.
+    def chance(self, code: StepCode, added: FloatArray) -> float:
+        """Return the probability that a step ends in the right name.
 
         Parameters
         ----------
         added : array, shape (all columns, same)
             Cross products of what the step adds.
         """
-        if code in _NO_DATA:
-            return None
         if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
             return 0.0
         drawn = int(code not in STATIC and not (code in _SENSORS and self.measures_more))

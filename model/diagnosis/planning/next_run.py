@@ -202,7 +202,7 @@ def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterat
             products = partial(run_matrix, data, simulation, manoeuvre)
             yield _Candidate(manoeuvre.step, index, simulation, products)
         typical = typical_run(data.samples)
-        for step, of_causes in static_tests(typical):
+        for step, of_causes in static_tests(typical, data.samples.rests):
             products = partial(_without_soil, of_causes, data, simulation, typical)
             yield _Candidate(step, index, simulation, products)
 

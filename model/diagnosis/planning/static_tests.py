@@ -14,7 +14,7 @@ from model.diagnosis.planning.manoeuvres import with_standstills
 from model.diagnosis.time_series.linearise import Simulation, at_rest
 from model.diagnosis.time_series.noise import named, rest_variance
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N
+from model.diagnosis.time_series.standstills import AT_REST, NO_LOAD_N, READ, ROLLING_RADIUS_SHARE, Standstills
 from model.diagnosis.time_series.start import CampaignData
 from model.notes import StepCode
 from model.wheel_soil.conditions import Conditions, Reaction
@@ -22,8 +22,6 @@ from model.wheel_soil.dual import Dual, Number, column
 
 COASTED_S = 120.0
 """On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
-_ROLLING_RADIUS_SHARE = 0.005
-"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 _STANDARD_SHARE = 0.005
 """One-sigma of a known pull or torque over its size: a load cell of class 0.5 (ISO 376), a lever of as much."""
 _KNOWN = {"dp": (StepCode.KNOWN_PULL, "pull_n"), "t": (StepCode.KNOWN_TORQUE, "torque_nm")}
@@ -36,20 +34,23 @@ class Products(Protocol):
         """Return them."""
 
 
-def static_tests(run: Samples) -> Iterator[tuple[Note, Products]]:
-    """Yield what could be measured, and its cross products.
+def static_tests(run: Samples, rests: Standstills) -> Iterator[tuple[Note, Products]]:
+    """Yield what could be measured, and its cross products; no second coasting: it errs as the first does.
 
     Parameters
     ----------
     run : Samples
         A run that was driven: known forces are as large as what it measured.
+    rests : Standstills
+        Of the campaign, with what was read without soil.
     """
     yield Note(StepCode.LIFTED_ZERO), lifted_wheel
     for channel, (code, name) in _KNOWN.items():
         size = float(np.nanquantile(np.abs(run.measured.get(channel, [0.0])), 0.95))
         if size > 0.0:
             yield Note(code, values={name: size}), partial(calibrated, channel, size)
-    yield Note(StepCode.HARD_GROUND, values={"duration_s": COASTED_S}), hard_ground
+    if not np.isfinite(rests.measured.get("slip", np.nan)).any():
+        yield Note(StepCode.HARD_GROUND, values={"duration_s": COASTED_S}), hard_ground
 
 
 def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
@@ -112,7 +113,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
     rows = _by_inputs(simulation, rolling, "slip") * (speed / sigma)[:, None]
     longer = np.sqrt(max(COASTED_S / (len(run) * run.block_s), 1.0))
     rows = longer * rows
-    common = longer * _ROLLING_RADIUS_SHARE * speed / sigma
+    common = longer * ROLLING_RADIUS_SHARE * speed / sigma
     across = common @ rows
     scale = _scales(simulation)
     return _products(rows, simulation) - np.outer(across * scale, across * scale) / (1.0 + float(common @ common))
@@ -131,7 +132,7 @@ def _read(
     names = {key for _, _, key in simulation.parameters}
     known = {key: value for key, value in data.linear.point.causes.items() if key in names}
     _, by_cause = at_rest(simulation, lifted, known, applied)
-    present = np.array([c in data.linear.channels for c in AT_REST])
+    present = np.array([c in data.linear.channels for c in READ])
     drifted = np.array([[data.noise.values[named(c, "of_run")] ** 2] for c in AT_REST if c in data.linear.channels])
     return by_cause[present], rest_variance(data.linear, lifted, data.noise.values)[present] + len(
         lifted.rests

@@ -26,7 +26,7 @@ from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.standstills import AT_REST, READ
 from model.wheel_soil.conditions import Conditions
 
 LOAD_SPREAD = 0.15
@@ -197,7 +197,7 @@ class Basis:
         In N, N m and m.
     own : view of it, shape (c, n, o)
         Of the shapes of the sample's run.
-    rests : array, shape (2, m, b)
+    rests : array, shape (3, m, b)
         Of drawbar pull and torque at standstill.
     """
 
@@ -237,7 +237,7 @@ def basis(
     channels = linear.channels
     width = (len(before) + len(after)) * len(channels) + len(zeros) + len(inputs) + len(formulas)
     rows, columns, own = _room(linear, beside, width, len(channels) * max(map(len, in_time), default=0))
-    rests = np.zeros((len(AT_REST), len(samples.rests), width))
+    rests = np.zeros((len(READ), len(samples.rests), width))
     heights = np.full(width, np.nan)
     rank = count()
     listed: list[tuple[int, Shape]] = []
@@ -284,7 +284,7 @@ def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:
 def no_basis(samples: Samples, linear: Linear, beside: tuple[int, int] = (0, 0)) -> Basis:
     """Return no shapes at all, for a fit that has no use for them."""
     catch_all = CatchAll((), np.arange(0), np.zeros(0), (RunShapes(),) * samples.runs, np.zeros(0))
-    return Basis(catch_all, *_room(linear, beside, 0, 0), np.zeros((len(AT_REST), len(samples.rests), 0)))
+    return Basis(catch_all, *_room(linear, beside, 0, 0), np.zeros((len(READ), len(samples.rests), 0)))
 
 
 def _room(linear: Linear, beside: tuple[int, int], width: int, own: int) -> tuple[FloatArray, FloatArray, FloatArray]:

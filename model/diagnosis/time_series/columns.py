@@ -24,7 +24,7 @@ from model.diagnosis.time_series.basis import CatchAll, Freed, RunShapes, basis,
 from model.diagnosis.time_series.linearise import SENSORS, Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.standstills import READ
 
 
 @dataclass(frozen=True)
@@ -274,9 +274,9 @@ class Columns:
     rows : array, shape (c, n, 1 + q + k + b + o + l)
         Zero where a channel is missing.
     present : bool array, shape (c, n)
-    rests : array, shape (2, m, 1 + q + k + b + o + l)
+    rests : array, shape (3, m, 1 + q + k + b + o + l)
         Of drawbar pull and torque at standstill.
-    rests_present : bool array, shape (2, m)
+    rests_present : bool array, shape (3, m)
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -446,13 +446,13 @@ def _at_rest(
     """
     rests = samples.rests
     count = len(rests)
-    out = np.zeros((2, count, width))
-    present = np.zeros((2, count), bool)
+    out = np.zeros((len(READ), count, width))
+    present = np.zeros((len(READ), count), bool)
     own = linear.rest_causes * scale
     start = 1 + linear.soil.shape[-1]
     by_run = constants(linear.channels)
-    for row, channel in enumerate(AT_REST):
-        if channel not in rests.measured or channel not in linear.channels:
+    for row, channel in enumerate(READ):
+        if channel not in rests.measured or channel not in (*linear.channels, "slip"):
             continue
         residual = rests.measured[channel] - linear.rest_value[row] + own[row] @ at
         present[row] = np.isfinite(residual)

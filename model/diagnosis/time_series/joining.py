@@ -463,7 +463,7 @@ def _constants(wheels: Sequence[OfCampaign]) -> dict[tuple[str, str], None]:
 
 
 def _resting(wheel: OfCampaign) -> tuple[FloatArray, FloatArray]:
-    """Return whitened rows at standstill, shape (2, m, columns), and ln of their variances."""
+    """Return whitened rows at standstill, shape (3, m, columns), and ln of their variances."""
     columns = wheel.columns
     variance = np.where(columns.rests_present, rest_variance(wheel.linear, wheel.samples, wheel.values), 1.0)
     return columns.rests / np.sqrt(variance)[..., None], np.log(variance)

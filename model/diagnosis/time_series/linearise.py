@@ -195,7 +195,7 @@ class Linear:
         By each parameter, in its own unit.
     stiffness, friction, cohesion : array, shape (c, n)
         By ln k, ln tan phi and ln c.
-    rest_value : array, shape (2, m); rest_causes : array, shape (2, m, k)
+    rest_value : array, shape (3, m); rest_causes : array, shape (3, m, k)
         Of drawbar pull and torque at standstill.
     usable : bool array, shape (n,)
         Where the model has an answer.
@@ -461,7 +461,7 @@ def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatAr
 def at_rest(
     simulation: Simulation, samples: Samples, values: Mapping[str, float], applied: Reaction | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k).
+    """Return what shows of `READ` without soil, shape (3, m), and its derivatives by the causes, (3, m, k).
 
     Parameters
     ----------
@@ -485,12 +485,15 @@ def _shown(
     count = len(rests)
     names = [key for _, _, key in simulation.parameters]
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
-    reactions = model.at_rest(rests.conditions, dict(values), names, applied)
+    shown = (
+        *model.at_rest(rests.conditions, dict(values), names, applied),
+        model.slip_beyond(rests.conditions, dict(values), names),
+    )
 
     def by(x: Number, key: str) -> FloatArray:
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))
 
-    value = np.stack([np.broadcast_to(value_of(x), (count,)) for x in reactions])
+    value = np.stack([np.broadcast_to(value_of(x), (count,)) for x in shown])
     if not names:
-        return value, np.zeros((2, count, 0))
-    return value, np.stack([np.stack([by(x, key) for key in names], axis=-1) for x in reactions])
+        return value, np.zeros((len(shown), count, 0))
+    return value, np.stack([np.stack([by(x, key) for key in names], axis=-1) for x in shown])

@@ -29,7 +29,7 @@ import numpy as np
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.standstills import AT_REST, READ
 from model.notes import DiagnosisCode
 from processing import LEVEL_DEG, RUT_SHARE
 
@@ -215,13 +215,14 @@ def known_variance(linear: Linear, speed_variance: FloatArray) -> FloatArray:
 
 
 def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:
-    """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
+    """Return the variance of each standstill's level, shape (3, m), of `READ`.
 
     The channel's coloured noise averaged over the standstill (a wheel at rest may have less than one that rolls), and
     what differs from one standstill to the next. Of a lifted wheel what its reading leaves uncertain, and by how much
     the zero may be another one when the runs are driven.
     """
-    found = np.ones((2, len(samples.rests)))
+    found = np.ones((len(READ), len(samples.rests)))
+    found[-1] = np.nan_to_num(samples.rests.lifted_sigma.get("slip", found[-1]) ** 2, nan=1.0)
     for row, c in enumerate(AT_REST):
         if c not in linear.channels:
             continue

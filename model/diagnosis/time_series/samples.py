@@ -232,7 +232,9 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         tyre=campaign.tyre,
         roles=frozenset(_shared_extras(campaign.runs)),
         commanded_slip=campaign.commanded_slip,
-        lifted=frozenset(OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if np.isfinite(x).any()),
+        lifted=frozenset(
+            OUTPUTS[c].role for c, x in samples.rests.lifted_sigma.items() if c in OUTPUTS and np.isfinite(x).any()
+        ),
     )
 
 

@@ -4,24 +4,36 @@ A zero of the lifted wheel that was taken off the runs is a standstill, too: wit
 as well known as the zero was determined. Runs that share a determination know it once. Before and after the runs, and
 interpolated between, it is the zero of all of them; determined once, it may have drifted until they were driven. So
 may that of a static test, in which a known pull or torque acts on the lifted wheel.
+
+**Coasting.** A wheel that rolls on firm ground without its drive carries the torque of its bearings and brake pads
+alone, and has no slip: the radius of free rolling is what ISO 8855 defines slip by. Both are readings that no soil
+enters. On firm ground a tyre rolls on a radius by up to `ROLLING_RADIUS_SHARE` other than on soil.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import hypot, sqrt
 
 import numpy as np
 
-from daq import REACTIONS, ROLES, BoolArray, FloatArray, IndexArray
+from daq import REACTIONS, ROLES, BoolArray, DataError, FloatArray, IndexArray, StaticTest
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Corrected
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
-from processing import ProcessedRun, Standstill
+from processing import ProcessedRun, Segment, Standstill
+from processing.pipeline import slip_of
 
 AT_REST = tuple(REACTIONS)
-"""What is measured at standstill, in the order of arrays over it."""
+"""What is measured at standstill."""
+READ = (*AT_REST, "slip")
+"""What is read without soil, in the order of arrays over it: at standstill, and of a wheel that coasts."""
+ROLLING_RADIUS_SHARE = 0.005
+"""By how much a tyre's rolling radius on firm ground may differ from that on soil."""
+_PARTS, _LEAST_COASTED_S, _FINEST_MPS = 10, 20.0, 1e-4
+"""Parts of a coasted run between which its speeds scatter, how long all of them are at least, and the least scatter."""
 _CUT_S = 0.8
 """Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first
 tooth of its ring, and forces are there before."""
@@ -42,16 +54,16 @@ class Standstills:
     ----------
     conditions : Conditions
         Load, direction, time and place; slip and speeds are 0.
-    measured : mapping "dp", "t" -> array
-        Mean over the standstill without its ends; NaN where not measured.
+    measured : mapping "dp", "t", "slip" -> array
+        Mean over the standstill without its ends; NaN where not measured. The slip is of a wheel that coasts.
     spread : mapping "dp", "t" -> array
         Standard deviation about it.
     duration_s : array
         Of what the mean is over.
     wheel_angle_rad : array
         Rolled since the start of the run.
-    lifted_sigma : mapping "dp", "t" -> array
-        One-sigma of the reading of the lifted wheel; NaN where the wheel stood on the ground, none where it always did.
+    lifted_sigma : mapping "dp", "t", "slip" -> array
+        One-sigma of the reading of the wheel lifted or coasting; NaN where it stood, none where it always did.
     bracketed : bool array
         Whether a reading of the lifted wheel is of before and after the runs; none where the wheel never was lifted.
     applied : mapping "dp", "t" -> array
@@ -73,7 +85,7 @@ class Standstills:
 
     @property
     def lifted(self) -> BoolArray:
-        """Whether the wheel was lifted, shape (n,)."""
+        """Whether the wheel was lifted, or coasted on firm ground; shape (n,)."""
         known = (np.isfinite(sigma) for sigma in self.lifted_sigma.values())
         return np.asarray(np.logical_or.reduce([np.zeros(len(self), bool), *known]))
 
@@ -113,14 +125,15 @@ def standstills_of(
                     f"{c} sigma": np.nan,
                 }
             rows.append(row)
-    table = {key: np.array([row[key] for row in rows], float) for key in (rows[0] if rows else _empty(channels))}
+    blank = _without_load(campaign.runs[0], 0, clocks, positions, {}, channels)
+    table = {key: np.array([row[key] for row in rows], float) for key in blank}
     nothing = np.zeros(len(rows))
     conditions = Conditions(
-        slip=nothing,
+        slip=np.nan_to_num(table["slip"]),
         vertical_load_n=table["load"],
-        ground_speed_mps=nothing,
-        wheel_speed_radps=nothing,
-        ground_acceleration_mps2=nothing,
+        ground_speed_mps=table["speed"],
+        wheel_speed_radps=table["spin"],
+        ground_acceleration_mps2=table["acceleration"],
         ground_jerk_mps3=nothing,
         wheel_acceleration_radps2=nothing,
         wheel_jerk_radps3=nothing,
@@ -140,11 +153,11 @@ def standstills_of(
     return Standstills(
         run=table["run"].astype(np.intp),
         conditions=conditions,
-        measured={c: table[c] for c in channels},
+        measured={c: table[c] for c in (*channels, "slip")},
         spread={c: table[f"{c} spread"] for c in channels},
         duration_s=table["duration"],
         wheel_angle_rad=table["angle"],
-        lifted_sigma={c: table[f"{c} sigma"] for c in channels},
+        lifted_sigma={c: table[f"{c} sigma"] for c in (*channels, "slip")},
         bracketed=table["bracketed"] > 0.0,
         applied={c: table[_of_applied(c)] for c in AT_REST},
     )
@@ -177,21 +190,75 @@ def _lifted(
 def _static(
     campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
 ) -> Iterator[dict[str, float]]:
-    """Yield each static test, less the zero that was taken off the runs; of the same zero it says nothing more."""
+    """Yield each static test, less the zero that was taken off the runs; of the same zero it says nothing more.
+
+    What all tests of a coasting wheel err by, drag or tyre, does not average out: repeated, they count as one.
+    """
     driven = next((i for i, run in enumerate(campaign.runs) if len(run)), None)
     if driven is None:
         return
     run = campaign.runs[driven]
     zeros = {c: zero for c in channels if (zero := run.quality.zeros.get(REACTIONS[c].role))}
+    dragged = sqrt(sum(test.drag_nm is not None for test in campaign.static))
     for test in campaign.static:
         readings = {
-            c: (reading - (zeros[c].offset if c in zeros else 0.0), sigma)
+            c: (reading - (zeros[c].offset if c in zeros else 0.0), sigma if test.drag_nm is None else dragged * sigma)
             for c, (reading, sigma) in test.readings.items()
             if c in channels and not (test.test == "lifted" and c in zeros and zeros[c].is_known)
         }
-        if readings:
+        rolled = _rolled(test, campaign, run.rolling_m)
+        if readings or rolled:
             applied = {_of_applied(c): test.applied[c] for c in AT_REST}
-            yield _without_load(run, driven, clocks, positions, readings, channels) | applied
+            yield _without_load(run, driven, clocks, positions, readings, channels) | applied | rolled
+
+
+def _rolled(test: StaticTest, campaign: Campaign, radius_m: float) -> dict[str, float]:
+    """Return the speeds of a wheel that coasted, and the slip that they show; nothing without them."""
+    speed, spin, sigma = test.ground_speed_mps, test.wheel_speed_radps, test.ground_speed_sigma_mps
+    alike = sum(other.wheel_speed_radps is not None for other in campaign.static)
+    if not (speed and spin and sigma):
+        return {}
+    return {
+        "speed": speed,
+        "spin": spin,
+        "acceleration": test.ground_acceleration_mps2 or 0.0,
+        "slip": float(slip_of(np.array(radius_m * spin), np.array(speed), 0.0)),
+        "slip sigma": sqrt(alike) * hypot(sigma / speed, ROLLING_RADIUS_SHARE),
+    }
+
+
+def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
+    """Return the speeds of a run on firm ground while hardly any torque acted at the wheel.
+
+    The one-sigma is by the scatter of `_PARTS` parts. No torque is read: whether the drive was engaged does not show.
+
+    Raises
+    ------
+    DataError
+        It hardly coasted.
+    """
+    rows = np.flatnonzero((run.segment == Segment.COAST) & run.used)
+    if len(rows) < _LEAST_COASTED_S * run.rate_hz:
+        raise DataError.of(
+            "a run on firm ground that hardly coasts shows no rolling radius",
+            f"run {run.run.id}",
+            f"{len(rows) / run.rate_hz:.0f} s without torque at the wheel",
+            f"at least {_LEAST_COASTED_S:g} s",
+            "coast longer, or switch the run off in choice.toml",
+        )
+    speed, spin, acceleration = (
+        float(x[rows].mean()) for x in (run.ground_speed_mps, run.wheel_speed_radps, run.ground_acceleration_mps2)
+    )
+    off = np.array_split((run.ground_speed_mps - speed / spin * run.wheel_speed_radps)[rows], _PARTS)
+    return StaticTest(
+        test="coasting",
+        run=run.run.id,
+        wheel=wheel,
+        ground_speed_mps=speed,
+        ground_speed_sigma_mps=max(float(np.std([part.mean() for part in off], ddof=1)) / sqrt(_PARTS), _FINEST_MPS),
+        wheel_speed_radps=spin,
+        ground_acceleration_mps2=acceleration,
+    )
 
 
 def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> dict[str, float]:
@@ -207,6 +274,11 @@ def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> 
         "duration": 0.0,
         "angle": 0.0,
         "bracketed": 0.0,
+        "speed": 0.0,
+        "spin": 0.0,
+        "acceleration": 0.0,
+        "slip": np.nan,
+        "slip sigma": np.nan,
         **dict.fromkeys(map(_of_applied, AT_REST), 0.0),
     }
 
@@ -223,7 +295,7 @@ def _without_load(
     readings: Mapping[str, tuple[float, float]],
     channels: tuple[str, ...],
 ) -> dict[str, float]:
-    row = _row(run, index, NO_LOAD_N, float(clocks[index][0]), float(positions[index][0]))
+    row = _row(run, index, NO_LOAD_N, *(float(x[index][0]) if len(x[index]) else 0.0 for x in (clocks, positions)))
     for c in channels:
         reading, sigma = readings.get(c, (np.nan, np.nan))
         row |= {c: reading, f"{c} spread": np.nan, f"{c} sigma": sigma}
@@ -257,21 +329,3 @@ def _inside(run: ProcessedRun, rest: Standstill) -> slice:
 def _mean(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")
-
-
-def _empty(channels: tuple[str, ...]) -> list[str]:
-    own = [
-        "run",
-        "load",
-        "clock",
-        "x",
-        "direction",
-        "pass",
-        "kpa",
-        "duration",
-        "angle",
-        "bracketed",
-        *map(_of_applied, AT_REST),
-    ]
-    own += channels
-    return own + [f"{c} {what}" for c in channels for what in ("spread", "sigma")]

@@ -1,0 +1,85 @@
+"""A run on firm ground in a campaign: no soil is fitted to it, and a diagnosis has its rolling as a static test."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+from firm_road import road_run
+
+from daq import Note
+from daq.recording import RecordingWriter
+from model.diagnosis import NextRun
+from model.notes import StepCode
+from processing import LOOK, ProcessOptions
+from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.vehicle import virtual_frames
+from wheelsoil.view.jobs import Member, fit_members, process_run
+from wheelsoil.wording.notes import key_text
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.runs import Files, say_set_aside
+
+
+@pytest.fixture(scope="module")
+def with_road(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the campaign with a run on a road."""
+    folder = tmp_path_factory.mktemp("firm") / "clay"
+    shutil.copytree(campaign, folder)
+    carried = {name: (folder / name).read_bytes() for name in ("vehicle.toml", "terrain.toml", "wft.dbc")}
+    with RecordingWriter(folder / "road.mcap", attachments=carried, flush_every_s=None, sync_every_s=None) as writer:
+        writer.write_frames(virtual_frames(road_run(SimulationOptions())))
+    with (folder / "runs.toml").open("a") as file:
+        file.write('\n[[run]]\nfile = "road.mcap"\nid = "road"\nground = "firm"\n')
+    return folder
+
+
+def test_no_soil_is_fitted_to_firm_ground(campaign: Path, with_road: Path) -> None:
+    alone, both = (ok("fit", folder, "--json") for folder in (campaign, with_road))
+    assert both.json["models"] == alone.json["models"]
+    assert "run road: on firm ground" in both.err
+
+
+def test_a_diagnosis_says_that_its_rolling_is_data(campaign: Path, with_road: Path) -> None:
+    alone, both = (ok("diagnose", folder, "--json").json for folder in (campaign, with_road))
+    [test] = both["static"]
+    assert (test["test"], test["run"]) == ("coasting", "road") and "driving_torque_nm" not in test
+    assert test["ground_speed_mps"] / test["wheel_speed_radps"] == pytest.approx(0.47, rel=0.005)
+    assert "How the wheel coasts on firm ground is used as data: road." in both["sentence"]
+    sizes = [found["minimum_detectable"]["wheel_radius"]["value"] for found in (alone, both)]
+    assert sizes[1] < 0.8 * sizes[0] and "static" not in alone
+    assert [c["name"] for c in both["causes"]] == [c["name"] for c in alone["causes"]]
+    assert "coasting of road" in " ".join(ok("diagnose", with_road, "--verbose").out.split())
+
+
+def test_process_shows_it_and_nothing_else_goes_without_soil(with_road: Path, tmp_path: Path) -> None:
+    assert [entry["run"]["id"] for entry in ok("process", with_road, "--json").json][-1] == "road"
+    for name in ("vehicle.toml", "terrain.toml", "road.mcap", *(path.name for path in with_road.glob("*.dbc"))):
+        shutil.copy(with_road / name, tmp_path / name)
+    (tmp_path / "runs.toml").write_text('[[run]]\nfile = "road.mcap"\nground = "firm"\n')
+    refused = invoke("fit", tmp_path)
+    assert refused.code == 2 and "every run is on firm ground" in refused.err and "wheelsoil process" in refused.err
+
+
+def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Path) -> None:
+    members = []
+    for run in Files().open_runs([with_road], say_set_aside):
+        members.append(Member(tmp_path / run.id, None))
+        assert len(process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file).trace.rows)
+    both, alone = (fit_members(some, FitChoices(), None)["models"] for some in (members, members[:-1]))
+    assert both == alone
+
+
+def test_the_advice_to_coast_says_what_to_write() -> None:
+    step = NextRun(Note(StepCode.HARD_GROUND, values={"duration_s": 120.0}), ("wheel_radius", "speed_bias"), 5.0)
+    assert 'ground = "firm"' in key_text(step) and "runs.toml" in key_text(step)
+
+
+def test_speeds_in_another_unit_are_refused_with_what_they_would_be(with_road: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(with_road, tmp_path / "clay")
+    with (folder / "runs.toml").open("a") as file:
+        file.write('\n[[static]]\ntest = "coasting"\nground_speed_mps = 10.8\nground_speed_sigma_mps = 0.05\n')
+        file.write("wheel_speed_radps = 6.38\n")
+    refused = invoke("diagnose", folder)
+    assert refused.code == 2 and "is 3.6 times 0.47 m" in refused.err and "check the units" in refused.err
