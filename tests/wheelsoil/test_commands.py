@@ -188,7 +188,7 @@ def test_a_real_drive_goes_through_import_info_process_and_report(drive, tmp_pat
     result = invoke("report", target, "-o", page, "--soil", "sandy", "--json")
     assert result.code == 1, "the page is written, without a fit: there is no force"
     assert {"coefficients", "torque"} <= set(result.json["left_out"])
-    assert page.stat().st_size > 1_500_000
+    assert page.read_text(encoding="utf-8").count('id="data-') > 1, "figures of what was measured"
 
 
 def test_process_writes_what_the_pipeline_gives(campaign, tmp_path):
