@@ -110,8 +110,7 @@ def zeros_toml(zeros: ZeroConfig) -> str:
     """Return the text of zero.toml."""
     import tomli_w
 
-    tables = zeros.model_dump(exclude_none=True)
-    return _HEAD + tomli_w.dumps(tables)
+    return _HEAD + tomli_w.dumps(zeros.model_dump(exclude_none=True))
 
 
 def zero_file_name(vehicle: VehicleConfig) -> str:

@@ -158,7 +158,7 @@ def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdic
     step, text = next_steps(found, VehicleConfig())[0], text_of(found)
     assert step.what.startswith("Measure the wheel's radius from hub to ground") and "further run" not in text
     for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
-        assert f"[wheel]\n{line}" in step.paste
+        assert f"[wheel]  # add to the one in the file\n{line}" in step.paste
     assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
 
 
@@ -189,23 +189,24 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
     size = ParameterEstimate("relative", "", 0.02, (0.01, 0.03), 0.005)
     radius = Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 0.99, (size,))
     named = replace(diagnosis("named"), causes=(radius,))
+    of_wheel = "[[wheel]]  # of wheel FL: add to the one in the file"
     assert next_steps(zero, vehicle)[0].paste.splitlines() == [
         "# record the lifted wheel as spin.mcap, then:",
         "wheelsoil zero spin.mcap --vehicle vehicle.toml --wheel FL",
         "# then:",
-        "[wheel.transducer]  # of wheel FL",
+        "[wheel.transducer]  # of wheel FL: add to the one in the file",
         'zero_file = "zero-FL.toml"',
     ]
-    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nrolling_radius_m = 0.5100"
+    assert next_steps(named, vehicle)[0].paste == f"{of_wheel}\nrolling_radius_m = 0.5100"
     undeclared = next_steps(with_lugs("one_of", ""), vehicle)
-    assert undeclared[0].paste.endswith('[[wheel]]  # of wheel FL\ntyre = "smooth"')
+    assert undeclared[0].paste.endswith(f'{of_wheel}\ntyre = "smooth"')
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
     two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
     assert first.what.startswith("At wheel FL: measure") and first.paste.endswith(
-        "# of wheel FL\nrolling_radius_m = 0.5100"
+        f"{of_wheel}\nrolling_radius_m = 0.5100"
     )
-    assert second.what.startswith("At wheel RL: weigh") and "# of wheel RL\noutboard_mass_kg = 76" in second.paste
+    assert second.what.startswith("At wheel RL: weigh") and "in the file\noutboard_mass_kg = 76" in second.paste
 
 
 def test_a_gain_is_scaled_where_no_other_wheel_is_changed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -80,13 +81,14 @@ def next_steps(
 
 
 def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
-    """Return commands and lines as they are for one of several `[[wheel]]`, where it is one."""
+    """Return commands and lines, with what is done with a table; of one of several `[[wheel]]` as it is there."""
+    paste = re.sub(r"^(\[[\w.]+\])$", r"\1  # add to the one in the file", paste, flags=re.MULTILINE)
     if not vehicle.wheel_option:
         return paste
-    of = f"  # of wheel {vehicle.wheel_ids[0]}"
+    of = f"  # of wheel {vehicle.wheel_ids[0]}:"
     texts = {
-        "[wheel]": f"[[wheel]]{of}",
-        "[transducer]": f"[wheel.transducer]{of}",
+        "[wheel]  #": f"[[wheel]]{of}",
+        "[transducer]  #": f"[wheel.transducer]{of}",
         "vehicle.toml\n": f"vehicle.toml{vehicle.wheel_option}\n",
         '"zero.toml"': f'"{zero_file_name(vehicle)}"',
     }
@@ -257,7 +259,12 @@ def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> St
     what = f"{begun} today's scale of {signal} on {channel}, in a copy of {listed(shared)} for {channel} alone."
     files = ", ".join(f'"{copies.get(file, file)}"' for file in own)
     lines = [f"cp {quote(file)} {quote(copy)}" for file, copy in copies.items()]
-    lines += [f"# scale {signal} in the copy, then:", "[[bus]]", f'channel = "{channel}"', f"dbc = [{files}]"]
+    lines += [
+        f"# scale {signal} in the copy, and change:",
+        "[[bus]]",
+        f'channel = "{channel}"',
+        f"dbc = [{files}]",
+    ]
     why = f"Scaled in {listed(shared)} itself, it changes {listed([bus.channel for bus in others])} too."
     return Step(what, why, "\n".join(lines))
 

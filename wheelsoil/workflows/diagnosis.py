@@ -379,8 +379,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
         return diagnose_bench(benches, options)
 
-    found = kept("diagnosis", (tuple(benches), options), compute)
-    return _with_remarks(found, benches)
+    return _with_remarks(kept("diagnosis", (tuple(benches), options), compute), benches)
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
