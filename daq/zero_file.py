@@ -116,8 +116,7 @@ def zeros_toml(zeros: ZeroConfig) -> str:
 def zero_file_name(vehicle: VehicleConfig) -> str:
     """Return the name of a wheel's zero file: as vehicle.toml gives it, else the usual one, with the wheel's id."""
     wheel = vehicle.wheel
-    usual = f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE
-    return vehicle.transducer.zero_file or usual
+    return vehicle.transducer.zero_file or (f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE)
 
 
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:

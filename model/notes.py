@@ -177,6 +177,8 @@ class FitCode(StrEnum):
     """passages: of wheels that were driven together"""
     LOAD_NOT_CARRIED = "load_not_carried"
     """samples"""
+    DEFAULTS_TAKEN = "defaults_taken"
+    """values: number of each key that no file states, by the key with its table or file"""
     RUNS_LACK_SIGNALS = "runs_lack_signals"
     """signals: (run, roles) of each"""
     ROWS_NOT_DRIVEN = "rows_not_driven"

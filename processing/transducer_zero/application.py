@@ -364,8 +364,7 @@ def _doubts(determination: Determination, span_ns: tuple[int, int], temperature_
     if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
         yield Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc})
     if determination.method == "standstill":
-        code = RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED
-        yield Note(code)
+        yield Note(RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED)
 
 
 def _age_s(determination: Determination, span_ns: tuple[int, int]) -> float:
