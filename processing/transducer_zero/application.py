@@ -340,8 +340,7 @@ def _systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns
         return float(sigmas[0]) if zeros[role].turns else nan
     if "drawbar_pull" not in zeros or "vertical_load" not in zeros:
         return nan
-    turning = [zeros[force].sigmas_at(time_ns)[1] for force in ("drawbar_pull", "vertical_load")]
-    return hypot(*turning) / 2
+    return hypot(*(zeros[force].sigmas_at(time_ns)[1] for force in ("drawbar_pull", "vertical_load"))) / 2
 
 
 def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Found | None:

@@ -19,7 +19,7 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
-from daq import OUTPUTS
+from daq import OUTPUTS, Fault
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.notes import Note
@@ -177,6 +177,13 @@ def test_wheels_of_two_sizes_share_no_law(two: Path, tmp_path: Path) -> None:
     vehicle.write_text(text.replace("width_m = 0.318", "width_m = 0.3", 1), encoding="utf-8")
     found = ok("fit", two, "--vehicle", vehicle)
     assert "differ in radius or width" in found.err and "\n\nall wheels" not in found.out
+    doubt = Fault("the speed of wheel RL comes 0.30 s later", next_step="check it")
+    with patch("wheelsoil.workflows.vehicle.doubts_of_wheels", return_value=[doubt]):
+        *both, of_all = ok("fit", two, "--vehicle", vehicle, "--json").json
+        samples = ok("process", two, "--json").json
+    assert (of_all["wheel"], of_all["models"]) == ("all", {}) and "differ in radius" in of_all["notes"][0]
+    assert "doubts" not in both[0] and [each["what"] for each in of_all["doubts"]] == [doubt.what]
+    assert [each["doubts"][0]["what"] for each in samples] == [doubt.what] * len(samples)
 
 
 @pytest.fixture(scope="module")
