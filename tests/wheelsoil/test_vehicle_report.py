@@ -17,8 +17,9 @@ from diagnosis_samples import diagnosis
 from report_support import diagnosed_by_hand
 from shared_results import made_once
 
-from daq import Fault, FloatArray
+from daq import Fault, FloatArray, Note
 from daq.errors import ConfigError, DataError
+from model import LackCode
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions, Reason
 from wheelsoil.cli.per_wheel import PerWheel
@@ -342,7 +343,9 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
     joint = diagnosis("named")
     [cause, *_] = joint.causes
     at_wheel = replace(cause, name="torque_gain@FR", key="torque_gain@FR", kind="measurement", form="")
-    answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,))]
+    one_load = Note(LackCode.ONE_LOAD, values={"spread": 0.051, "least": 0.08})
+    wanting = {"load_gain@FL": one_load, "load_zero@FL": one_load}
+    answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,), not_identifiable=wanting)]
     with (
         patch("wheelsoil.workflows.report.diagnose_campaigns", side_effect=answers),
         patch("wheelsoil.workflows.vehicle.doubts_of_wheels", return_value=doubts[1:3]),
@@ -362,6 +365,9 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
         False,
         True,
     ]
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Not identifiable from these runs: load gain of wheel FL and load zero of wheel FL." in page
+    assert "Load gain of wheel FL and load zero of wheel FL are not identifiable from these runs: " in page
     [found] = glance["together"]["causes"]
     assert (found["wheel"], found["name"]) == ("FR", "torque_gain")
 
