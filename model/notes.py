@@ -77,7 +77,7 @@ class DiagnosisCode(StrEnum):
     LESS_BESIDE_USUAL = "less_beside_usual"
     """family, probability"""
     LIKE_RADIUS = "like_radius"
-    """family, radius_m as declared, larger_m: by how much a larger radius looks the same"""
+    """family, radius_m as declared, larger_m: by how much a larger one looks the same, or None; wheel: one with it"""
     OUTLIERS = "outliers"
     """samples, runs, limit"""
     WHEEL_ORDER = "wheel_order"

@@ -15,11 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import Note, VehicleConfig, WheelSection
+from model.diagnosis import OfVehicle
 from model.diagnosis.core.result import (
     Adequacy,
     BarredCause,
     Candidate,
     Cause,
+    CauseSet,
     Diagnosis,
     Finding,
     Grounds,
@@ -37,6 +39,7 @@ from model.wheel_soil import Wheel
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
 from wheelsoil.wording.mending import next_steps
+from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 from wheelsoil.workflows.choice import parse_choice
@@ -154,12 +157,48 @@ def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdic
     found, declared = with_lugs(verdict, ""), with_lugs(verdict, "lugged")
     assert "rouser (or a wheel radius larger by 19 mm)" in headline_of(found)
     assert "A wheel radius of 0.489 m in place of 0.47 m looks the same as grouser" in sentence_of(found)
-    assert diagnosis_json(found)["like_radius"] == [{"family": "grouser", "radius_m": 0.47, "larger_m": 0.019}]
+    alike = {"family": "grouser", "radius_m": 0.47, "larger_m": 0.019, "wheel": ""}
+    assert diagnosis_json(found)["like_radius"] == [alike]
     step, text = next_steps(found, VehicleConfig())[0], text_of(found)
     assert step.what.startswith("Measure the wheel's radius from hub to ground") and "further run" not in text
     for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
         assert f"[wheel]  # add to the one in the file\n{line}" in step.paste
     assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
+
+
+def test_lugs_of_a_probable_set_are_said_with_a_larger_radius_too() -> None:
+    found = replace(diagnosis("named"), sets=(CauseSet(("grouser",), 0.06), CauseSet(("grouser", "slope"), 0.04)))
+    given: Any = SimpleNamespace(wheel=Wheel(0.47, 0.318), tyre="")
+    [note] = _like_radius(found, [given])
+    assert note_text(note).startswith("a radius above 0.47 m looks the same as grouser")
+    cautious = replace(found, grounds=Grounds(cautions=(note,)))
+    assert "A radius above 0.47 m looks" in sentence_of(cautious) and "radius" not in headline_of(cautious)
+    assert next_steps(cautious, VehicleConfig()) == next_steps(found, VehicleConfig()), "there is no size to measure"
+    rare = replace(found, sets=(CauseSet(("grouser",), 0.04),))
+    assert _like_radius(rare, [given]) == []
+
+
+def test_each_wheel_has_its_own_radius_that_looks_like_lugs() -> None:
+    size = ParameterEstimate("height_m", "m", 0.019, (0.0167, 0.0213), 1e-3)
+    radii, vehicles = {"FL": 0.47, "FR": 0.47, "RL": 0.6}, dict[str, VehicleConfig]()
+    given: Any = []
+    for wheel, radius in radii.items():
+        vehicles[wheel] = VehicleConfig(wheel=WheelSection(id=wheel, radius_m=radius, width_m=0.3))
+        given.append(SimpleNamespace(wheel=Wheel(radius, 0.3), tyre="", of_vehicle=OfVehicle("c", wheel)))
+
+    def steps(family: str) -> list[tuple[str, str]]:
+        lugs = Cause(family, "", "physical", family, 0.99, 1.0, (size,))
+        found = replace(diagnosis("named"), causes=(lugs,), next_run=(), not_identifiable={})
+        found = replace(found, grounds=Grounds(cautions=tuple(_like_radius(found, given))))
+        pastes = [step.paste.splitlines()[1:3] for step in next_steps(found, VehicleConfig(), vehicles)]
+        return [(head.partition(":")[0], line) for head, line in pastes]
+
+    assert steps("grouser@RL") == [("[[wheel]]  # of wheel RL", "radius_m = 0.6190")]
+    assert steps("grouser@FR") == [("[[wheel]]  # of wheel FR", "radius_m = 0.4890")]
+    assert steps("grouser") == [
+        ("[[wheel]]  # of wheel RL", "radius_m = 0.6190"),
+        ("[[wheel]]  # of wheel FL", "radius_m = 0.4890"),
+    ]
 
 
 def test_what_looks_like_a_larger_radius_is_a_length_of_its_effect() -> None:

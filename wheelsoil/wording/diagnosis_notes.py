@@ -291,8 +291,8 @@ SENTENCES: dict[str, Sentence] = {
     ),
     DiagnosisCode.LESS_BESIDE_USUAL: lambda v: f"{plain_name(v['family'])}: {chance(v['probability'])} {_PEAK_AHEAD}",
     DiagnosisCode.LIKE_RADIUS: lambda v: (
-        f"a wheel radius of {v['radius_m'] + v['larger_m']:.3g} m in place of {v['radius_m']:g} m looks the same as "
-        f"{plain_name(v['family'])}: these data do not decide which of the two it is"
+        (f"a wheel radius of {v['radius_m'] + v['larger_m']:.3g} m in place of" if v["larger_m"] else "a radius above")
+        + f" {v['radius_m']:g} m looks the same as {plain_name(v['family'])}: these data do not decide which it is"
     ),
     DiagnosisCode.OUTLIERS: lambda v: (
         f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "

@@ -63,9 +63,10 @@ def next_steps(
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    steps = [(_radius_or_lugs(note), vehicle) for note in like_radius(found)[:1]]
+    at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
+    steps = [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
     steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
-    at = {cause.name: (wheels or {}).get(parted(cause.name)[1], vehicle) for cause in named}
+    at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
         (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
         for cause in named
