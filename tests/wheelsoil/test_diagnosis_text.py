@@ -28,6 +28,7 @@ from model.diagnosis.core.result import (
     LackOfFit,
     NextRun,
     ParameterEstimate,
+    PriorShift,
     RefutedSoil,
     SoilInstead,
     Verdict,
@@ -164,6 +165,17 @@ def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdic
     for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
         assert f"[wheel]  # add to the one in the file\n{line}" in step.paste
     assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
+
+
+def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:
+    shifts = (PriorShift("slope", 3.0, "named", ("slope",)), PriorShift("torque_gain", 1 / 3, "one_of", ()))
+    found = replace(diagnosis("named"), grounds=Grounds(prior_shifts=shifts))
+    said = "The verdict depends on the prior: at three times the prior odds of slope it would be: slope named; "
+    assert f"{said}the prior of torque gain changes it, too." in sentence_of(found)
+    fewer = replace(found, grounds=Grounds(prior_shifts=(PriorShift("slope", 1 / 3, "nothing_detectable", ()),)))
+    assert "at a third of the prior odds of slope it would be: nothing detectable." in sentence_of(fewer)
+    unsure = Note(LackCode.NOT_SURE, values={"family": "slope", "probability": 0.978, "least": 0.99})
+    assert note_text(unsure).startswith("its probability by these runs as they are is 97.8 %, and a name needs more")
 
 
 def test_lugs_of_a_probable_set_are_said_with_a_larger_radius_too() -> None:

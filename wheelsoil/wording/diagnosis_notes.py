@@ -254,7 +254,8 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
-        f"its probability stays below {100 * v['least']:g} % where it is not averaged over resampled runs"
+        f"its probability by these runs as they are is {chance(v['probability'])}, and a name needs more than "
+        f"{100 * v['least']:g} %, whether runs are resampled or not"
     ),
     LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
     LackCode.NO_BETTER: (
