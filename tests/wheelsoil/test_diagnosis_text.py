@@ -213,6 +213,18 @@ def test_each_wheel_has_its_own_radius_that_looks_like_lugs() -> None:
     ]
 
 
+@pytest.mark.parametrize(("verdict", "probability", "first"), [("one_of", 0.99, True), ("one_of", 0.4, False)])
+def test_a_probable_radius_is_measured_before_a_zero(verdict: Verdict, probability: float, first: bool) -> None:
+    """Of a smooth tyre of a wrong radius the first step was the zero of the lifted wheel."""
+    size = ParameterEstimate("relative", "1", -0.006, (-0.04, 0.028), 0.017)
+    radius = Cause("wheel_radius@FR", "", "measurement", "wheel_radius", probability, 1.0, (size,))
+    zero = NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0)
+    steps = next_steps(replace(diagnosis(verdict), causes=(radius,), next_run=(zero,)), VehicleConfig())
+    assert steps[0].what.startswith("Measure the wheel's radius from hub to ground, and the rolling") == first
+    assert not first or steps[0].why == "Probably wrong: wheel radius of wheel FR (99.0 %)."
+    assert "wheelsoil zero" in steps[-1].paste and not (first and steps[0].paste)
+
+
 def test_what_looks_like_a_larger_radius_is_a_length_of_its_effect() -> None:
     alike = [effect for effect in EFFECTS.values() if effect.like_radius]
     assert [p.unit for effect in alike for p in effect.parameters if p.name == effect.like_radius] == ["m"] * len(alike)

@@ -13,7 +13,7 @@ from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
 from wheelsoil.wording.grounds_text import findings_text
-from wheelsoil.wording.names import listed, plain_name, plain_names, upper
+from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
     deciding_runs,
@@ -29,6 +29,8 @@ _LIFTED = (
     '# then:\n[transducer]\nzero_file = "zero.toml"'
 )
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
+_BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
+_PROBABLE = 0.5
 _MOST_FILES = 12
 """Files that a command names."""
 
@@ -65,6 +67,14 @@ def next_steps(
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
     at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
     steps = [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
+    steps += [
+        (
+            Step(_BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
+            vehicle,
+        )
+        for each in (found.causes if found.verdict == "one_of" and not alike else ())
+        if parted(each.name)[0] == "wheel_radius" and each.probability > _PROBABLE
+    ]
     steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
     at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
