@@ -580,9 +580,12 @@ def _no_run_in(folder: Path) -> Fault:
             f"write {VEHICLE_FILE} with [wheel] and [signals] beside {', '.join(_first(tables))}, or give "
             f"one by --vehicle; a {RUNS_FILE} names the files, and says direction, pass and load of each"
         )
-    kinds = dict.fromkeys(filter(Path.is_dir, files), " (holds no run)") | dict.fromkeys(holding, " (holds runs)")
-    names = [path.name + (" (cannot be read)" if path in closed else kinds.get(path, "")) for path in files]
-    present = ", ".join(_first(names, _LISTED)) or "nothing"
+    kinds = {
+        **dict.fromkeys(filter(Path.is_dir, files), " (holds no run)"),
+        **dict.fromkeys(holding, " (holds runs)"),
+        **dict.fromkeys(closed, " (cannot be read)"),
+    }
+    present = ", ".join(_first([path.name + kinds.get(path, "") for path in files], _LISTED)) or "nothing"
     return Fault(
         "the folder holds no run",
         str(folder),

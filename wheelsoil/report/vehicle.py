@@ -354,7 +354,10 @@ def _against_slip(vehicle: Vehicle, figures: Mapping[str, KeyFigure]) -> Section
         )
         if np.isfinite(values).any()
     ]
-    tiles = [_tile(key, figures) for key in ("drawbar_coefficient", "tractive_efficiency")]
+    tiles = [
+        _tile("drawbar_coefficient", figures),
+        _tile("tractive_efficiency", figures, "where the mean slip exceeds twice its error"),
+    ]
     return Section("vehicle", "Drawbar coefficient and efficiency", [Pair(drawings), Tiles(tiles, small=True)])
 
 
