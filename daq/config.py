@@ -568,8 +568,17 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
         try:
             return tomllib.loads(text.removeprefix("\ufeff"))  # Windows' editors may begin a file with it
         except tomllib.TOMLDecodeError as error:
-            step = _with_point(text, "correct the line named above")
+            step = _twice(text, str(error)) or _with_point(text, "correct the line named above")
             raise ConfigError.of("not valid TOML", where, str(error), "", step) from None
+
+
+def _twice(text: str, error: str) -> str:
+    """Return where a table or key stands that is there twice, and what to do; empty where it is another error."""
+    lines = [re.split("[=#]", line)[0].strip(" \t[]") for line in text.splitlines()]
+    at = next((int(number) for number in re.findall(r"(?:twice|value) \(at line (\d+)", error)), 0)
+    first = next((i for i in range(at - 1, 0, -1) if lines[i - 1] == lines[at - 1]), 0)
+    step = "move what is new to the first, and delete the second"
+    return f"{lines[at - 1]} is given in line {first} and in line {at}: {step}" if first else ""
 
 
 def _with_point(text: str, step: str) -> str:

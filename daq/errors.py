@@ -162,8 +162,9 @@ def every_error_as(
 
 def not_installed(files: str, package: str, where: object, extra: str) -> ConfigError:
     """Return the error of files, or another thing, that need a package of one of our extras."""
-    what = f"{files} need {package}, which is not installed"
-    return ConfigError.of(what, where, next_step=f"pip install 'wheelsoil[{extra}]'")
+    return ConfigError.of(
+        f"{files} need {package}, which is not installed", where, next_step=f"pip install 'wheelsoil[{extra}]'"
+    )
 
 
 def shortened(found: str) -> str:

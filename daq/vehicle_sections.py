@@ -268,7 +268,7 @@ class InstrumentedWheel(WheelSection):
     @property
     def section(self) -> WheelSection:
         """The wheel as a single ``[wheel]`` has it; without a position its id stands there."""
-        known = {name: getattr(self, name) for name in WheelSection.model_fields}
+        known = {name: getattr(self, name) for name in WheelSection.model_fields.keys() & self.model_fields_set}
         return WheelSection(**(known | {"position": self.position or self.id}))
 
 

@@ -110,15 +110,13 @@ def zeros_toml(zeros: ZeroConfig) -> str:
     """Return the text of zero.toml."""
     import tomli_w
 
-    tables = zeros.model_dump(exclude_none=True)
-    return _HEAD + tomli_w.dumps(tables)
+    return _HEAD + tomli_w.dumps(zeros.model_dump(exclude_none=True))
 
 
 def zero_file_name(vehicle: VehicleConfig) -> str:
     """Return the name of a wheel's zero file: as vehicle.toml gives it, else the usual one, with the wheel's id."""
     wheel = vehicle.wheel
-    usual = f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE
-    return vehicle.transducer.zero_file or usual
+    return vehicle.transducer.zero_file or (f"zero-{wheel.id}.toml" if wheel and wheel.id else ZERO_FILE)
 
 
 def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ NOBODY = 65534
 @contextmanager
 def as_nobody() -> Iterator[None]:
     """Ask the system as a user who may not read everything, which root may."""
+    codecs.lookup("utf-8-sig")  # of Python's own files, which may be root's alone
     root = os.geteuid() == 0
     if root:
         os.seteuid(NOBODY)

@@ -223,8 +223,7 @@ def _files(folder: Path, named: Path | None, run: RunInfo, vehicle: VehicleConfi
     """Return where the first run goes; None: it begins between runs."""
     if named is not None and not wait:
         return named_run(named, run, vehicle)
-    unfinished = unfinished_run(folder, vehicle)
-    return unfinished or (None if wait else new_run(folder, run, vehicle))
+    return unfinished_run(folder, vehicle) or (None if wait else new_run(folder, run, vehicle))
 
 
 def _with_usable_roles(

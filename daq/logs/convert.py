@@ -98,8 +98,9 @@ def import_logs(
                 watch(sum(report.frames for report in reports), share_of_all(sizes, reports))
         _check_renamed(rename, reports)
     frames = writer.frame_counts
-    remarks = [*_remarks(reports, known, frames), *interruption_remarks(decoder.interrupted())]
-    return Imported(target, frames, seen, tuple(remarks))
+    return Imported(
+        target, frames, seen, (*_remarks(reports, known, frames), *interruption_remarks(decoder.interrupted()))
+    )
 
 
 def _batches(

@@ -148,8 +148,7 @@ def is_frame_log(path: Path) -> bool:
 def no_such_file(path: Path) -> RecordingError:
     """Return the error of a file that is not there, with names that are."""
     names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-    expected = nearest(path.name, names) if names else ""
-    return RecordingError.of("no such file", path, expected=expected, next_step="check the path")
+    return RecordingError.of("no such file", path, "", nearest(path.name, names) if names else "", "check the path")
 
 
 def _detected(head: bytes) -> LogFormat | OtherFormat | None:

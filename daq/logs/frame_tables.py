@@ -223,8 +223,7 @@ def _rows(block: bytes, report: LogReport, columns: FrameColumns | None) -> _Row
     ]
     if faults:
         raise ConfigError(*faults)
-    chosen = _with_bases(chosen, block, delimiter, header, report)
-    return _Rows(chosen, places, delimiter, report)
+    return _Rows(_with_bases(chosen, block, delimiter, header, report), places, delimiter, report)
 
 
 def _with_bases(

@@ -83,8 +83,7 @@ def _copy_chunks(contents: Contents, sink: McapSink) -> tuple[int, list[Loss]]:
         for entry in contents.chunks:
             try:
                 packed = read_packed(file, entry)
-                messages = _messages(unpacked(packed), contents, entry)
-                sink.put_chunk(packed, messages)
+                sink.put_chunk(packed, _messages(unpacked(packed), contents, entry))
             except DamagedError as damage:
                 damaged.append(Loss(str(damage), entry.offset, entry.size))
     return len(contents.chunks) - len(damaged), damaged

@@ -114,8 +114,10 @@ class RunRecording:
         """What cannot be read, part by part; see `Recording.loss`."""
         if len(self.parts) == 1:
             return (*self.parts[0].loss, *self._missing)
-        losses = (replace(loss, what=f"{part.path.name}: {loss.what}") for part in self.parts for loss in part.loss)
-        return (*losses, *self._missing)
+        return (
+            *(replace(loss, what=f"{part.path.name}: {loss.what}") for part in self.parts for loss in part.loss),
+            *self._missing,
+        )
 
     @property
     def is_bare(self) -> bool:

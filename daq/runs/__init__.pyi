@@ -1,7 +1,9 @@
 from .commanded_slip import replaced_speed as replaced_speed
+from .open import FOR_THE_ZERO as FOR_THE_ZERO
 from .open import Collected as Collected
 from .open import SetAsideRun as SetAsideRun
 from .open import campaign_folders as campaign_folders
+from .open import folders_in as folders_in
 from .open import holds_runs as holds_runs
 from .open import is_run_file as is_run_file
 from .open import known_beside as known_beside

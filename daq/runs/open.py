@@ -41,12 +41,13 @@ from daq.series.formats import SERIES_SUFFIXES, read_series, series_format
 RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix not in (".csv", ".txt")))
 """Files that a folder without runs.toml offers as runs (CSV and text may be anything); see `logs_in`."""
 _MCAP_MAGIC = b"\x89MCAP"
-_NAMED = 4
-"""Folders or files that a message names, more are counted."""
+_NAMED, _LISTED = 4, 8
+"""Folders or files that a message names, and those of a folder without a run; more are counted."""
+_DESCRIBING = (".toml", ".dbc", ".kcd", ".sym", ".arxml")
 _TOML_FILES = (VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE, "zero.toml", "choice.toml", "manifest.toml", "model.toml")
 _HEAD_BYTES = 16 << 10
-_FOR_THE_ZERO = ("lifted", "spin", "zero")
-"""In the names of recordings that `wheelsoil zero` takes, which are no runs of a campaign."""
+FOR_THE_ZERO = ("lifted", "spin", "zero")
+"""In the names of recordings, or of their folder, that `wheelsoil zero` takes, which are no runs of a campaign."""
 _MISSPELT = 0.75
 """Likeness of a file's name to a known one from which on it is one that is spelled wrong."""
 
@@ -422,12 +423,16 @@ def _not_read(files: Sequence[Path], state: str, reason: str, step: str) -> list
     def worded(text: str, *, several: bool) -> str:
         return text.replace("{}", "them" if several else "it")
 
-    more = [f"{len(files) - _NAMED} more"] if len(files) > _NAMED else []
-    names = ", ".join([*(path.name for path in files[:_NAMED]), *more])
+    names = ", ".join(_first([path.name for path in files]))
     several = len(files) > 1
     message = f"{names}: {state}, because {worded(reason, several=several)}; next: {worded(step, several=several)}"
     why, what = f"{state}, because {worded(reason, several=False)}", worded(step, several=False)
     return [SetAsideRun(_stem(path), "not_read", why, what, "" if i else message) for i, path in enumerate(files)]
+
+
+def _first(names: Sequence[str], most: int = _NAMED) -> list[str]:
+    """Return the first of some names, and how many more there are."""
+    return [*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])]
 
 
 def _refused(path: Path, vehicle: VehicleConfig) -> Iterator[SetAsideRun]:
@@ -461,7 +466,7 @@ def _sources(recording: RunRecording) -> set[str]:
 
 def _is_unnamed(path: Path, vehicle: VehicleConfig, found: Sequence[Run]) -> bool:
     """Return whether a file is a recording, log or table that may be a run beside those that runs.toml names."""
-    if any(word in path.stem.lower() for word in _FOR_THE_ZERO):
+    if any(word in path.stem.lower() for word in FOR_THE_ZERO):
         return False
     if _log_suffix(path.name) not in RUN_SUFFIXES:
         return bool(_tables([path])) and _is_table_of_the_vehicle(path, vehicle)
@@ -560,24 +565,27 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         return []
     found = list(logs_in(folder, known.vehicle))
     if not found:
-        collected.errors.append(ConfigError(_no_run_in(folder)))
+        collected.errors.append(ConfigError(_no_run_in(folder), *_passed_over(folder, known)))
     return found
 
 
 def _no_run_in(folder: Path) -> Fault:
     """Return what a folder without a run lacks: files of decoded series need vehicle.toml to be runs."""
     files = sorted(folder.iterdir())
+    holding, closed = folders_in(folder)
     tables = [] if (folder / VEHICLE_FILE).is_file() else [path.name for path in _tables(files)]
-    inside = [str(path) for path in folders_in(folder)[0]]
-    named = inside or tables
-    more = [f"{len(named) - _NAMED} more"] if len(named) > _NAMED else []
-    step = f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}"
-    if tables and not inside:
+    step = f"name {' or '.join(_first([str(path) for path in holding])) or 'the folder of a campaign, or a recording'}"
+    if tables and not holding:
         step = (
-            f"write {VEHICLE_FILE} with [wheel] and [signals] beside {', '.join([*tables[:_NAMED], *more])}, or give "
+            f"write {VEHICLE_FILE} with [wheel] and [signals] beside {', '.join(_first(tables))}, or give "
             f"one by --vehicle; a {RUNS_FILE} names the files, and says direction, pass and load of each"
         )
-    present = ", ".join(path.name for path in files[:8]) or "nothing"
+    kinds = {
+        **dict.fromkeys(filter(Path.is_dir, files), " (holds no run)"),
+        **dict.fromkeys(holding, " (holds runs)"),
+        **dict.fromkeys(closed, " (cannot be read)"),
+    }
+    present = ", ".join(_first([path.name + kinds.get(path, "") for path in files], _LISTED)) or "nothing"
     return Fault(
         "the folder holds no run",
         str(folder),
@@ -586,6 +594,21 @@ def _no_run_in(folder: Path) -> Fault:
         f"files of decoded series ({', '.join(SERIES_SUFFIXES)})",
         step,
     )
+
+
+def _passed_over(folder: Path, known: Configuration) -> Iterator[Fault]:
+    """Yield why files of a folder without a run are none; not of what describes runs, or only lacks vehicle.toml."""
+    others = (path for path in sorted(folder.iterdir()) if path.is_file() and path.suffix.lower() not in _DESCRIBING)
+    for path in [path for path in others if not path.name.startswith(".")][:_LISTED]:
+        try:
+            _open_file(path, known, lenient_dbc=False)
+            if not _tables([path]):
+                expected = f"a name that ends with one of {', '.join(RUN_SUFFIXES)}"
+                yield Fault(
+                    "by its name it is no run", str(path), path.name, expected, "rename it, or name it by itself"
+                )
+        except WheelsoilError as error:  # found is left out where no reader knows the file, so that one fault is of all
+            yield error.faults[0] if _tables([path]) else replace(error.faults[0], found="")
 
 
 def campaign_folders(path: Path) -> list[Path]:

@@ -395,8 +395,7 @@ def log_run(path: Path, given: Configuration) -> Run:
 
 def series_run(path: Path, given: Configuration) -> Run:
     """Open a file of decoded series."""
-    vehicle = given.vehicle or VehicleConfig()
-    return replace(_run(path, given, None, None), series=read_series(path, vehicle.series))
+    return replace(_run(path, given, None, None), series=read_series(path, (given.vehicle or VehicleConfig()).series))
 
 
 def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunRecording | None) -> Run:

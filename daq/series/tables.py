@@ -94,8 +94,7 @@ class SharedOptions:
         there = set(columns)
         self._columns |= there
         rename = {new: source for new, source in self._rename.items() if source.column in there}
-        where = {name: value for name, value in self._where.items() if name in there | set(rename)}
-        return rename, where
+        return rename, {name: value for name, value in self._where.items() if name in there | set(rename)}
 
     def refuse_unused(self) -> None:
         """Raise ConfigError for columns that were in no table so far."""

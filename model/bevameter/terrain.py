@@ -54,8 +54,7 @@ def terrain_of(
         values[index] = joint.values
         covariance[index, :] = covariance[:, index] = 0.0
         covariance[np.ix_(index, index)] = joint.normal_covariance
-    unit_weight = base.soil.unit_weight_kn_m3 if base else None
-    return _in_file_units(name, values, covariance, unit_weight)
+    return _in_file_units(name, values, covariance, base.soil.unit_weight_kn_m3 if base else None)
 
 
 def terrain_toml(terrain: TerrainConfig, comments: Sequence[str] = ()) -> str:

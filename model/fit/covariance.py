@@ -126,8 +126,7 @@ def _singular_values(triangle: FloatArray, count: int) -> tuple[FloatArray, Floa
 def _null_note(direction: FloatArray, names: tuple[str, ...]) -> Note:
     share = np.abs(direction) / np.max(np.abs(direction))
     members = tuple(name for name, part in zip(names, share, strict=True) if part > _INVOLVED)
-    code = FitCode.NO_INFLUENCE if len(members) == 1 else FitCode.ONLY_TOGETHER
-    return Note(code, values={"names": members})
+    return Note(FitCode.NO_INFLUENCE if len(members) == 1 else FitCode.ONLY_TOGETHER, values={"names": members})
 
 
 def _pair_notes(matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...]) -> Iterator[Note]:

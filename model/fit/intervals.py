@@ -135,8 +135,7 @@ def _refitted(
     low, high = lower.copy(), upper.copy()
     low[j], high[j] = max(lower[j], total - upper[i]), min(upper[j], total - lower[i])
     start = np.clip(x, low, high)[others]
-    result = gauss_newton(reduced, start, lower=low[others], upper=high[others], options=_OPTIONS)
-    return result.cost
+    return gauss_newton(reduced, start, lower=low[others], upper=high[others], options=_OPTIONS).cost
 
 
 def _edge(

@@ -67,9 +67,7 @@ class FitOptions:
         """Return the short names of a model's effects."""
         if name == EXTENDED and self.extended is not None:
             return self.extended.keys
-        if name == CHOSEN:
-            return self.chosen
-        return MODELS[name]
+        return self.chosen if name == CHOSEN else MODELS[name]
 
     def forward(self, wheel: Wheel, soil: Soil, name: str) -> WheelSoilModel:
         """Return what computes a model, by its name; an extended model brings its own soil."""

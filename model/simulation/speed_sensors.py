@@ -93,8 +93,7 @@ class WheelSpeedSensor:
         """
         self._add_edges(motion, ends=until_s == inf)
         at = self._times.next_s(until_s)
-        speed = self._speed(at)
-        return Readings(at, self._setup.transport_s, {"wheel_speed": speed}, {"wheel_speed": "rad/s"})
+        return Readings(at, self._setup.transport_s, {"wheel_speed": self._speed(at)}, {"wheel_speed": "rad/s"})
 
     def _add_edges(self, motion: Motion, *, ends: bool) -> None:
         """Time the edges that have passed; where the run ends, the last of them at the latest then."""

@@ -340,8 +340,7 @@ def _systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns
         return float(sigmas[0]) if zeros[role].turns else nan
     if "drawbar_pull" not in zeros or "vertical_load" not in zeros:
         return nan
-    turning = [zeros[force].sigmas_at(time_ns)[1] for force in ("drawbar_pull", "vertical_load")]
-    return hypot(*turning) / 2
+    return hypot(*(zeros[force].sigmas_at(time_ns)[1] for force in ("drawbar_pull", "vertical_load"))) / 2
 
 
 def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Found | None:
@@ -364,8 +363,7 @@ def _doubts(determination: Determination, span_ns: tuple[int, int], temperature_
     if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
         yield Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc})
     if determination.method == "standstill":
-        code = RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED
-        yield Note(code)
+        yield Note(RunCode.ZERO_WEIGHT_DECLARED if determination.frame == "wheel" else RunCode.ZERO_NOT_TURNED)
 
 
 def _age_s(determination: Determination, span_ns: tuple[int, int]) -> float:

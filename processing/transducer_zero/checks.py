@@ -73,8 +73,7 @@ def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: Vehic
 def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> Iterator[Note]:
     mass, sigma, declared = masses
     if abs(mass - declared) > _NOTABLE_SIGMAS * hypot(sigma, _GAIN * declared):
-        facts = {"mass_kg": mass, "sigma_kg": sigma, "declared_kg": declared}
-        yield Note(ZeroCode.OUTBOARD_MASS, values=facts)
+        yield Note(ZeroCode.OUTBOARD_MASS, values={"mass_kg": mass, "sigma_kg": sigma, "declared_kg": declared})
     angle, angle_sigma = angles
     if abs(angle) > max(_NOTABLE_SIGMAS * angle_sigma, _LEAST_ANGLE_DEG):
         offset, direction = vehicle.transducer.angle_offset_deg, vehicle.transducer.angle_direction

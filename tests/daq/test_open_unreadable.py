@@ -43,7 +43,7 @@ def test_a_folder_inside_that_may_not_be_read_hides_no_other_fault(disk: Path) -
     closed(disk / "lost+found")
     faults = faults_of(disk, disk / "gone.mcap")
     assert set(faults) == {str(disk), str(disk / "gone.mcap")}
-    assert "the folder holds no run; lost+found; name the folder of a campaign" in faults[str(disk)]
+    assert "the folder holds no run; lost+found (cannot be read); name the folder of a campaign" in faults[str(disk)]
 
 
 def test_a_folder_of_tables_is_told_what_makes_them_runs(disk: Path) -> None:
@@ -59,6 +59,32 @@ def test_a_folder_of_tables_is_told_what_makes_them_runs(disk: Path) -> None:
         with pytest.raises(ConfigError, match=rf"{run.path.name}: no column is called 'pull'") as caught:
             run.channels(["drawbar_pull"])
         assert "wheelsoil import" in caught.value.faults[0].next_step
+
+
+def test_a_folder_without_a_run_gives_the_reason_of_each_file(disk: Path) -> None:
+    (disk / "vehicle.toml").write_text("[wheel]\nradius_m = 0.4\nwidth_m = 0.3\n")
+    (disk / "values.csv").write_text("a,b\n1,2\n")
+    (disk / "diary.txt").write_text("hello")
+    for number in range(12):
+        (disk / f"picture-{number:02}.png").write_text(f"\x89PNG {number}")
+    shutil.copyfile(RUN, disk / "RUN7")
+    (disk / "empty").mkdir()
+    campaign(disk / "field")
+    with pytest.raises(WheelsoilError) as caught:
+        open_runs([disk])
+    whole, *each = caught.value.faults
+    assert "empty (holds no run), field (holds runs), picture-00.png" in whole.found and "10 more" in whole.found
+    assert whole.next_step == f"name {disk / 'field'}"
+    assert [Path(fault.where).name for fault in each][:4] == ["RUN7", "diary.txt", "picture-00.png", "picture-01.png"]
+    assert len(each) == 8, "more are counted above"
+    assert each[0].next_step == "rename it, or name it by itself"
+    assert str(caught.value).count("known log format") == 1, "one reason of many files is given once"
+    for picture in disk.glob("*.png"):
+        picture.unlink()
+    said = faults_of(disk)
+    assert "no column looks like a time; columns a, b; name it in vehicle.toml" in said[str(disk / "values.csv")]
+    assert "not a table" in said[str(disk / "diary.txt")]
+    assert set(said) == {str(disk), *(str(disk / name) for name in ("RUN7", "diary.txt", "values.csv"))}
 
 
 def test_a_folder_that_is_named_and_may_not_be_read_is_a_fault_among_others(disk: Path) -> None:

@@ -344,6 +344,18 @@ CASES = (
     ),
     Case("broken TOML", lambda b: ["process", b.respelled("[wheel]", "[wheel")], 2, ("not valid TOML",)),
     Case(
+        "a table that is pasted a second time",
+        lambda b: ["process", b.respelled("[transducer]", "[wheel]  # add\nradius_m = 0.5\n\n[transducer]")],
+        2,
+        ("wheel is given in line 6 and in line", "move what is new to the first, and delete the second"),
+    ),
+    Case(
+        "a key that is given twice",
+        lambda b: ["process", b.respelled("[wheel]", "[wheel]\nwidth_m = 0.3")],
+        2,
+        ("width_m is given in line 7 and in line 9",),
+    ),
+    Case(
         "decimal comma", lambda b: ["process", b.respelled("= 0.47", "= 0,47 # m")], 2, ("point, without quotes: 0.47",)
     ),
     Case(

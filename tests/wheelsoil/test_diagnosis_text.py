@@ -15,17 +15,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import Note, VehicleConfig, WheelSection
+from model.diagnosis import OfVehicle
 from model.diagnosis.core.result import (
     Adequacy,
     BarredCause,
     Candidate,
     Cause,
+    CauseSet,
     Diagnosis,
     Finding,
     Grounds,
     LackOfFit,
     NextRun,
     ParameterEstimate,
+    PriorShift,
     RefutedSoil,
     SoilInstead,
     Verdict,
@@ -37,6 +40,7 @@ from model.wheel_soil import Wheel
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
 from wheelsoil.wording.mending import next_steps
+from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 from wheelsoil.workflows.choice import parse_choice
@@ -154,12 +158,71 @@ def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdic
     found, declared = with_lugs(verdict, ""), with_lugs(verdict, "lugged")
     assert "rouser (or a wheel radius larger by 19 mm)" in headline_of(found)
     assert "A wheel radius of 0.489 m in place of 0.47 m looks the same as grouser" in sentence_of(found)
-    assert diagnosis_json(found)["like_radius"] == [{"family": "grouser", "radius_m": 0.47, "larger_m": 0.019}]
+    alike = {"family": "grouser", "radius_m": 0.47, "larger_m": 0.019, "wheel": ""}
+    assert diagnosis_json(found)["like_radius"] == [alike]
     step, text = next_steps(found, VehicleConfig())[0], text_of(found)
     assert step.what.startswith("Measure the wheel's radius from hub to ground") and "further run" not in text
     for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
-        assert f"[wheel]\n{line}" in step.paste
+        assert f"[wheel]  # add to the one in the file\n{line}" in step.paste
     assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
+
+
+def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:
+    shifts = (PriorShift("slope", 3.0, "named", ("slope",)), PriorShift("torque_gain", 1 / 3, "one_of", ()))
+    found = replace(diagnosis("named"), grounds=Grounds(prior_shifts=shifts))
+    said = "The verdict depends on the prior: at three times the prior odds of slope it would be: slope named; "
+    assert f"{said}the prior of torque gain changes it, too." in sentence_of(found)
+    fewer = replace(found, grounds=Grounds(prior_shifts=(PriorShift("slope", 1 / 3, "nothing_detectable", ()),)))
+    assert "at a third of the prior odds of slope it would be: nothing detectable." in sentence_of(fewer)
+    unsure = Note(LackCode.NOT_SURE, values={"family": "slope", "probability": 0.978, "least": 0.99})
+    assert note_text(unsure).startswith("its probability by these runs as they are is 97.8 %, and a name needs more")
+
+
+def test_lugs_of_a_probable_set_are_said_with_a_larger_radius_too() -> None:
+    found = replace(diagnosis("named"), sets=(CauseSet(("grouser",), 0.06), CauseSet(("grouser", "slope"), 0.04)))
+    given: Any = SimpleNamespace(wheel=Wheel(0.47, 0.318), tyre="")
+    [note] = _like_radius(found, [given])
+    assert note_text(note).startswith("a radius above 0.47 m looks the same as grouser")
+    cautious = replace(found, grounds=Grounds(cautions=(note,)))
+    assert "A radius above 0.47 m looks" in sentence_of(cautious) and "radius" not in headline_of(cautious)
+    assert next_steps(cautious, VehicleConfig()) == next_steps(found, VehicleConfig()), "there is no size to measure"
+    rare = replace(found, sets=(CauseSet(("grouser",), 0.04),))
+    assert _like_radius(rare, [given]) == []
+
+
+def test_each_wheel_has_its_own_radius_that_looks_like_lugs() -> None:
+    size = ParameterEstimate("height_m", "m", 0.019, (0.0167, 0.0213), 1e-3)
+    radii, vehicles = {"FL": 0.47, "FR": 0.47, "RL": 0.6}, dict[str, VehicleConfig]()
+    given: Any = []
+    for wheel, radius in radii.items():
+        vehicles[wheel] = VehicleConfig(wheel=WheelSection(id=wheel, radius_m=radius, width_m=0.3))
+        given.append(SimpleNamespace(wheel=Wheel(radius, 0.3), tyre="", of_vehicle=OfVehicle("c", wheel)))
+
+    def steps(family: str) -> list[tuple[str, str]]:
+        lugs = Cause(family, "", "physical", family, 0.99, 1.0, (size,))
+        found = replace(diagnosis("named"), causes=(lugs,), next_run=(), not_identifiable={})
+        found = replace(found, grounds=Grounds(cautions=tuple(_like_radius(found, given))))
+        pastes = [step.paste.splitlines()[1:3] for step in next_steps(found, VehicleConfig(), vehicles)]
+        return [(head.partition(":")[0], line) for head, line in pastes]
+
+    assert steps("grouser@RL") == [("[[wheel]]  # of wheel RL", "radius_m = 0.6190")]
+    assert steps("grouser@FR") == [("[[wheel]]  # of wheel FR", "radius_m = 0.4890")]
+    assert steps("grouser") == [
+        ("[[wheel]]  # of wheel RL", "radius_m = 0.6190"),
+        ("[[wheel]]  # of wheel FL", "radius_m = 0.4890"),
+    ]
+
+
+@pytest.mark.parametrize(("verdict", "probability", "first"), [("one_of", 0.99, True), ("one_of", 0.4, False)])
+def test_a_probable_radius_is_measured_before_a_zero(verdict: Verdict, probability: float, first: bool) -> None:
+    """Of a smooth tyre of a wrong radius the first step was the zero of the lifted wheel."""
+    size = ParameterEstimate("relative", "1", -0.006, (-0.04, 0.028), 0.017)
+    radius = Cause("wheel_radius@FR", "", "measurement", "wheel_radius", probability, 1.0, (size,))
+    zero = NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0)
+    steps = next_steps(replace(diagnosis(verdict), causes=(radius,), next_run=(zero,)), VehicleConfig())
+    assert steps[0].what.startswith("Measure the wheel's radius from hub to ground, and the rolling") == first
+    assert not first or steps[0].why == "Probably wrong: wheel radius of wheel FR (99.0 %)."
+    assert "wheelsoil zero" in steps[-1].paste and not (first and steps[0].paste)
 
 
 def test_what_looks_like_a_larger_radius_is_a_length_of_its_effect() -> None:
@@ -189,23 +252,24 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
     size = ParameterEstimate("relative", "", 0.02, (0.01, 0.03), 0.005)
     radius = Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 0.99, (size,))
     named = replace(diagnosis("named"), causes=(radius,))
+    of_wheel = "[[wheel]]  # of wheel FL: add to the one in the file"
     assert next_steps(zero, vehicle)[0].paste.splitlines() == [
         "# record the lifted wheel as spin.mcap, then:",
         "wheelsoil zero spin.mcap --vehicle vehicle.toml --wheel FL",
         "# then:",
-        "[wheel.transducer]  # of wheel FL",
+        "[wheel.transducer]  # of wheel FL: add to the one in the file",
         'zero_file = "zero-FL.toml"',
     ]
-    assert next_steps(named, vehicle)[0].paste == "[[wheel]]  # of wheel FL\nrolling_radius_m = 0.5100"
+    assert next_steps(named, vehicle)[0].paste == f"{of_wheel}\nrolling_radius_m = 0.5100"
     undeclared = next_steps(with_lugs("one_of", ""), vehicle)
-    assert undeclared[0].paste.endswith('[[wheel]]  # of wheel FL\ntyre = "smooth"')
+    assert undeclared[0].paste.endswith(f'{of_wheel}\ntyre = "smooth"')
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
     two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
     assert first.what.startswith("At wheel FL: measure") and first.paste.endswith(
-        "# of wheel FL\nrolling_radius_m = 0.5100"
+        f"{of_wheel}\nrolling_radius_m = 0.5100"
     )
-    assert second.what.startswith("At wheel RL: weigh") and "# of wheel RL\noutboard_mass_kg = 76" in second.paste
+    assert second.what.startswith("At wheel RL: weigh") and "in the file\noutboard_mass_kg = 76" in second.paste
 
 
 def test_a_gain_is_scaled_where_no_other_wheel_is_changed() -> None:

@@ -99,9 +99,14 @@ def test_what_is_not_used_of_a_folder_is_said_and_listed(folder: Path) -> None:
     shutil.copy(folder / "run-1.mcap", folder / "run-7.mcap")
     (folder / "runs.toml").write_text("".join(f'[[run]]\nfile = "run-{i}.mcap"\nid = "run-{i}"\n' for i in (1, 2, 22)))
     (folder / "terrain.toml").rename(folder / "terain.toml")
+    (folder / "day-2").mkdir()
+    shutil.copy(folder / "run-1.mcap", folder / "day-2" / "run-9.mcap")
+    shutil.copytree(folder / "day-2", folder / "lifted")
     found = invoke("process", folder)
     assert f"{folder}: terain.toml is not read: is it terrain.toml?" in found.err.splitlines()
     assert "run-7.mcap: not used, because runs.toml does not name it; next: " in found.err
+    assert "day-2: not read, because folders in a folder are not; next: name them too" in found.err
+    assert "lifted" not in found.err, "of such a folder `wheelsoil zero` asks"
     assert "set aside  run-22: runs.toml names run-22.mcap, and there is no such file" in found.out
 
 

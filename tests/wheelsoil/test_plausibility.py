@@ -43,16 +43,18 @@ def test_a_turned_torque_is_refused_with_the_line_that_mends_it(
 
 def test_a_run_that_is_accepted_is_noted(campaign: Path, tmp_path: Path) -> None:
     folder = _copy(campaign, tmp_path, _TURNED, ("run-1.mcap", "run-2.mcap"))
-    found = invoke("sinkage", folder, "--accept-implausible")
+    found = invoke("sinkage", folder, "--accept-implausible", "--json")
     assert "run-1, run-2: the run is impossible as it is declared" in " ".join(found.err.split())
     assert "set aside" not in found.err
+    assert [text.partition(":")[0] for text in found.json["remarks"]] == ["run-1, run-2"]
 
 
 def test_info_goes_on_with_a_note(campaign: Path, tmp_path: Path) -> None:
     folder = _copy(campaign, tmp_path, _TURNED, ("run-1.mcap",))
-    found = invoke("info", folder / "run-1.mcap", "--vehicle", folder / "vehicle.toml")
+    found = invoke("info", folder / "run-1.mcap", "--vehicle", folder / "vehicle.toml", "--json")
     assert found.code == 0
     assert "driving torque seems to have the wrong sign" in " ".join(found.err.split())
+    assert "driving torque seems to have the wrong sign" in found.json[0]["doubts"][0]
 
 
 def test_a_refused_run_among_others_is_set_aside(campaign: Path, tmp_path: Path) -> None:

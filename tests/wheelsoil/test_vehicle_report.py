@@ -17,8 +17,9 @@ from diagnosis_samples import diagnosis
 from report_support import diagnosed_by_hand
 from shared_results import made_once
 
-from daq import Fault, FloatArray
+from daq import Fault, FloatArray, Note
 from daq.errors import ConfigError, DataError
+from model import LackCode
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions, Reason
 from wheelsoil.cli.per_wheel import PerWheel
@@ -208,6 +209,7 @@ def by_hand(places: dict[str, Place], slip: FloatArray, **changed: object) -> Ve
     n = slip.shape[1]
     ones = np.ones_like(slip)
     columns = {"drawbar_pull_n": 1e3 * slip, "vertical_load_n": 5e3 * ones, "output_w": slip, "input_w": ones}
+    columns["slip_sigma"] = 1e-3 * ones
     times = {"run": np.zeros(n, int), "time_s": np.arange(n) / 100, "acceleration_mps2": np.sin(np.arange(n) / 99)}
     return Vehicle(places=places, runs=("a",), share=1.0, slip=slip, **{**columns, **times, **changed})  # type: ignore[arg-type]
 
@@ -224,6 +226,19 @@ def test_slips_are_compared_where_two_wheels_face_each_other() -> None:
     assert figure_value(found["vehicle.slip_left_right"]) == "0.020"
     across = by_hand({"B": FRONT_RIGHT, "C": REAR_LEFT}, np.stack([base, base]))
     assert not across.slip_differences and across.transfer is not None
+
+
+def test_the_highest_efficiency_is_where_slip_exceeds_twice_its_error() -> None:
+    """Where slip is hardly more than its error, efficiencies above 100 % were the highest."""
+    slip = np.tile(np.linspace(0.01, 0.5, 4000), (2, 1))
+    output = np.where(slip < 0.05, 1.3, 0.6 - slip)
+    of_one_error = by_hand(
+        {"A": FRONT_LEFT, "B": FRONT_RIGHT}, slip, output_w=output, slip_sigma=np.full_like(slip, 0.03)
+    )
+    highest = figures_of_vehicle(of_one_error)["vehicle.tractive_efficiency"].value
+    assert highest == pytest.approx(0.52, abs=0.02)
+    sure = replace(of_one_error, slip_sigma=np.full_like(slip, 1e-4))
+    assert figures_of_vehicle(sure)["vehicle.tractive_efficiency"].value == pytest.approx(1.3)
 
 
 def test_a_quantity_that_is_not_there_is_no_figure() -> None:
@@ -342,7 +357,9 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
     joint = diagnosis("named")
     [cause, *_] = joint.causes
     at_wheel = replace(cause, name="torque_gain@FR", key="torque_gain@FR", kind="measurement", form="")
-    answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,))]
+    one_load = Note(LackCode.ONE_LOAD, values={"spread": 0.051, "least": 0.08})
+    wanting = {"load_gain@FL": one_load, "load_zero@FL": one_load}
+    answers = [*[diagnosis("nothing_detectable")] * 4, replace(joint, causes=(at_wheel,), not_identifiable=wanting)]
     with (
         patch("wheelsoil.workflows.report.diagnose_campaigns", side_effect=answers),
         patch("wheelsoil.workflows.vehicle.doubts_of_wheels", return_value=doubts[1:3]),
@@ -362,6 +379,9 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
         False,
         True,
     ]
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Not identifiable from these runs: load gain of wheel FL and load zero of wheel FL." in page
+    assert "Load gain of wheel FL and load zero of wheel FL are not identifiable from these runs: " in page
     [found] = glance["together"]["causes"]
     assert (found["wheel"], found["name"]) == ("FR", "torque_gain")
 

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.config import VehicleConfig
 from daq.errors import ConfigError
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
 from wheelsoil.wording.change_text import change_row, change_summary, of_another_thing
 from wheelsoil.workflows.cause_cost import Driving, costs_of
-from wheelsoil.workflows.last_report import changes_since, load_last
+from wheelsoil.workflows.last_report import changes_since, load_last, subject_of
 
 CLAY = SOILS["clay"]
 NO_SOIL = SoilEstimate("clay", {}, {})
@@ -113,12 +114,26 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
 
 
 def test_another_wheel_than_last_time_is_said_first(tmp_path: Path) -> None:
-    facts = {"provenance": {"facts": [["vehicle", "truck"], ["wheel", "RL"], ["mass", "1 kg"]]}}
+    facts = {"provenance": {"facts": [["vehicle", "truck"], ["wheel", "RL"], ["cohesion c", "1 kPa"]]}}
     last = load_last(write(tmp_path / "last.json", sections(0.25, None, 700.0) | facts))
     assert last.subject == {"vehicle": "truck", "wheel": "RL"}
     said = change_summary(last, (), {"vehicle": "truck", "wheel": "FL"})
     assert said.startswith("Not the same thing: the last report is of wheel RL, not FL. Nothing differs ")
     assert change_summary(last, (), {}).startswith("Nothing differs beyond the intervals")
+
+
+def test_another_vehicle_of_the_same_name_is_said(tmp_path: Path) -> None:
+    def truck(radius_m: float, mass_kg: float | None, serial: str) -> dict[str, str]:
+        raw = {"vehicle": {"name": "truck", "mass_kg": mass_kg}, "transducer": {"serial": serial}}
+        return subject_of(VehicleConfig.model_validate({**raw, "wheel": {"radius_m": radius_m, "width_m": 0.3}}))
+
+    facts = {"provenance": {"facts": [[*fact] for fact in truck(0.47, 3600.0, "A7").items()]}}
+    last = load_last(write(tmp_path / "last.json", sections(0.25, None, 700.0) | facts))
+    assert last.subject == truck(0.47, 3600.0, "A7")
+    assert of_another_thing(last, truck(0.6, 5200.0, "B2")) == (
+        "the last report is of mass 3600 kg, not 5200 kg; transducer A7, not B2; wheel radius r 0.47 m, not 0.6 m"
+    )
+    assert not of_another_thing(last, truck(0.47, None, "")), "what one of the two does not state is not compared"
 
 
 def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:

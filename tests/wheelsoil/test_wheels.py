@@ -19,11 +19,12 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
-from daq import OUTPUTS
+from daq import OUTPUTS, Fault
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError
 from daq.notes import Note
-from daq.runs import open_runs
+from daq.runs import Run, open_runs
+from daq.vehicle_sections import InstrumentedWheel, WheelSection
 from model.diagnosis import Campaign, Diagnosis
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
@@ -126,6 +127,33 @@ def test_wheels_of_one_axle_are_at_one_passage_whichever_pass_it_is(two: Path) -
     assert FitCode.SEVERAL_PASSAGES not in [note.code for note in fit.notes]
 
 
+def test_a_fit_notes_the_numbers_that_no_file_states(two: Path) -> None:
+    [(run, done)] = open_and_process([two], ProcessOptions(), Files(wheel="FL"))
+    wheel = run.vehicle.wheel
+    assert wheel
+    least = WheelSection(id="FL", radius_m=wheel.radius_m, width_m=wheel.width_m)
+    bare = replace(run, vehicle=run.vehicle.model_copy(update={"wheel": least, "sensors": {}}))
+
+    def defaults(run: Run, *effects: str, kpa: float | None = None) -> list[dict[str, float]]:
+        driven = replace(done, run=done.run.model_copy(update={"inflation_kpa": kpa}))
+        with nothing_kept():
+            notes = fit_runs([(run, driven)], FitChoices(effects=effects), None).notes
+        return [note.values["values"] for note in notes if note.code == FitCode.DEFAULTS_TAKEN]
+
+    assert defaults(run) == [] and defaults(run, "tyre_flattening", kpa=250.0) == []
+    assert defaults(run, "tyre_flattening") == [{"inflation_kpa of runs.toml": 340.0}]
+    [unstated] = defaults(bare)
+    assert list(unstated) == [
+        "[wheel] outboard_mass_kg",
+        "[wheel] outboard_inertia_kgm2",
+        "[sensors.wheel_speed] latency_s",
+        "[sensors.ground_speed] latency_s",
+    ]
+    assert set(unstated.values()) == {0.0}
+    two_of_it = InstrumentedWheel.model_validate({"id": "FL", "radius_m": 0.47, "width_m": 0.3})
+    assert "outboard_mass_kg" not in two_of_it.section.model_fields_set
+
+
 def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:
     *both, together = ok("fit", two, "--json").json
     assert [entry["wheel"] for entry in (*both, together)] == [*IDS, "all"]
@@ -149,6 +177,13 @@ def test_wheels_of_two_sizes_share_no_law(two: Path, tmp_path: Path) -> None:
     vehicle.write_text(text.replace("width_m = 0.318", "width_m = 0.3", 1), encoding="utf-8")
     found = ok("fit", two, "--vehicle", vehicle)
     assert "differ in radius or width" in found.err and "\n\nall wheels" not in found.out
+    doubt = Fault("the speed of wheel RL comes 0.30 s later", next_step="check it")
+    with patch("wheelsoil.workflows.vehicle.doubts_of_wheels", return_value=[doubt]):
+        *both, of_all = ok("fit", two, "--vehicle", vehicle, "--json").json
+        samples = ok("process", two, "--json").json
+    assert (of_all["wheel"], of_all["models"]) == ("all", {}) and "differ in radius" in of_all["notes"][0]
+    assert "doubts" not in both[0] and [each["what"] for each in of_all["doubts"]] == [doubt.what]
+    assert [each["doubts"][0]["what"] for each in samples] == [doubt.what] * len(samples)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -455,8 +455,9 @@ def processed_for(
     choice: Choice,
     check: Check | None = None,
     set_aside: SetAside | None = None,
+    remark: Callable[[str], None] = say_folded,
 ) -> list[tuple[Run, ProcessedRun]]:
-    """Process the runs of one wheel as a choice says, and print what makes them implausible (stderr).
+    """Process the runs of one wheel as a choice says, and remark what makes them implausible.
 
     Parameters
     ----------
@@ -466,8 +467,10 @@ def processed_for(
         See `wheelsoil.workflows.runs.open_and_process`.
     set_aside : callable, optional
         As there.
+    remark : callable, optional
+        Takes each text; prints it (stderr) by default.
     """
-    from wheelsoil.workflows.grading import doubted_runs
+    from wheelsoil.workflows.grading import doubted_runs, doubted_soils
     from wheelsoil.workflows.runs import on_soil, process_runs, say_set_aside
 
     processed = on_soil(
@@ -481,9 +484,9 @@ def processed_for(
             set_aside=set_aside or say_set_aside,
         )
     )
-    for text in doubted_runs([run for _, run in processed]):
-        say_folded(text)
-    say_doubted_soils(run.terrain for run, _ in processed if files.soil is None)
+    soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
+    for text in (*doubted_runs([run for _, run in processed]), *soils):
+        remark(text)
     return processed
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from daq import ALL_WHEELS
 from wheelsoil.cli.options import processed_for
-from wheelsoil.console import print_json, print_pairs, say
+from wheelsoil.console import print_json, print_pairs, say, say_folded
 
 if TYPE_CHECKING:
     from daq import Fault
@@ -44,6 +44,7 @@ class PerWheel:
         self._found: list[dict[str, Any]] = []
         self._shown = 0
         self._said: dict[str, str] = {}
+        self._remarks: list[str] = []
         self.doubts: Sequence[Fault] = ()
         self.wheel = ""
         """Of which the work is done now; `set_aside_runs` are not used of it, `doubts` are of all together."""
@@ -63,7 +64,7 @@ class PerWheel:
         collected = Collected()
         try:
             for wheel, runs in self._opened.items():
-                self.wheel, self.set_aside_runs = wheel, [*self._unreadable]
+                self.wheel, self.set_aside_runs, self._remarks = wheel, [*self._unreadable], []
                 if self.several:
                     say(self._heading)
                 with collected.catch(self._heading if wheel else ""):
@@ -73,7 +74,7 @@ class PerWheel:
             elif together and self.several:
                 if collected.errors:
                     say("a wheel without a result is not among all wheels together")
-                self.wheel, self.set_aside_runs = ALL_WHEELS, []
+                self.wheel, self.set_aside_runs, self._remarks = ALL_WHEELS, [], []
                 say(self._heading)
                 with collected.catch(self._heading):
                     together()
@@ -98,13 +99,13 @@ class PerWheel:
         from processing import LOOK
         from wheelsoil.workflows.fit import nothing_whole
 
-        found = processed_for(LOOK, runs, files, choice, check, self.set_aside) if self.wheel else []
+        found = processed_for(LOOK, runs, files, choice, check, self.set_aside, self._remark) if self.wheel else []
         torque = "driving_torque is missing" if purpose in ("fit_torque", "sinkage") else ""
         lacking = [
             nothing_whole([done]) or ("" if np.isfinite(done.driving_torque_nm).any() else torque) for _, done in found
         ]
         if all(lacking):  # then this says what is wrong
-            return processed_for(purpose, runs, files, choice, check, self.set_aside)
+            return processed_for(purpose, runs, files, choice, check, self.set_aside, self._remark)
         for (run, _), why in zip(found, lacking, strict=True):
             if why:
                 message = f"set aside: run {run.id}, wheel {self.wheel}: {why}"
@@ -126,10 +127,16 @@ class PerWheel:
 
         noted_in(self.set_aside_runs)(run)
 
+    def _remark(self, text: str) -> None:
+        """Print what is noted of this wheel's runs (stderr), and keep it for the JSON."""
+        say_folded(text)
+        self._remarks.append(text)
+
     def show(self, as_json: Callable[[], dict[str, Any]], print_text: Callable[[], None], sentence: str = "") -> None:
         """Print what was found of the wheel, or keep it for the JSON of all; its `sentence` stands at the end, too."""
         if self._json:
-            beside = {"runs_set_aside": [run.facts() for run in self.set_aside_runs], "doubts": self.doubts}
+            aside, remarks = [run.facts() for run in self.set_aside_runs], [*dict.fromkeys(self._remarks)]
+            beside = {"runs_set_aside": aside, "doubts": self.doubts, "remarks": remarks}
             self._found.append(self._with_wheel(as_json() | {key: value for key, value in beside.items() if value}))
             return
         if self.several:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -115,43 +115,47 @@ def info_command(
     opened = open_runs(runs, given=given, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say_set_aside)
     if wheel is not None:
         one_wheel(opened, wheel)
-    facts = []
+    facts: list[FileFacts] = []
+    doubts: list[list[str]] = []
     for run in opened:
         with counting(f"reading {run.path.name}", "frames") as watch:
             facts.append(file_facts(run, watch))
+        names: list[str | None] = [wheel] if wheel else [*run.vehicle.wheel_ids]
+        each = [] if facts[-1].recording_now else names or [None]
+        doubts.append([f"wheel {name}: {text}" if name else text for name in each for text in doubts_of(run, name)])
     if json:
-        print_json([_as_json(recording) for recording in facts])
+        print_json([_as_json(*each) for each in zip(facts, doubts, strict=True)])
     else:
         for i, recording in enumerate(facts):
             if i:
                 print()
             _print(recording, None if all_ids else _SHOWN_IDS)
-    for run, recording in zip(opened, facts, strict=True):
-        names: list[str | None] = [wheel] if wheel else [*run.vehicle.wheel_ids]
-        for name in [] if recording.recording_now else names or [None]:
-            of_wheel = f", wheel {name}" if name else ""
-            for text in doubts_of(run, name):
-                say_folded(f"{recording.file}{of_wheel}: {text}")
-    for run, recording in zip(opened, facts, strict=True):
+    for run, recording, texts in zip(opened, facts, doubts, strict=True):
+        for text in texts:
+            say_folded(f"{recording.file}: {text}")
         if recording.recording_now:
             say(f"{recording.file}: still being recorded; the part written so far was read")
         elif recording.loss and run.recording is not None:
             say(f"{recording.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
 
 
-def _as_json(facts: FileFacts) -> dict[str, Any]:
+def _as_json(facts: FileFacts, doubts: Sequence[str]) -> dict[str, Any]:
     from wheelsoil.to_json import plain
     from wheelsoil.wording.notes import note_text
 
     known: dict[str, Any] = {name: value for name, value in plain(facts).items() if name not in _IF_ANY or value}
-    return known | {
-        "gaps": [{**plain(gap), "text": note_text(gap.note())} for gap in facts.gaps],
-        "recording_now": facts.recording_now,
-        "duration_s": plain(facts.duration_s),
-        "rate_hz": {bus: plain(facts.rate_hz(bus)) for bus in facts.frames},
-        "known_frames": facts.coverage.known,
-        "unknown_frames": facts.coverage.unknown,
-    }
+    return (
+        known
+        | ({"doubts": doubts} if doubts else {})
+        | {
+            "gaps": [{**plain(gap), "text": note_text(gap.note())} for gap in facts.gaps],
+            "recording_now": facts.recording_now,
+            "duration_s": plain(facts.duration_s),
+            "rate_hz": {bus: plain(facts.rate_hz(bus)) for bus in facts.frames},
+            "known_frames": facts.coverage.known,
+            "unknown_frames": facts.coverage.unknown,
+        }
+    )
 
 
 def _print(facts: FileFacts, shown_ids: int | None) -> None:

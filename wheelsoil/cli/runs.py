@@ -24,6 +24,7 @@ from wheelsoil.console import (
 )
 
 if TYPE_CHECKING:
+    from daq import Fault
     from daq.runs import Run, SetAsideRun
     from model.fit import CampaignFit
     from processing import ProcessedRun
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from wheelsoil.workflows.sinkage import SinkageFacts
 
 _BLOCK_ROWS = 1 << 16
+_NO_LAW = "the wheels differ in radius or width: no law is fitted to all of them"
 
 
 def process_command(
@@ -94,14 +96,15 @@ def process_command(
         wheels.each(work)
     finally:
         if found := [(wheel, run) for wheel, processed in of_wheels.items() for _, run in processed]:
-            _show_processed(found, aside, target, json=json)
-        wheels.doubt(of_wheels)
+            wheels.doubt(of_wheels)
+            _show_processed(found, aside, target, wheels.doubts, json=json)
 
 
 def _show_processed(
     found: Sequence[tuple[str, ProcessedRun]],
     aside: Sequence[tuple[str, SetAsideRun]],
     target: Path | None,
+    doubts: Sequence[Fault],
     *,
     json: bool,
 ) -> None:
@@ -111,7 +114,7 @@ def _show_processed(
     if target:
         _write(target, found)
     if json:
-        entries = [(wheel, _as_json(run)) for wheel, run in found]
+        entries = [(wheel, _as_json(run) | ({"doubts": doubts} if doubts else {})) for wheel, run in found]
         entries += [(w, {"run": {"id": r.run}, "samples": 0, "used": 0, "set_aside": r.facts()}) for w, r in aside]
         print_json([({"wheel": wheel} if wheel else {}) | entry for wheel, entry in entries])
         return
@@ -195,7 +198,7 @@ def fit_command(
     gives for each model's sinkage, relative to the measured one. Of several wheels also of all together: one law.
     """
     from wheelsoil.workflows import read_bench
-    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table, of_one_size, one_terrain
+    from wheelsoil.workflows.fit import SCHEMA, fit_as_json, fit_runs, fit_table, of_one_size, one_terrain
     from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
@@ -253,7 +256,9 @@ def fit_command(
         if of_one_size(run for run, _ in of_all):
             fitted(of_all)
         else:
-            say("the wheels differ in radius or width: no law is fitted to all of them")
+            say(_NO_LAW)
+            if json:
+                wheels.show(lambda: {"schema": SCHEMA, "notes": [_NO_LAW], "models": {}}, lambda: None)
 
     wheels.each(work, None if apart else together)
 

@@ -17,7 +17,8 @@ from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, MODELS
 from wheelsoil.workflows.last_report import LEAST_COMPARED, LastReport, Stated, half_interval, sizes_with_interval
 
 _PULL = ("pull_at_slip_0_2_n", "pull_at_slip_0_2_lower95_n", "pull_at_slip_0_2_upper95_n")
-_CAMPAIGN = ("wheel", "state", "path", "vehicle", "transducer", "terrain", "start", "used_share", *_PULL)
+_SUBJECT = {"transducer": "transducer", "wheel radius r": "wheel_radius_m", "wheel width b": "wheel_width_m"}
+_CAMPAIGN = ("wheel", "state", "path", "vehicle", *_SUBJECT.values(), "terrain", "start", "used_share", *_PULL)
 _ESTIMATE = ("parameter", "unit", "value", "lower95", "upper95")
 OF_A_CAUSE = ("family", "role", "probability", *_ESTIMATE)
 _TABLES = ("campaigns", "coefficients", "causes", "gains")
@@ -47,7 +48,10 @@ def last_campaign(store: Store, processed: Processed) -> tuple[LastReport, tuple
         stated = tuple(_stated(holdings, row))
         start = row["start"]
         driven = f"{start.day} {start:%B %Y}"
-        return LastReport(row["campaign"], start.isoformat(), row["terrain"] or "", stated, "campaign", driven=driven)
+        texts = {name: row[key] if name == key else f"{row[key]:g} m" for name, key in _SUBJECT.items() if row[key]}
+        return LastReport(
+            row["campaign"], start.isoformat(), row["terrain"] or "", stated, "campaign", texts, driven=driven
+        )
 
     return read(store, _TABLES, find)
 

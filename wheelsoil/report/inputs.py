@@ -33,7 +33,7 @@ from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
 from wheelsoil.workflows.fit import wheel_of, whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of, runs_to_check, short_runs
-from wheelsoil.workflows.last_report import LastReport
+from wheelsoil.workflows.last_report import LastReport, subject_of
 from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.tables import BenchFiles
 from wheelsoil.workflows.traction import Traction, traction_of
@@ -280,13 +280,7 @@ class ReportInputs:
     @property
     def facts(self) -> list[list[str]]:
         """What was configured of vehicle and soil, as rows of text."""
-        rows = [["vehicle", self.vehicle.vehicle.name]]
-        if self.vehicle.vehicle.mass_kg:
-            rows.append(["mass", f"{self.vehicle.vehicle.mass_kg:g} kg"])
-        wheel = self.vehicle.wheel
-        if wheel:
-            rows += [["wheel", wheel.id]] if wheel.id else []
-            rows += [["wheel radius r", f"{wheel.radius_m:g} m"], ["wheel width b", f"{wheel.width_m:g} m"]]
+        rows = [[*fact] for fact in subject_of(self.vehicle).items()]
         if self.campaign is None:
             return rows
         soil = self.campaign.soil

@@ -21,6 +21,7 @@ from wheelsoil.report.figures import Binning, by_slip, matched
 from wheelsoil.report.words import listed
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
+from wheelsoil.wording.grounds_text import want_words
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.verdict import details_of, headline_of, not_corrected, sentence_of, several_terrains
@@ -92,6 +93,7 @@ def build_vehicle_report(
         omitted["vehicle"] = error.what
     glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
+    wanting: list[Block] = [Text(of.text) for of in want_words(joint.not_identifiable if joint else {})]
     level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")
     return Report(
         head=Head(
@@ -107,6 +109,7 @@ def build_vehicle_report(
             glance,
             _wheels(given, figures),
             *(build(vehicle, figures) for build in (_against_slip, _transfer, _sides) if vehicle),
+            *([Section("not_identifiable", "Not identifiable", wanting)] if wanting else []),
         ),
         left_out=omitted,
         made_at=datetime.now(UTC),
@@ -351,7 +354,10 @@ def _against_slip(vehicle: Vehicle, figures: Mapping[str, KeyFigure]) -> Section
         )
         if np.isfinite(values).any()
     ]
-    tiles = [_tile(key, figures) for key in ("drawbar_coefficient", "tractive_efficiency")]
+    tiles = [
+        _tile("drawbar_coefficient", figures),
+        _tile("tractive_efficiency", figures, "where the mean slip exceeds twice its error"),
+    ]
     return Section("vehicle", "Drawbar coefficient and efficiency", [Pair(drawings), Tiles(tiles, small=True)])
 
 

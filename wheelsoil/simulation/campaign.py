@@ -549,5 +549,4 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
         },
         "run": runs,
     }
-    note = "# True values of these runs. No processing reads this file.\n"
-    return (note + tomli_w.dumps(manifest)).encode()
+    return f"# True values of these runs. No processing reads this file.\n{tomli_w.dumps(manifest)}".encode()

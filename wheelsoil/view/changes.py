@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError, VehicleConfig
+from daq import ConfigError
 from wheelsoil.to_json import plain
 from wheelsoil.wording.change_text import change_row, change_summary
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.grading import grade_of
-from wheelsoil.workflows.last_report import LastReport, changes_since, load_last, stated_in, store_meant
+from wheelsoil.workflows.last_report import LastReport, changes_since, load_last, stated_in, store_meant, subject_of
 from wheelsoil.workflows.traction import Traction
 
 
@@ -57,12 +57,8 @@ def changes_since_last(
     except ConfigError as error:
         return {"says": "; ".join(f"{fault.what}: {fault.found}" for fault in error.faults), "rows": []}
     changes = changes_since(last, sections_of(found) | _ground(processed, found, traction))
-    subject = _subject(processed[0][0].vehicle) if processed else {}
+    subject = subject_of(processed[0][0].vehicle) if processed else {}
     return {"says": change_summary(last, changes, subject), "rows": [change_row(change) for change in changes]}
-
-
-def _subject(vehicle: VehicleConfig) -> dict[str, str]:
-    return {"vehicle": vehicle.vehicle.name, "wheel": vehicle.wheel.id if vehicle.wheel else ""}
 
 
 def _ground(processed: Processed, found: Mapping[str, Any], traction: Traction) -> dict[str, Any]:

@@ -50,13 +50,13 @@ def of_the_same(text: str, other: str) -> str:
 
 
 def of_another_thing(last: LastReport, subject: Mapping[str, str]) -> str:
-    """Return of which other vehicle, wheel or soil the last report is, as it reads within a sentence; "" of none."""
+    """Return of which other vehicle, wheel, transducer or soil the last report is, within a sentence; "" of none."""
     others = sorted(name for name in last.subject if subject.get(name, "") not in ("", last.subject[name]))
     each = [f"{name} {last.subject[name]}, not {subject[name]}" for name in others]
     wheels = [of.get("wheel", "") for of in (last.subject, subject)]
-    if last.subject and subject and wheels.count("") == 1:
+    if last.subject.get("vehicle") and subject and wheels.count("") == 1:
         each.append(", not ".join(f"wheel {wheel}" if wheel else "a wheel without an id" for wheel in wheels))
-    return f"the last {last.kind} is of {listed(each)}" if each else ""
+    return f"the last {last.kind} is of {'; '.join(each)}" if each else ""
 
 
 def differing(changes: Sequence[Change]) -> str:

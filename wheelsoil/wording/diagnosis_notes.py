@@ -255,7 +255,8 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.MORE_THAN_NOISE: _more_than_noise,
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
-        f"its probability stays below {100 * v['least']:g} % where it is not averaged over resampled runs"
+        f"its probability by these runs as they are is {chance(v['probability'])}, and a name needs more than "
+        f"{100 * v['least']:g} %, whether runs are resampled or not"
     ),
     LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
     LackCode.NO_BETTER: (
@@ -292,8 +293,8 @@ SENTENCES: dict[str, Sentence] = {
     ),
     DiagnosisCode.LESS_BESIDE_USUAL: lambda v: f"{plain_name(v['family'])}: {chance(v['probability'])} {_PEAK_AHEAD}",
     DiagnosisCode.LIKE_RADIUS: lambda v: (
-        f"a wheel radius of {v['radius_m'] + v['larger_m']:.3g} m in place of {v['radius_m']:g} m looks the same as "
-        f"{plain_name(v['family'])}: these data do not decide which of the two it is"
+        (f"a wheel radius of {v['radius_m'] + v['larger_m']:.3g} m in place of" if v["larger_m"] else "a radius above")
+        + f" {v['radius_m']:g} m looks the same as {plain_name(v['family'])}: these data do not decide which it is"
     ),
     DiagnosisCode.OUTLIERS: lambda v: (
         f"outliers: {v['samples']} samples of {', '.join(v['runs'])}, around residuals of more than {v['limit']:g} "

@@ -96,11 +96,11 @@ def prior_words(found: Diagnosis) -> list[Statement]:
     first, families = shifts[0], [plain_name(family) for family in shifts[0].families]
     others = {"named": f"{listed(families)} named", "one_of": f"one of {', '.join(families) or 'several'}"}
     turned = dict.fromkeys(shift.family for shift in shifts[1:] if shift.family != first.family)
-    more = f"; so it is with {listed([plain_name(family) for family in turned])}" if turned else ""
+    more = f"; the prior of {listed([plain_name(family) for family in turned])} changes it, too" if turned else ""
     return sentences(
         [
-            f"Whoever expects {plain_name(first.family)} {'three times' if first.factor > 1 else 'a third'} as often "
-            f"as the prior does gets another verdict, {(VERDICT_WORDS | others)[first.verdict]}{more}"
+            f"The verdict depends on the prior: at {'three times' if first.factor > 1 else 'a third of'} the prior "
+            f"odds of {plain_name(first.family)} it would be: {(VERDICT_WORDS | others)[first.verdict]}{more}"
         ]
     )
 

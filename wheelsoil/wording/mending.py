@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -12,7 +13,7 @@ from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import parted
 from wheelsoil.wording.grounds_text import findings_text
-from wheelsoil.wording.names import listed, plain_name, plain_names, upper
+from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
     deciding_runs,
@@ -28,6 +29,8 @@ _LIFTED = (
     '# then:\n[transducer]\nzero_file = "zero.toml"'
 )
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
+_BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
+_PROBABLE = 0.5
 _MOST_FILES = 12
 """Files that a command names."""
 
@@ -62,9 +65,18 @@ def next_steps(
     if several_terrains(found) is not None:
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    steps = [(_radius_or_lugs(note), vehicle) for note in like_radius(found)[:1]]
+    at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
+    steps = [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
+    steps += [
+        (
+            Step(_BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
+            vehicle,
+        )
+        for each in (found.causes if found.verdict == "one_of" and not alike else ())
+        if parted(each.name)[0] == "wheel_radius" and each.probability > _PROBABLE
+    ]
     steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
-    at = {cause.name: (wheels or {}).get(parted(cause.name)[1], vehicle) for cause in named}
+    at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
         (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
         for cause in named
@@ -80,13 +92,14 @@ def next_steps(
 
 
 def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
-    """Return commands and lines as they are for one of several `[[wheel]]`, where it is one."""
+    """Return commands and lines, with what is done with a table; of one of several `[[wheel]]` as it is there."""
+    paste = re.sub(r"^(\[[\w.]+\])$", r"\1  # add to the one in the file", paste, flags=re.MULTILINE)
     if not vehicle.wheel_option:
         return paste
-    of = f"  # of wheel {vehicle.wheel_ids[0]}"
+    of = f"  # of wheel {vehicle.wheel_ids[0]}:"
     texts = {
-        "[wheel]": f"[[wheel]]{of}",
-        "[transducer]": f"[wheel.transducer]{of}",
+        "[wheel]  #": f"[[wheel]]{of}",
+        "[transducer]  #": f"[wheel.transducer]{of}",
         "vehicle.toml\n": f"vehicle.toml{vehicle.wheel_option}\n",
         '"zero.toml"': f'"{zero_file_name(vehicle)}"',
     }
@@ -257,7 +270,12 @@ def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> St
     what = f"{begun} today's scale of {signal} on {channel}, in a copy of {listed(shared)} for {channel} alone."
     files = ", ".join(f'"{copies.get(file, file)}"' for file in own)
     lines = [f"cp {quote(file)} {quote(copy)}" for file, copy in copies.items()]
-    lines += [f"# scale {signal} in the copy, then:", "[[bus]]", f'channel = "{channel}"', f"dbc = [{files}]"]
+    lines += [
+        f"# scale {signal} in the copy, and change:",
+        "[[bus]]",
+        f'channel = "{channel}"',
+        f"dbc = [{files}]",
+    ]
     why = f"Scaled in {listed(shared)} itself, it changes {listed([bus.channel for bus in others])} too."
     return Step(what, why, "\n".join(lines))
 

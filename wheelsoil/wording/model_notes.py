@@ -169,6 +169,10 @@ SENTENCES: dict[str, Sentence] = {
         "compare what each wheel gives"
     ),
     FitCode.LOAD_NOT_CARRIED: "{samples} driven samples excluded: the soil does not carry their load above the axle",
+    FitCode.DEFAULTS_TAKEN: lambda v: (
+        f"taken by default, because no file states it: "
+        f"{', '.join(f'{key} = {value:g}' for key, value in v['values'].items())}; state each, even if it is the same"
+    ),
     FitCode.RUNS_LACK_SIGNALS: _without_signals,
     FitCode.ROWS_NOT_DRIVEN: (
         "{used} of {rows} rows used: {excluded} with slip <= 0 excluded, the models are of a driven wheel"

@@ -37,8 +37,7 @@ def _of_a_model(code: str) -> run_notes.Sentence:
 
 def step_text(run: NextRun) -> str:
     """Return what to drive or measure next, after the name of the campaign where there are several."""
-    campaign = f"{run.campaign}: " if run.campaign else ""
-    return campaign + note_text(run.step)
+    return (f"{run.campaign}: " if run.campaign else "") + note_text(run.step)
 
 
 def odds_text(nats: float) -> str:

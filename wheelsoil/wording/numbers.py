@@ -39,8 +39,7 @@ def number(value: float, digits: int = 3) -> str:
     if size < -4 or size >= 9:
         mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
         return f"{mantissa} × 10{str(int(power)).translate(_POWERS)}".replace("-", "−")
-    rounded = f"{value:,.{max(digits - 1 - size, 0)}f}"
-    return rounded.replace(",", _THIN).replace("-", "−")
+    return f"{value:,.{max(digits - 1 - size, 0)}f}".replace(",", _THIN).replace("-", "−")
 
 
 def typeset(text: str) -> str:

@@ -57,8 +57,7 @@ def refusal(note: Note, where: str) -> Fault:
     v = note.values
     if note.code == RunCode.WRONG_SIZE:
         return Fault(f"the run is impossible as it is declared: {size_sentence(v)}", where, next_step=ANYWAY)
-    step = f"{_next_step(v)}. To go on as it is: {ANYWAY}"
-    return Fault(_what(v), where, _found(v), _EXPECTED, step)
+    return Fault(_what(v), where, _found(v), _EXPECTED, f"{_next_step(v)}. To go on as it is: {ANYWAY}")
 
 
 def _what(v: Values) -> str:

@@ -230,14 +230,14 @@ def doubt_of_the_peak(found: Diagnosis) -> Note | None:
 
 
 def like_radius(found: Diagnosis) -> tuple[Note, ...]:
-    """Return the notes on causes of the verdict that a larger wheel radius looks the same as."""
+    """Return the notes on causes of the verdict and of probable sets that a larger wheel radius looks the same as."""
     return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.LIKE_RADIUS)
 
 
 def _name_of(cause: Cause, found: Diagnosis) -> str:
     """Return the name of a cause, with the wheel radius that looks the same."""
-    larger = [note.values["larger_m"] for note in like_radius(found) if note.values["family"] == cause.name]
-    same = f" (or a wheel radius larger by {1e3 * larger[0]:.2g} mm)" if larger else ""
+    larger = next((note.values["larger_m"] for note in like_radius(found) if note.values["family"] == cause.name), None)
+    same = f" (or a wheel radius larger by {1e3 * larger:.2g} mm)" if larger else ""
     return f"{plain_name(cause.name)}{same}"
 
 

@@ -75,8 +75,7 @@ def _size(parameter: Parameter, wheel: Wheel, rng: np.random.Generator) -> float
 def without_ruts(run: ProcessedRun) -> ProcessedRun:
     """Return a run as it was before its rut was read."""
     nothing = np.full(len(run), np.nan)
-    info = run.run.model_copy(update={"rut": ()})
-    return replace(run, run=info, sinkage_m=nothing, sinkage_sigma_m=nothing)
+    return replace(run, run=run.run.model_copy(update={"rut": ()}), sinkage_m=nothing, sinkage_sigma_m=nothing)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
+_ALMOST_AS_WELL = 0.05
+"""Posterior probability from which on a set of causes is not separable from the others."""
 _ONE_TERRAIN = 0.1
 """Scatter of tan phi from run to run that one terrain may have."""
 _SURPRISING = 2.0
@@ -388,8 +391,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
         return diagnose_bench(benches, options)
 
-    found = kept("diagnosis", (tuple(benches), options), compute)
-    return _with_remarks(found, benches)
+    return _with_remarks(kept("diagnosis", (tuple(benches), options), compute), benches)
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
@@ -402,20 +404,28 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
     guessed = [campaign.name for campaign in given if campaign.soil_prior.assumed]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
-    cautions = (*diagnosis.grounds.cautions, *mixed, *_like_radius(diagnosis, given))
+    alike = _like_radius(diagnosis, given) if diagnosis.verdict != "nothing_detectable" else []
+    cautions = (*diagnosis.grounds.cautions, *mixed, *alike)
     grounds = replace(diagnosis.grounds, cautions=cautions)
     return replace(diagnosis, grounds=grounds, notes=(*notes, *([assumed] if guessed else [])))
 
 
 def _like_radius(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> list[Note]:
-    """Return a caution for each cause as which a wrong radius of a wheel of undeclared tyre looks."""
-    radii = dict.fromkeys(each.wheel.radius_m for each in given if not each.tyre)
+    """Return a caution for each cause as which a wrong radius of a wheel of undeclared tyre looks, of each radius.
+
+    Causes of the verdict have a size; those of the most probable sets have none. The wheel is the first of that radius.
+    """
+    lengths = {effect.name: effect.like_radius for effect in EFFECTS.values() if effect.like_radius}
+    sets = [each.causes for each in diagnosis.sets if each.probability >= _ALMOST_AS_WELL]
+    larger: dict[str, float | None] = dict.fromkeys(name for name in chain(*sets) if parted(name)[0] in lengths)
+    sizes = [(cause.name, size) for cause in diagnosis.causes for size in cause.parameters]
+    larger |= {name: size.value for name, size in sizes if size.name == lengths.get(parted(name)[0])}
+    places = ((getattr(each, "of_vehicle", None), each) for each in reversed(given) if not each.tyre)
+    radii = [(each.wheel.radius_m, of.wheel if of else "") for of, each in places]
     return [
-        Note(DiagnosisCode.LIKE_RADIUS, values={"family": cause.name, "radius_m": radius, "larger_m": size.value})
-        for cause in (diagnosis.causes if diagnosis.verdict in ("named", "one_of") else ())
-        for size in cause.parameters
-        if size.name == EFFECTS[cause.key].like_radius
-        for radius in radii
+        Note(DiagnosisCode.LIKE_RADIUS, values={"family": name, "radius_m": radius, "larger_m": size, "wheel": at})
+        for name, size in larger.items()
+        for radius, at in {radius: at for radius, at in radii if parted(name)[1] in ("", at)}.items()
     ]
 
 

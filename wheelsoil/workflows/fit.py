@@ -14,8 +14,9 @@ from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfi
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
+from model.effects import EFFECTS
 from model.fit import CampaignFit, FitOptions, ModelFit, Observations, StopReason
-from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
+from model.wheel_soil import REFERENCE_INFLATION_KPA, SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
@@ -32,6 +33,12 @@ NOT_AT_AN_END = (
 
 _FEW_SAMPLES = 1_000_000
 """Of all runs, whose predictions by every model take 200 MB."""
+_ZERO_UNLESS_STATED = (
+    "[wheel] outboard_mass_kg",
+    "[wheel] outboard_inertia_kgm2",
+    "[sensors.wheel_speed] latency_s",
+    "[sensors.ground_speed] latency_s",
+)
 _SAME_SIZE = 0.01
 """Share by which the wheel of a model file may differ from that of the runs."""
 
@@ -191,10 +198,23 @@ def fit_runs(
     if len(passages) > len(set(drives)):
         differ = Note(FitCode.SEVERAL_PASSAGES, values={"passages": sorted({passage for _, passage in passages})})
         fit = replace(fit, notes=(*fit.notes, differ))
+    if taken := _defaults(first.vehicle, runs, choices):
+        fit = replace(fit, notes=(*fit.notes, Note(FitCode.DEFAULTS_TAKEN, values={"values": taken})))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
     return replace(fit, notes=(Note(FitCode.RUNS_LACK_SIGNALS, values={"signals": lacking}), *fit.notes))
+
+
+def _defaults(vehicle: VehicleConfig, runs: Sequence[ProcessedRun], choices: FitChoices) -> dict[str, float]:
+    """Return the numbers that change this fit and that no file states, by key."""
+    stated = {f"[sensors.{role}] {key}" for role, sensor in vehicle.sensors.items() for key in sensor.model_fields_set}
+    stated |= {f"[wheel] {key}" for key in (vehicle.wheel.model_fields_set if vehicle.wheel else ())}
+    taken = {key: 0.0 for key in _ZERO_UNLESS_STATED if key not in stated}
+    effects = [EFFECTS[key] for key in (*choices.effects, *(choices.extended.keys if choices.extended else ()))]
+    if any(effect.needs.pressures for effect in effects) and not all(run.run.inflation_kpa for run in runs):
+        taken["inflation_kpa of runs.toml"] = REFERENCE_INFLATION_KPA
+    return taken
 
 
 def _refuse_another_wheel(extended: ExtendedModel | None, wheel: Wheel, where: str) -> None:

@@ -10,7 +10,7 @@ from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
 
-from daq import ConfigError
+from daq import ConfigError, VehicleConfig
 from wheelsoil.wording.names import SOIL_UNITS
 from wheelsoil.workflows.key_figures import Z95
 
@@ -19,6 +19,7 @@ LEAST_COMPARED = 0.05
 """Posterior probability below which a cause is separable from the others, and not compared."""
 _USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
 _KINDS = ("cause", "pull", "soil", "error", "data")
+_OF_A_VEHICLE = ("vehicle", "mass", "wheel", "wheel radius r", "wheel width b", "transducer")
 _YEAR = re.compile(r"\b\d{4}\b")
 
 
@@ -91,7 +92,7 @@ class LastReport:
     title : str
     kind : "report" or "campaign"
     subject : mapping str -> str
-        Vehicle, wheel and soil that it is of, as far as it says so.
+        Vehicle, wheel, transducer and soil that it is of, as far as it says so; see `subject_of`.
     driven : str
         When the runs were driven, as the report writes it; "" where it does not.
     diagnosed : bool
@@ -106,6 +107,14 @@ class LastReport:
     subject: Mapping[str, str] = field(default_factory=dict)
     driven: str = ""
     diagnosed: bool = True
+
+
+def subject_of(vehicle: VehicleConfig) -> dict[str, str]:
+    """Return what tells a vehicle from another: a name, and sizes and a serial number for those of one name."""
+    own, wheel = vehicle.vehicle, vehicle.wheel
+    sizes = (wheel.id, f"{wheel.radius_m:g} m", f"{wheel.width_m:g} m") if wheel else ("", "", "")
+    texts = (own.name, f"{own.mass_kg:g} kg" if own.mass_kg else "", *sizes, vehicle.transducer.serial)
+    return {name: text for name, text in zip(_OF_A_VEHICLE, texts, strict=True) if text}
 
 
 def store_meant(place: str) -> str | None:
@@ -165,7 +174,7 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
         found = f"{type(error).__name__}: {error}"[:200]
         step = "make it anew with `wheelsoil report`"
         raise ConfigError.of("the last report is damaged", file, found, "sections as it wrote them", step) from None
-    subject = {name: str(facts[name]) for name in ("vehicle", "wheel", "soil") if facts.get(name)}
+    subject = {name: str(facts[name]) for name in (*_OF_A_VEHICLE, "soil") if facts.get(name)}
     return LastReport(
         file.name,
         str(raw.get("made_at", "")),

@@ -27,12 +27,14 @@ from daq import (
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import (
+    FOR_THE_ZERO,
     RUNS_FILE,
     TERRAIN_FILE,
     VEHICLE_FILE,
     Collected,
     Run,
     SetAsideRun,
+    folders_in,
     misspelt_files,
     one_wheel,
     open_runs,
@@ -159,7 +161,7 @@ class Files:
 
     def _open(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
         self._say_misspelt(paths)
-        return open_runs(
+        opened = open_runs(
             paths,
             vehicle=self.vehicle,
             terrain=self.terrain,
@@ -167,6 +169,11 @@ class Files:
             lenient_dbc=self.lenient_dbc,
             left_out=left_out,
         )
+        inside = {folder for path in paths if path.is_dir() for folder in folders_in(path)[0]}
+        others = sorted(folder.name for folder in inside - {run.path.parent for run in opened})
+        if names := ", ".join(name for name in others if not any(word in name.lower() for word in FOR_THE_ZERO)):
+            say(f"{names}: not read, because folders in a folder are not; next: name them too, if their runs count")
+        return opened
 
     def _say_misspelt(self, paths: Sequence[Path]) -> None:
         """Say which files of the folders are nearly called like one that is looked for."""

@@ -15,7 +15,7 @@ from processing import ProcessedRun
 _AT, _WITHIN = 0.2, 0.1
 _REACH = 0.2
 """Of slip to either side of 0.2 for a curve: its error, 0.03 to 0.05 at that speed, hardly selects samples then."""
-_SURE = 2.0
+SURE_SIGMAS = 2.0
 """Sigmas of the slip below which the error of the slip makes the efficiency seem higher than any is."""
 _LONGEST_STEP_S = 1.0
 _FEWEST_PASSES = 3
@@ -80,7 +80,7 @@ def traction_of(runs: tuple[ProcessedRun, ...]) -> Traction:
     with np.errstate(divide="ignore", invalid="ignore"):
         coefficient = np.where(load > 0, pull / load, np.nan)
         efficiency = pull * radius * (1 - slip) / pooled("driving_torque_nm")
-    efficiency[slip <= _SURE * pooled("slip_sigma")] = np.nan
+    efficiency[slip <= SURE_SIGMAS * pooled("slip_sigma")] = np.nan
     return Traction(
         pull_at(slip, pull, load, pooled("time_s"), number), *highest(slip, coefficient), *highest(slip, efficiency)
     )

@@ -14,7 +14,7 @@ from daq import BoolArray, DataError, Fault, FloatArray, IntArray, VehicleConfig
 from processing import ProcessedRun
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.key_figures import KeyFigure
-from wheelsoil.workflows.traction import highest, pull_at
+from wheelsoil.workflows.traction import SURE_SIGMAS, highest, pull_at
 
 _MEAN_OVER_S = 1.0
 """One observation of the load transfer: the loads swing on the road faster than that."""
@@ -56,7 +56,7 @@ class Vehicle:
         Samples used at all wheels, of those used at any.
     run, time_s, acceleration_mps2 : shape (n,)
         Number of the run, time since its start, acceleration of the ground speed at the first wheel.
-    slip, drawbar_pull_n, vertical_load_n, output_w, input_w : float64 arrays, shape (wheels, n)
+    slip, slip_sigma, drawbar_pull_n, vertical_load_n, output_w, input_w : float64 arrays, shape (wheels, n)
         Output is drawbar pull times ground speed, input torque times wheel speed; NaN of what a wheel did not measure.
     """
 
@@ -67,6 +67,7 @@ class Vehicle:
     time_s: FloatArray
     acceleration_mps2: FloatArray
     slip: FloatArray
+    slip_sigma: FloatArray
     drawbar_pull_n: FloatArray
     vertical_load_n: FloatArray
     output_w: FloatArray
@@ -214,6 +215,7 @@ def vehicle_of(processed: Mapping[str, Processed]) -> Vehicle:
         time_s=np.concatenate([run.time_s[at] for run, at in first]),
         acceleration_mps2=np.concatenate([run.ground_acceleration_mps2[at] for run, at in first]),
         slip=stacked(lambda run: run.slip),
+        slip_sigma=stacked(lambda run: run.slip_sigma),
         drawbar_pull_n=stacked(lambda run: run.drawbar_pull_n),
         vertical_load_n=stacked(lambda run: run.vertical_load_n),
         output_w=stacked(lambda run: run.drawbar_pull_n * run.ground_speed_mps),
@@ -324,7 +326,10 @@ def figures_of_vehicle(vehicle: Vehicle) -> dict[str, KeyFigure]:
     figures = [*_at_mean_slip("vehicle", vehicle, np.ones(len(vehicle.places), bool))]
     for i, wheel in enumerate(vehicle.places):
         figures += _at_mean_slip(f"wheel.{wheel}", vehicle, np.arange(len(vehicle.places)) == i)
-    best = [highest(vehicle.mean_slip, values)[0] for values in (vehicle.coefficient, vehicle.efficiency)]
+    # The ground speed's error is of all wheels: their mean slip is no surer than one of them.
+    least_slip = SURE_SIGMAS * vehicle.slip_sigma.mean(axis=0)
+    efficiency = np.where(vehicle.mean_slip > least_slip, vehicle.efficiency, nan)
+    best = [highest(vehicle.mean_slip, values)[0] for values in (vehicle.coefficient, efficiency)]
     driven = vehicle.mean_slip > 0
     figures += [
         KeyFigure("vehicle.drawbar_coefficient", best[0], "", "three decimals"),

@@ -378,8 +378,7 @@ def zero_path(run: Run, vehicle: Path | None, output: Path | None) -> Path:
     """Return the file that a determination goes to: beside vehicle.toml, under the name it gives."""
     if output is not None:
         return output
-    folder = vehicle.parent if vehicle else run.path.parent
-    return folder / zero_file_name(run.vehicle)
+    return (vehicle or run.path).parent / zero_file_name(run.vehicle)
 
 
 def check_place(path: Path) -> ZeroConfig:

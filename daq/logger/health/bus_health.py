@@ -98,8 +98,7 @@ class ErrorFrames:
             what = f"{recent['protocol']} protocol errors in the last 10 s" + (f", mostly {kinds}" if kinds else "")
             yield reason("bus_errors", Level.AMBER, bus, what)
         if recent["other"]:
-            what = f"{recent['other']} error frames in the last 10 s"
-            yield reason("bus_errors", Level.AMBER, bus, what)
+            yield reason("bus_errors", Level.AMBER, bus, f"{recent['other']} error frames in the last 10 s")
 
     def _state_reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> Iterator[Reason]:
         state, since_ns = self._state

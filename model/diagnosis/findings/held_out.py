@@ -157,8 +157,7 @@ def held_out(
 
     base, extended = zip(*in_parallel(predicted, range(count), rows=linearised.rows), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
-    gain = gain_of(base, extended, chosen, channel)
-    return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
+    return gain_of(base, extended, chosen, channel), (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 
 
 def _chosen(linearised: LinearisedCampaign, run: int) -> Keys:

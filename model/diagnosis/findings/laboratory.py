@@ -153,6 +153,5 @@ def soil_instead(
         if chances[best] > INSTEAD_AT:
             chosen, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
             refuted = RefutedSoil(chosen.campaign, chosen.parameter, float(chances[best]), size)
-            family = next(c.family for c in grams.causes if c.key == key)
-            instead.append(SoilInstead(family, refuted))
+            instead.append(SoilInstead(next(c.family for c in grams.causes if c.key == key), refuted))
     return tuple(instead)

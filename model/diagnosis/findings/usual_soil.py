@@ -31,8 +31,7 @@ _ROUNDS = 2
 
 def usual_effects(grams: Grams) -> tuple[str, ...]:
     """Return the keys of the effects among the causes that soils usually have."""
-    keys = dict.fromkeys(c.key for c in grams.causes)
-    return tuple(key for key in keys if EFFECTS[key].is_usual())
+    return tuple(key for key in dict.fromkeys(c.key for c in grams.causes) if EFFECTS[key].is_usual())
 
 
 def with_usual_soil(grams: Grams) -> Grams:

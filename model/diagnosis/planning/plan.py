@@ -155,8 +155,7 @@ def planned_campaign(plan: CampaignPlan) -> Campaign:
     model = WheelSoilModel(plan.wheel, plan.soil)
     streams = np.random.default_rng(plan.seed).spawn(len(plan.runs))
     runs = tuple(_run(plan, model, info, i, rng) for i, (info, rng) in enumerate(zip(plan.runs, streams, strict=True)))
-    prior = plan.soil_prior or prior_of(plan.soil)
-    return Campaign(plan.name, runs, plan.wheel, plan.soil, prior, plan.tyre)
+    return Campaign(plan.name, runs, plan.wheel, plan.soil, plan.soil_prior or prior_of(plan.soil), plan.tyre)
 
 
 def _run(

@@ -95,8 +95,7 @@ def findings_of(weighing: Weighing, chosen: Weighed | None = None) -> tuple[Find
             size = float(error[own].mean())
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
             if abs(statistic) > least:
-                place = _place(problem, rows[own])
-                found.append(Finding(OUTPUTS[noise.channel].role, place, size, statistic))
+                found.append(Finding(OUTPUTS[noise.channel].role, _place(problem, rows[own]), size, statistic))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 
@@ -174,8 +173,7 @@ def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int
         return 0.0
     cross = sum(s.T @ p @ c for s, p, c in zip(slopes, precision, change, strict=True))
     inner = np.eye(soil) + sum(s.T @ p @ s for s, p in zip(slopes, precision, strict=True))
-    left = information - float(cross @ np.linalg.solve(inner, cross))
-    return max(left, 0.0)
+    return max(information - float(cross @ np.linalg.solve(inner, cross)), 0.0)
 
 
 @dataclass(frozen=True)

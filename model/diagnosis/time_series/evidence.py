@@ -354,8 +354,7 @@ def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     found = in_box(precision, total[at, 0], np.r_[-free, lower], np.r_[free, upper])
     coefficients = np.zeros(len(grams.causes))
     coefficients[list(own)] = found[soils:]
-    covariance = np.asarray(np.linalg.inv(precision), float)
-    return SetEstimate(keys, own, coefficients, found[:soils], covariance)
+    return SetEstimate(keys, own, coefficients, found[:soils], np.asarray(np.linalg.inv(precision), float))
 
 
 def in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

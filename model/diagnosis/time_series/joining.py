@@ -159,8 +159,7 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
         turns.append(np.concatenate([turn_of(part.columns.causes, own, every, len(soil), width), shapes]))
         first += count
         ranks.append(ranks[-1] + len(part.columns.catch_all.by_rank))
-    labels = tuple(soil[at] for at in sorted(soil))
-    return Layout(labels, every, tuple(turns), tuple(ranks))
+    return Layout(tuple(soil[at] for at in sorted(soil)), every, tuple(turns), tuple(ranks))
 
 
 def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams | None] = ()) -> Grams:

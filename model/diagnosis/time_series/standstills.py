@@ -312,8 +312,7 @@ def corrected_zeros(runs: Sequence[ProcessedRun]) -> tuple[Corrected, ...]:
         value = float(np.mean([zero.offset for zero in zeros]))
         reach = _Z95 * max(zero.systematic_sigma for zero in zeros)
         sources = tuple(dict.fromkeys(name for zero in zeros for name in zero.recordings))
-        unit = ROLES[role].unit_text
-        found.append(Corrected(family, value, unit, (value - reach, value + reach), sources))
+        found.append(Corrected(family, value, ROLES[role].unit_text, (value - reach, value + reach), sources))
     return tuple(found)
 
 

@@ -16,6 +16,7 @@ from daq import ConfigError
 from wheelsoil.fleet import Store, last_campaign, open_store
 from wheelsoil.fleet.manifests import Manifest
 from wheelsoil.fleet.tables import schema_of
+from wheelsoil.wording.change_text import of_another_thing
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.last_report import changes_since, load_last, store_meant
 
@@ -71,6 +72,14 @@ def test_it_is_the_latest_earlier_one_of_the_same_vehicle_terrain_and_transducer
         last_campaign(own, runs_of(1, folder="/field/first"))
     for words in ("5 other campaigns, 4 of this", "before 2026-05-02 08:00 UTC", "wheelsoil fleet run"):
         assert words in str(refused.value)
+
+
+def test_another_wheel_and_transducer_of_a_vehicle_of_that_name_is_said(own: Store) -> None:
+    put(own, "first", 1, wheel_radius_m=0.47, wheel_width_m=0.318)
+    last = last_campaign(own, runs_of(5, serial="WFT-9"))[0]
+    assert last.subject == {"transducer": "WFT-1", "wheel radius r": "0.47 m", "wheel width b": "0.318 m"}
+    other = of_another_thing(last, {"vehicle": "tractor", "wheel radius r": "0.6 m", "transducer": "WFT-9"})
+    assert other == "the last campaign is of transducer WFT-1, not WFT-9; wheel radius r 0.47 m, not 0.6 m"
 
 
 def test_a_wheel_is_compared_with_itself(own: Store) -> None:

@@ -224,8 +224,7 @@ def criteria(inputs: ReportInputs) -> Contents:
         for m in fit.models
     }
     tables = [_criteria_table(fit, channel) for channel in measured or ["dp"]]
-    blocks = [*tables, _laws_table(fit)]
-    return blocks, {"slip_threshold": fit.slip_threshold, "models": numbers}
+    return [*tables, _laws_table(fit)], {"slip_threshold": fit.slip_threshold, "models": numbers}
 
 
 def _laws_table(fit: CampaignFit) -> Table:

@@ -254,8 +254,12 @@ def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, 
         "base": -_QUARTILE,
         "colour": GREY_BAND,
     }
-    shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high}
-    return [expected, medians | {"error_y": reach}], shown
+    return [expected, medians | {"error_y": reach}], {
+        "run": seen.runs,
+        "lower": low,
+        "median": middle,
+        "upper": high,
+    }
 
 
 def _quartiles(values: FloatArray) -> list[float]:
