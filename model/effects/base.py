@@ -147,7 +147,7 @@ class Effect:
     ----------
     name, form : family and form; ``form`` is empty where the family has one form only
     kind : "physical" or "measurement"
-    summary, source : what a report says of it, and where the formula is from
+    summary, source : what a report says of it, and where the formula is from; a report omits what is not stated
     own_symbols : a model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative"
     shows : tuple of str
         Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
@@ -174,8 +174,8 @@ class Effect:
     name: ClassVar[str]
     form: ClassVar[str] = ""
     kind: ClassVar[Literal["physical", "measurement"]] = "physical"
-    summary: ClassVar[str]
-    source: ClassVar[str]
+    summary: ClassVar[str] = ""
+    source: ClassVar[str] = ""
     parameters: ClassVar[tuple[Parameter, ...]]
     own_symbols: ClassVar[bool] = False
     shows: ClassVar[tuple[str, ...]] = ("drawbar_pull", "driving_torque")

@@ -73,7 +73,7 @@ MEASUREMENT: tuple[type[Effect], ...] = (
 GROUP = "wheelsoil.effects"
 _SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
 """Where an effect may show."""
-_STATED = ("name", "summary", "source", "parameters")
+_STATED = ("name", "parameters")
 
 
 _AT = "@"
