@@ -232,8 +232,8 @@ def test_has_a_page(key: str) -> None:
 
 
 ROOMS = ("processing", "model", "wheelsoil")
-PER_CAUSE = {"mending.py", "cause_figure.py", "error_text.py"}
-"""Step, figure and sentence of single measurement causes; those of another package get the general ones."""
+PER_CAUSE = {"cause_figure.py", "error_text.py"}
+"""Figure and sentence of single measurement causes; those of another package get the general ones."""
 OTHER_MEANING = {("consistency.py", "wheel_radius")}
 """Names that mean a measured quantity: the channel that a broken bound makes suspect."""
 

@@ -33,7 +33,6 @@ from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
 from processing import ProcessedRun, ProcessOptions
 from processing.processed_run import AppliedZero
 from wheelsoil.simulation.options import SimulationOptions, with_model
-from wheelsoil.wording.mending import MENDED
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import campaigns_of
@@ -396,7 +395,7 @@ def otherwise(run: Run, done: ProcessedRun, name: str) -> tuple[Run, ProcessedRu
 
 def test_every_error_of_measurement_counts_from_what_the_report_mends(processed):
     """Whoever mends it in vehicle.toml, a DBC or by a zero file has it corrected twice by the file."""
-    errors = [effect for effect in EFFECTS.values() if effect.kind == "measurement" or effect.name in MENDED]
+    errors = [effect for effect in EFFECTS.values() if effect.kind == "measurement" or effect.remedy]
     assert {effect.key() for effect in errors} == MENDED_BY.keys(), "a new one: what mends it?"
     for each in errors:
         model = made(processed, each.key())
