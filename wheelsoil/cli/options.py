@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
+from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -159,31 +161,10 @@ ChoiceFile = Annotated[
         help="choice.toml: runs, parts and settings selected by hand; an option overrides it.",
     ),
 ]
-Channels = Annotated[
-    str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]"),
-]
-SoilPrior = Annotated[
-    bool | None,
-    typer.Option("--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."),
-]
-SlipThreshold = Annotated[
-    float | None,
-    typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
-]
 ModelFile = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="A model written by `diagnose -o`: fitted in addition to the four."),
 ]
-MinSpeed = Annotated[
-    float | None,
-    typer.Option(
-        "--min-speed",
-        metavar="M/S",
-        help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle).",
-    ),
-]
-
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
     Path | None,
@@ -288,17 +269,6 @@ def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Confi
     return Configuration(vehicle, databases, attachments={VEHICLE_FILE: text.encode(), **carried})
 
 
-class Reading(StrEnum):
-    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
-
-    balanced = "balanced"
-    literal = "literal"
-
-
-Sinkage = Annotated[
-    Reading | None,
-    typer.Option("--sinkage", help="Slip-sinkage laws load-consistent or as published. [default: balanced]"),
-]
 Rename = Annotated[
     list[str] | None,
     typer.Option(
@@ -325,18 +295,77 @@ AddedLoad = Annotated[float, typer.Option("--added-load", metavar="KG", help="Lo
 Inflation = Annotated[float | None, typer.Option("--inflation", metavar="KPA", help="Inflation pressure of the tyre.")]
 
 
-def chosen(
-    file: Path | None,
-    *,
-    sinkage: Reading | None = None,
-    channels: str | None = None,
-    soil_prior: bool | None = None,
-    slip_threshold: float | None = None,
-    min_speed: float | None = None,
-    cutoff: float | None = None,
-    max_gap: float | None = None,
-) -> Choice:
-    """Return the choice of a file, overridden by the options of the command line.
+_OPTIONS: dict[str, Any] = {
+    "choice": ChoiceFile,
+    "sinkage": Annotated[
+        Literal["balanced", "literal"] | None,
+        typer.Option("--sinkage", help="Slip-sinkage laws load-consistent or as published. [default: balanced]"),
+    ],
+    "channels": Annotated[
+        str | None,
+        typer.Option(
+            "--channels",
+            parser=lambda text: tuple(split([text])),
+            metavar="TEXT",
+            help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]",
+        ),
+    ],
+    "soil_prior": Annotated[
+        bool | None,
+        typer.Option(
+            "--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."
+        ),
+    ],
+    "slip_threshold": Annotated[
+        float | None,
+        typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
+    ],
+    "cutoff_hz": Annotated[
+        float | None,
+        typer.Option("--cutoff", metavar="HZ", help="Low-pass of every channel (default: by the slowest channel)."),
+    ],
+    "min_speed_mps": Annotated[
+        float | None,
+        typer.Option(
+            "--min-speed",
+            metavar="M/S",
+            help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle).",
+        ),
+    ],
+    "max_gap_s": Annotated[
+        float | None,
+        typer.Option("--max-gap", metavar="S", help="Longest gap that is bridged (default: by the filter)."),
+    ],
+}
+"""--choice, and each key of choice.toml that has an option."""
+_OF_FIT = ("sinkage", "channels", "soil_prior", "slip_threshold", "min_speed_mps")
+_TAKEN = {
+    "process": ("cutoff_hz", "min_speed_mps", "max_gap_s", "choice"),
+    "fit": _OF_FIT,
+    "sinkage": ("min_speed_mps",),
+    "diagnose": ("sinkage", "min_speed_mps"),
+    "report": _OF_FIT,
+}
+"""Which of them a command takes, beside its own."""
+
+
+def with_choices(name: str, command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that also takes, before --jobs, the options of choice.toml; `chosen` returns what they say."""
+    own, added = signature(command, eval_str=True), _TAKEN.get(name, ())
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        command(**{key: value for key, value in given.items() if key not in added})
+
+    every = {key: each.replace(kind=Parameter.KEYWORD_ONLY) for key, each in own.parameters.items()}
+    more = [Parameter(key, Parameter.KEYWORD_ONLY, default=None, annotation=_OPTIONS[key]) for key in added]
+    at = [*every, "jobs"].index("jobs")
+    vars(run)["__signature__"] = own.replace(parameters=[*[*every.values()][:at], *more, *[*every.values()][at:]])
+    return run
+
+
+def chosen(context: typer.Context) -> Choice:
+    """Return the choice of --choice, overridden by the other options of the command line.
 
     Raises
     ------
@@ -345,15 +374,9 @@ def chosen(
     """
     from wheelsoil.workflows.choice import Choice, load_choice
 
-    return (load_choice(file) if file else Choice()).but(
-        sinkage=sinkage.value if sinkage else None,
-        channels=None if channels is None else tuple(split([channels])),
-        soil_prior=soil_prior,
-        slip_threshold=slip_threshold,
-        min_speed_mps=min_speed,
-        cutoff_hz=cutoff,
-        max_gap_s=max_gap,
-    )
+    file = context.params.get("choice")
+    given = {key: context.params.get(key) for key in _OPTIONS if key != "choice"}
+    return (load_choice(file) if file else Choice()).but(**given)
 
 
 def run_info(
