@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import hypot, isfinite, nan
@@ -20,7 +19,6 @@ LEAST_COMPARED = 0.05
 _USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
 _KINDS = ("cause", "pull", "soil", "error", "data")
 _OF_A_VEHICLE = ("vehicle", "mass", "wheel", "wheel radius r", "wheel width b", "transducer")
-_YEAR = re.compile(r"\b\d{4}\b")
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,8 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
         stated = tuple(stated_in(raw["sections"]))
         facts = dict((raw["sections"].get("provenance") or {}).get("facts") or ())
         head = (raw.get("head") or {}).get("facts") or ()
-        driven = next((str(text) for label, text in head if not label and _YEAR.search(str(text))), "")
+        dated = any(run.get("start_utc") for run in (raw["sections"].get("runs") or {}).values())
+        driven = next((str(text) for label, text in head if dated and not label), "")
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         found = f"{type(error).__name__}: {error}"[:200]
         step = "make it anew with `wheelsoil report`"

@@ -450,11 +450,12 @@ def runs(inputs: ReportInputs) -> Contents:
         traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
         dated = run.start_ns > 631_152_000 * 10**9
+        start = f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else None
         rows.append(
             [
                 run.run.id,
                 decision,
-                f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else "–",
+                start or "–",
                 f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
@@ -464,7 +465,7 @@ def runs(inputs: ReportInputs) -> Contents:
             ]
         )
         numbers[run.run.id] = {
-            "start_utc": rows[-1][2],
+            "start_utc": start,
             "load_n": float(np.median(load)) if len(load) else None,
             "highest_slip": grade.highest_slip,
             "usable_share": grade.usable_share,
