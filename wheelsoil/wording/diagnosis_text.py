@@ -284,8 +284,7 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
             number(scores[channel].R2, 4),
             number(scores[channel].log_likelihood, 5) if channel == next(iter(gain.base)) else "",  # of the whole run
         ]
-        for figure in errors_of(gain, verdict)
-        for _, channel, which in [figure.key.split(".")]
+        for (channel, which), figure in errors_of(gain, verdict).items()
         for scores in [gain.base if which == CALIBRATED_SOIL else gain.extended]
     ]
 

@@ -9,9 +9,9 @@ from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
 
-from daq import ConfigError, VehicleConfig
+from daq import OUTPUTS, ConfigError, VehicleConfig
 from wheelsoil.wording.names import SOIL_UNITS
-from wheelsoil.workflows.key_figures import Z95
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95
 
 SCHEMA = "wheelsoil/report/2"
 LEAST_COMPARED = 0.05
@@ -27,6 +27,8 @@ class Stated:
 
     Attributes
     ----------
+    name : tuple of str
+        Family and parameter of a cause, ground and parameter of a soil, else its key; what JSON joins by dots.
     compared : bool
         False of a cause that a rule bars or that is improbable: it is compared only with one that is neither.
     barred : bool
@@ -34,7 +36,7 @@ class Stated:
     """
 
     kind: str
-    name: str
+    name: tuple[str, ...]
     value: float
     half95: float
     unit: str
@@ -55,7 +57,7 @@ class Change:
     """
 
     kind: str
-    name: str
+    name: tuple[str, ...]
     unit: str
     last: float
     last_half95: float
@@ -217,7 +219,7 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         where = soil["campaign"] if len(soils) > 1 else "soil"  # a single one is compared whatever its folder is called
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
-            yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
+            yield Stated("soil", (where, name), _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
     barred = frozenset(causes.get("barred") or ())
     for cause in causes.get("causes") or ():
         probable, is_barred = _float(cause.get("probability", 1.0)) >= LEAST_COMPARED, cause["name"] in barred
@@ -225,7 +227,7 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         yield from sizes_with_interval(
             Stated(
                 "cause",
-                f"{cause['name']}.{each['name']}",
+                (cause["name"], each["name"]),
                 _float(each["value"]),
                 half_interval(_float(each["value"]), low, high),
                 "" if each["unit"] == "1" else each["unit"],
@@ -237,18 +239,18 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
     pull = (fit.get("traction") or {}).get("pull")
     if pull:
         low, high = map(_float, pull["interval95"])
-        yield Stated("pull", "pull_at_slip_0.2", _float(pull["pull_n"]), (high - low) / 2, "N")
+        yield Stated("pull", ("pull_at_slip_0.2",), _float(pull["pull_n"]), (high - low) / 2, "N")
     figures = (sections.get("glance") or {}).get("key_figures") or {}
-    for key, figure in figures.items():
-        if key.startswith("error.") and key.endswith(".calibrated_soil"):
-            yield Stated("error", key, _float(figure["value"]), nan, figure["unit"])
+    for channel in OUTPUTS:
+        if figure := figures.get(f"error.{channel}.{CALIBRATED_SOIL}"):
+            yield Stated("error", ("error", channel, CALIBRATED_SOIL), _float(figure["value"]), nan, figure["unit"])
     shares = [share for run in runs.values() if (share := _float(run.get("usable_share"))) == share]
     if shares:
-        yield Stated("data", "usable_share", sum(shares) / len(shares), nan, "")
+        yield Stated("data", ("usable_share",), sum(shares) / len(shares), nan, "")
     sizes = [(run["samples"], run["used_share"]) for run in quality.values() if run.get("samples")]
     if sizes:
         used, samples = sum(count * share for count, share in sizes), sum(count for count, _ in sizes)
-        yield Stated("data", "used_share", used / samples, nan, "")
+        yield Stated("data", ("used_share",), used / samples, nan, "")
 
 
 def half_interval(value: float, low: float, high: float) -> float:
@@ -299,7 +301,7 @@ def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[
 
 
 def _family(cause: Stated) -> str:
-    return cause.name.partition(".")[0]
+    return cause.name[0]
 
 
 def _float(value: Any) -> float:
