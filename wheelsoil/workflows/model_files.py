@@ -103,15 +103,15 @@ def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench], runs: 
     driven = [each for each in members if isinstance(each, Campaign)]
     wheels = {each.of_vehicle.wheel: (each.wheel, each.tyre) for each in driven if each.of_vehicle}
     whole = replace(model, wheels=wheels)
-    lines = tuple(
-        f"{f'wheel {wheel}: ' if wheels else ''}{name} = {value}"
+    counted = tuple(
+        (wheel if wheels else "", name, value)
         for each in driven
         for wheel in [each.of_vehicle.wheel if each.of_vehicle else model.wheel_id]
         for declared in [[declared_of(runs[id(done)], done) for done in each.runs if id(done) in runs]]
         for name in sorted(set().union(*map(_counted_from, whole.of_wheel(wheel).keys)))
         for value in dict.fromkeys(facts[name] for facts in declared if name in facts)
     )
-    return replace(whole, provenance=model.provenance | ({"counted_from": lines} if lines else {}))
+    return replace(whole, provenance=model.provenance | ({"counted_from": counted} if counted else {}))
 
 
 def _provenance(
@@ -190,20 +190,20 @@ def refuse_mended(model: ExtendedModel, processed: Iterable[tuple[Run, Processed
     for run, done in processed:
         wheel, facts = " ".join(run.vehicle.wheel_ids), model.provenance.get("counted_from")
         keys = model.of_wheel(wheel).keys
-        lines = [line.removeprefix(f"wheel {wheel}: ") for line in (facts if isinstance(facts, tuple) else ())]
-        now = declared_of(run, done) if lines else {}
+        rows = [row for row in (facts if isinstance(facts, tuple) else ()) if not isinstance(row, str)]
+        now = declared_of(run, done) if rows else {}
         faults = [
             Fault(
                 f"the model file corrects {listed([plain_name(key) for key in keys if name in _counted_from(key)])}, "
                 f"and {name} has changed since it was made",
                 f"{run.vehicle_source}{f', wheel {wheel}' if wheel else ''}",
                 value,
-                ", ".join(line.removeprefix(f"{name} = ") for line in known),
+                ", ".join(known),
                 "diagnose anew (`wheelsoil diagnose FOLDER -o FILE`), or put the value back: with both it is corrected "
                 "twice",
             )
             for name, value in now.items()
-            if (known := [x for x in lines if x.startswith(f"{name} = ")]) and f"{name} = {value}" not in known
+            if (known := [then for of, what, then in rows if of in ("", wheel) and what == name]) and value not in known
         ]
         ConfigError.stop_if_any(faults)
 
