@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
@@ -203,17 +203,16 @@ class Choice:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds; what was not chosen is left out."""
-        chosen = {
-            name: list(value) if isinstance(value, tuple) else value
-            for name in _KEYS
-            if (value := getattr(self, name)) not in (None, (), "")
-        }
-        runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
-        return {"schema": SCHEMA, **chosen, **runs}
+        head = {name: getattr(self, name) for name in _KEYS}
+        return {"schema": SCHEMA, **_stated(head | {"run": [_stated(asdict(run)) for run in self.runs]})}
 
     def to_toml(self) -> str:
         """Return the text of the file; `load_choice` reads the same choice from it."""
         return _HEAD + tomli_w.dumps(self.to_mapping())
+
+
+def _stated(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value not in (None, (), [], "")}
 
 
 def provenance_of(choice: Choice) -> dict[str, Any]:
@@ -333,13 +332,6 @@ def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Faul
         if c < b and a < b and c < d
     ]
     return empty + overlapping
-
-
-def _run_mapping(run: ChosenRun) -> dict[str, Any]:
-    named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
-    kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
-    marks = {"marks": [vars(mark) for mark in run.marks]} if run.marks else {}
-    return {**named, "use": run.use, **kept, **marks, **({"comment": run.comment} if run.comment else {})}
 
 
 @dataclass(frozen=True)
