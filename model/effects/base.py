@@ -220,12 +220,12 @@ class Effect:
         are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ""
     form: ClassVar[str] = ""
     kind: ClassVar[Literal["physical", "measurement"]] = "physical"
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
-    parameters: ClassVar[tuple[Parameter, ...]]
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
     own_symbols: ClassVar[bool] = False
     shows: ClassVar[tuple[str, ...]] = ("drawbar_pull", "driving_torque")
     needs: ClassVar[Needs] = Needs()
