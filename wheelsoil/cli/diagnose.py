@@ -67,8 +67,6 @@ def diagnose_command(
     ] = None,
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -90,8 +88,6 @@ def diagnose_command(
     from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     by_hand = options.chosen(context)
     settings = diagnosis_options(
         by_hand.fit_choices().reading,

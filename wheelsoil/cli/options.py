@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
@@ -281,13 +280,7 @@ Where = Annotated[
 ]
 
 
-class Direction(StrEnum):
-    """Direction of travel on the track."""
-
-    out = "out"
-    back = "back"
-
-
+Direction = Literal["out", "back"]
 RunId = Annotated[str | None, typer.Option("--run-id", metavar="ID", help="Name of the run.")]
 DirectionOption = Annotated[Direction, typer.Option("--direction", help="Direction of travel on the track.")]
 PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="Number of this pass in the track, from 1.")]
@@ -349,18 +342,23 @@ _TAKEN = {
 """Which of them a command takes, beside its own."""
 
 
-def with_choices(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that also takes, before --jobs, the options of choice.toml; `chosen` returns what they say."""
-    own, added = signature(command, eval_str=True), _TAKEN.get(name, ())
+def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that also takes, before --json, --jobs, --no-cache and its options of choice.toml (`chosen`)."""
+    if name not in _TAKEN:
+        return command
+    own = signature(command, eval_str=True)
+    added = {key: (_OPTIONS[key], None) for key in _TAKEN[name]} | {"jobs": (Jobs, None), "no_cache": (NoCache, False)}
 
     @wraps(command)
-    def run(**given: Any) -> None:
-        command(**{key: value for key, value in given.items() if key not in added})
+    def run(context: typer.Context, **given: Any) -> None:
+        use_cores(context, given["jobs"])
+        keep_results(context, given["no_cache"])
+        command(context, **{key: value for key, value in given.items() if key not in added})
 
-    every = {key: each.replace(kind=Parameter.KEYWORD_ONLY) for key, each in own.parameters.items()}
-    more = [Parameter(key, Parameter.KEYWORD_ONLY, default=None, annotation=_OPTIONS[key]) for key in added]
-    at = [*every, "jobs"].index("jobs")
-    vars(run)["__signature__"] = own.replace(parameters=[*[*every.values()][:at], *more, *[*every.values()][at:]])
+    every = [each.replace(kind=Parameter.KEYWORD_ONLY) for each in own.parameters.values()]
+    more = [Parameter(key, Parameter.KEYWORD_ONLY, default=each[1], annotation=each[0]) for key, each in added.items()]
+    at = list(own.parameters).index("json")
+    vars(run)["__signature__"] = own.replace(parameters=[*every[:at], *more, *every[at:]])
     return run
 
 
@@ -374,9 +372,8 @@ def chosen(context: typer.Context) -> Choice:
     """
     from wheelsoil.workflows.choice import Choice, load_choice
 
-    file = context.params.get("choice")
-    given = {key: context.params.get(key) for key in _OPTIONS if key != "choice"}
-    return (load_choice(file) if file else Choice()).but(**given)
+    given = {key: context.params.get(key) for key in _OPTIONS}
+    return (load_choice(file) if (file := given.pop("choice")) else Choice()).but(**given)
 
 
 def run_info(
@@ -397,7 +394,7 @@ def run_info(
         return RunInfo(
             file=file,
             id=run_id,
-            direction=direction.value,
+            direction=direction,
             pass_number=pass_number,
             added_load_kg=added_load_kg,
             inflation_kpa=inflation_kpa,

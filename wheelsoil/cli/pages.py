@@ -54,8 +54,6 @@ def report_command(
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     against: options.Against = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -74,8 +72,6 @@ def report_command(
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), tables, choice, wheel, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
     by_hand = options.chosen(context)

@@ -52,16 +52,12 @@ def process_command(
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
     from wheelsoil.workflows.runs import Files, noted_in, process_runs
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(context)
     settings = by_hand.process_options(rate_hz=rate)
@@ -173,8 +169,6 @@ def fit_command(
     choice: options.ChoiceFile = None,
     model: options.ModelFile = None,
     apart: options.Apart = False,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -189,8 +183,6 @@ def fit_command(
     from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, choice, wheel, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(context)
     files = Files(
@@ -315,8 +307,6 @@ def sinkage_command(
     wheel: options.Wheel = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -330,8 +320,6 @@ def sinkage_command(
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs, sinkage_of_table
     from wheelsoil.workflows.tables import read_wheels
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
         read = read_wheels([table], tuple(vehicle or ()), rename=rename, where=where)

@@ -126,11 +126,12 @@ class FitChoices:
         ConfigError
             The slip threshold is not between 0 and 1.
         """
-        threshold = self.slip_threshold
-        if threshold is not None and not 0 <= threshold < 1:
-            raise ConfigError.of("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1")
+        if not 0 <= (self.slip_threshold or 0.0) < 1:
+            raise ConfigError.of("--slip-threshold is no slip", found=f"{self.slip_threshold:g}", expected="0 to 1")
         prior = prior_of(soil, terrain) if self.soil_prior else None
-        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
+        return FitOptions(
+            self.reading, self.channels, prior, self.slip_threshold, extended=self.extended, chosen=self.effects
+        )
 
 
 @dataclass(frozen=True)
