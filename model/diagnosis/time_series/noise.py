@@ -188,9 +188,8 @@ def loading(linear: Linear, samples: Samples, seen: Loading) -> FloatArray:
     if not seen.channel:
         return np.asarray(getattr(linear, seen.how))
     out, angle = np.zeros(linear.value.shape), samples.wheel_angle_rad
-    one, none = np.ones(len(angle)), np.zeros(len(angle))
-    shown = {"": one, "zero": one, "rest": none, "cos": np.cos(angle), "sin": np.sin(angle)}
-    out[linear.channels.index(seen.channel)] = shown[seen.how]
+    shown = {"rest": np.zeros(len(angle)), "cos": np.cos(angle), "sin": np.sin(angle)}
+    out[linear.channels.index(seen.channel)] = shown.get(seen.how, np.ones(len(angle)))
     return out
 
 

@@ -32,7 +32,7 @@ def candidates(inputs: ReportInputs) -> Contents:
     elif found.candidates:
         blocks.append(Panels([_figure(found)], _READING))
     if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
-        rows = [[name, f"{share:.1f} %"] for name, _, share in set_shares(found.sets)]
+        rows = [[share.name, f"{share.percent:.1f} %"] for share in set_shares(found.sets)]
         blocks.append(Table("Causes that act together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
         meant = [f"{upper(plain_name(cause.name))}: {said}" for cause in found.causes if (said := meaning(cause.key))]

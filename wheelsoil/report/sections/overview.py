@@ -354,7 +354,8 @@ def causes(inputs: ReportInputs) -> Contents:
         return _refused(inputs, found)
     sets = set_shares(found.sets)
     bars = [
-        Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
+        Bar(f"{share.name}{' alone' * (share.causes == 1)}", share.percent / 100, f"{share.percent:.1f} %", i == 0)
+        for i, share in enumerate(sets)
     ]
     if bars:
         as_if = f"{NOT_JUDGED} As if of one soil: " if several_terrains(found) is not None else ""
@@ -389,10 +390,6 @@ def causes(inputs: ReportInputs) -> Contents:
     }
     barred = [cause.name for cause, why in found.stated if why is not None]
     return blocks, numbers | ({"barred": barred} if barred else {})
-
-
-def _alone(name: str) -> str:
-    return name if " + " in name or name in ("no cause", "all other sets") else f"{name} alone"
 
 
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
