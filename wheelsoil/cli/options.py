@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
-from inspect import Parameter, signature
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -343,10 +343,9 @@ _TAKEN = {
 
 
 def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that also takes, before --json, --jobs, --no-cache and its options of choice.toml (`chosen`)."""
+    """Return a command that also takes --jobs, --no-cache and its options of choice.toml, before its last one."""
     if name not in _TAKEN:
         return command
-    own = signature(command, eval_str=True)
     added = {key: (_OPTIONS[key], None) for key in _TAKEN[name]} | {"jobs": (Jobs, None), "no_cache": (NoCache, False)}
 
     @wraps(command)
@@ -355,10 +354,11 @@ def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
         keep_results(context, given["no_cache"])
         command(context, **{key: value for key, value in given.items() if key not in added})
 
-    every = [each.replace(kind=Parameter.KEYWORD_ONLY) for each in own.parameters.values()]
+    every = [
+        each.replace(kind=Parameter.KEYWORD_ONLY) for each in signature(command, eval_str=True).parameters.values()
+    ]
     more = [Parameter(key, Parameter.KEYWORD_ONLY, default=each[1], annotation=each[0]) for key, each in added.items()]
-    at = list(own.parameters).index("json")
-    vars(run)["__signature__"] = own.replace(parameters=[*every[:at], *more, *every[at:]])
+    vars(run)["__signature__"] = Signature([*every[:-1], *more, every[-1]])
     return run
 
 

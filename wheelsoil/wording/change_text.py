@@ -76,21 +76,18 @@ def _when(last: LastReport) -> str:
 def _sentences(beyond: Sequence[Change]) -> Iterator[str]:
     """Yield what became of each quantity; of a cause with another law than last time both sizes in one."""
     gone = {
-        family: [c for c in beyond if _family(c) == family and not isfinite(c.now)] for family in map(_family, beyond)
+        family: [c for c in beyond if c.name[0] == family and not isfinite(c.now)]
+        for family in {c.name[0] for c in beyond}
     }
     told = set()
     for change in beyond:
-        before = gone[_family(change)] if change.kind == "cause" else []
+        before = gone[change.name[0]] if change.kind == "cause" else []
         if before and not isfinite(change.last):
             earlier = listed([_was(each) for each in before])
             yield f"{_name(change)} is {_value(change, change.now)}, and last time {earlier}"
             told |= {each.name for each in before}
         elif isfinite(change.now) or change.name not in told:
             yield size_sentence(change)
-
-
-def _family(change: Change) -> str:
-    return change.name[0]
 
 
 def _was(change: Change) -> str:

@@ -282,10 +282,10 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
 def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[Change]:
     """Return what differs between two reports or campaigns; see `changes_since`."""
     of_both = (tuple(earlier), tuple(later))
-    families = {_family(each) for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
-    families |= set.intersection(*({_family(each) for each in of_one if each.barred} for of_one in of_both))
+    families = {each.name[0] for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
+    families |= set.intersection(*({each.name[0] for each in of_one if each.barred} for of_one in of_both))
     before, now = (
-        {each.name: each for each in of_one if each.kind != "cause" or _family(each) in families} for of_one in of_both
+        {each.name: each for each in of_one if each.kind != "cause" or each.name[0] in families} for of_one in of_both
     )
     both = before.keys() & now.keys()
     found = []
@@ -298,10 +298,6 @@ def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[
         values = [(each.value, each.half95) if each else (nan, nan) for each in (old, new)]
         found.append(Change(stated.kind, name, stated.unit, *values[0], *values[1]))
     return sorted(found, key=lambda change: (not change.beyond, _KINDS.index(change.kind)))
-
-
-def _family(cause: Stated) -> str:
-    return cause.name[0]
 
 
 def _float(value: Any) -> float:

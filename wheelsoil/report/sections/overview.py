@@ -446,8 +446,9 @@ def runs(inputs: ReportInputs) -> Contents:
         decision = _OTHER_SOIL if run.run.id in others else _DECISIONS[grade.level]
         traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
-        dated = run.start_ns > 631_152_000 * 10**9
-        start = f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else None
+        start = (
+            f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if run.start_ns > 631_152_000 * 10**9 else None
+        )
         rows.append(
             [
                 run.run.id,
