@@ -41,7 +41,7 @@ AVERAGE_SCHEMA = "wheelsoil/model/2"
 """Of a file with several sets of causes."""
 VEHICLE_SCHEMA = "wheelsoil/model/3"
 """Of a file of all wheels of a vehicle, with one model or several sets."""
-Fact = str | float | tuple[str, ...]
+Fact = str | float | tuple[str, ...] | tuple[tuple[str, str, str], ...]
 Which = Literal["all", "physical"]
 
 _ROUNDING = 1e-6
@@ -111,9 +111,9 @@ class ExtendedModel:
         As the data leave it; with several sets the laboratory's, since each has its own.
     soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
     reading : "balanced" or "literal"
-    provenance : mapping str -> str, float or tuple of str
+    provenance : mapping str -> str, float or tuple
         Where it comes from: runs, verdict, probability, gain; "wheel", of one of several; "counted_from", what its
-        errors of measurement count from.
+        errors of measurement count from: (wheel, name, value), the wheel empty where there is one.
     sets : tuple of ModelSet
         Where several sets of causes remain possible, most probable first; else empty.
     rest_probability : float

@@ -126,7 +126,7 @@ class _File(_Section):
     reading: Reading = "balanced"
     wheel: _WheelSection
     soil: _SoilSection
-    provenance: dict[str, str | float | tuple[str, ...]] = {}
+    provenance: dict[str, str | float | tuple[str, ...] | tuple[tuple[str, str, str], ...]] = {}
 
 
 class OneModelFile(_File):

@@ -18,7 +18,14 @@ from wheelsoil.wording.notes import naming_text, odds_text, step_text, texts_of
 from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.run_summary import summary_table
 from wheelsoil.wording.verdict import deciding_runs, refusal_words, sentence_of
-from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, KeyFigure, errors_of, figures_of_diagnosis, sizes_of
+from wheelsoil.workflows.key_figures import (
+    CALIBRATED_SOIL,
+    WITH_CAUSES,
+    KeyFigure,
+    errors_of,
+    figures_of_diagnosis,
+    sizes_of,
+)
 
 Cell = str | KeyFigure
 """A cell of a table: a text, or a key figure, which its renderer writes."""
@@ -101,12 +108,12 @@ def diagnosis_html(found: Diagnosis) -> str:
 
 
 def _gain_rows(gain: Gain, verdict: str) -> list[list[Cell]]:
-    errors = {figure.key: figure for figure in errors_of(gain, verdict)}
+    errors = errors_of(gain, verdict)
     return [
         [
             channel.name,
-            errors[f"error.{key}.{CALIBRATED_SOIL}"],
-            errors.get(f"error.{key}.with_causes", "–"),
+            errors[key, CALIBRATED_SOIL],
+            errors.get((key, WITH_CAUSES), "–"),
             channel.unit_text,
         ]
         for key, channel in OUTPUTS.items()

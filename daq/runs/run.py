@@ -17,7 +17,7 @@ from daq.can.databases import Database, load_database, load_for_vehicle, message
 from daq.can.roles import SignalRef, resolve_columns, resolve_roles, unused_validity
 from daq.config import OfWheel, RunInfo, RunsConfig, StaticTest, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import ConfigError, DatabaseError, Fault, RecordingError, nearest
-from daq.logs import LogReport, read_log
+from daq.logs import LogReading, read_log
 from daq.recording import RunRecording
 from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
 from daq.series import Series, SeriesBlock, read_series
@@ -163,7 +163,6 @@ class Run:
     vehicle_source: str = VEHICLE_FILE
     series: Series | None = None
     static: tuple[StaticTest, ...] = ()
-    _reports: list[LogReport] = field(default_factory=list, repr=False, compare=False)
 
     def for_wheel(self, name: str | None = None) -> Run:
         """Return the run of one wheel: its configuration, and the rut readings and static tests of it.
@@ -218,7 +217,7 @@ class Run:
         return self.recording.files if self.recording else (self.path,)
 
     def frame_batches(self) -> Iterator[FrameBatch]:
-        """Yield the raw frames in bounded memory; none where the run is of decoded series.
+        """Yield the raw frames in bounded memory; none where the run is of decoded series. A log gives a `LogReading`.
 
         Raises
         ------
@@ -229,12 +228,13 @@ class Run:
             return iter(())
         if self.recording:
             return self.recording.frame_batches()
-        reading = read_log(self.path)
-        self._reports[:] = [reading.report]
-        return reading
+        return read_log(self.path)
 
     def channel_batches(
-        self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
+        self,
+        roles: Collection[str] = ROLES,
+        watch: Callable[[FrameBatch], None] | None = None,
+        frames: Iterator[FrameBatch] | None = None,
     ) -> Iterator[dict[str, Channel]]:
         """Yield the channels of some roles piece by piece, in bounded memory; see `channels`, also for its errors.
 
@@ -245,26 +245,31 @@ class Run:
         ----------
         watch : callable, optional
             Is shown the frames that are decoded.
+        frames : iterator of FrameBatch, optional
+            The run's `frame_batches`, for who wants to know afterwards what was lost (`reading_notes`).
         """
         role = replaced_speed(self.vehicle)
         if role is None or role not in roles:
-            yield from self._measured_batches(roles, watch)
+            yield from self._measured_batches(roles, watch, frames)
             return
         commanded = CommandedSlip(self.vehicle, role)
-        for channels in self._measured_batches({*roles, *commanded.needs} - {role}, watch):
+        for channels in self._measured_batches({*roles, *commanded.needs} - {role}, watch, frames):
             speed = commanded.speed(channels)
             found = channels | ({role: speed} if speed else {})
             yield {name: channel for name, channel in found.items() if name in roles}
 
     def _measured_batches(
-        self, roles: Collection[str], watch: Callable[[FrameBatch], None] | None
+        self,
+        roles: Collection[str],
+        watch: Callable[[FrameBatch], None] | None,
+        frames: Iterator[FrameBatch] | None,
     ) -> Iterator[dict[str, Channel]]:
         if self.series:
             yield from self._series_batches(self.series, roles)
             return
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
-        for batch in chain([FrameBatch.empty(tuple(self.databases))], self.frame_batches()):
+        for batch in chain([FrameBatch.empty(tuple(self.databases))], frames or self.frame_batches()):
             if watch:
                 watch(batch)
             decoded = decoder.decode(batch)
@@ -285,9 +290,12 @@ class Run:
             )
             yield unstretched({one.name: one for one in channels}, self.vehicle.series, series.report)
 
-    def reading_notes(self) -> list[Note]:
-        """Return notes on what the last reading of a log or of series lost, and what it read in one of two ways."""
-        reports = [self.series.report] if self.series else self._reports
+    def reading_notes(self, frames: Iterator[FrameBatch] | None = None) -> list[Note]:
+        """Return notes on what a reading of a log or of series lost, and what it read in one of two ways.
+
+        `frames` are those of the log, see `frame_batches`.
+        """
+        reports = [self.series.report] if self.series else [frames.report] if isinstance(frames, LogReading) else []
         lost = [(Severity.DOUBT, text) for report in reports for text in report.losses()]
         read = [(Severity.REMARK, text) for report in reports for text in report.readings]
         return [Note(RecordingCode.READ, severity, {"text": text}) for severity, text in lost + read]

@@ -1,6 +1,8 @@
+from .base import Correction as Correction
 from .base import Effect as Effect
 from .base import Needs as Needs
 from .base import Parameter as Parameter
+from .base import Remedy as Remedy
 from .base import Values as Values
 from .catalogue import EFFECTS as EFFECTS
 from .catalogue import MEASUREMENT as MEASUREMENT

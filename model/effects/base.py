@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from daq import FloatArray
+from daq import FloatArray, VehicleConfig
 from model.wheel_soil import Conditions, Dual, Number, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
@@ -110,6 +110,53 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Correction:
+    """A number of vehicle.toml that mends an effect.
+
+    Attributes
+    ----------
+    key : of ``[wheel]``, or of ``[sensors.ROLE]`` where a role is given
+    per_unit : what a size of 1 adds to it
+    share_of : property of the section that the size is a share of, where it is one
+    form : how it is written
+    """
+
+    key: str
+    per_unit: float = 1.0
+    role: str = ""
+    share_of: str = ""
+    form: str = ".3g"
+
+    @property
+    def section(self) -> str:
+        """Table of vehicle.toml."""
+        return f"[sensors.{self.role}]" if self.role else "[wheel]"
+
+    def line(self, vehicle: VehicleConfig, size: float) -> str:
+        """Return the line of vehicle.toml that mends an effect of a size, from what it declares now."""
+        now = getattr(vehicle.sensors.get(self.role) if self.role else vehicle.wheel, self.share_of or self.key, 0.0)
+        return f"{self.key} = {now + size * (now if self.share_of else self.per_unit):{self.form}}"
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """How an effect is mended by hand.
+
+    Attributes
+    ----------
+    what : what to do, in a sentence
+    corrections : numbers of vehicle.toml that mend it
+    paste : commands and lines of a file, where no number depends on its size
+    scales : a calibration of the only channel that it shows in mends it; this has a sentence of its own
+    """
+
+    what: str = "Check the sensor of this cause, and repeat the diagnosis."
+    corrections: tuple[Correction, ...] = ()
+    paste: str = ""
+    scales: bool = False
+
+
+@dataclass(frozen=True)
 class Signals:
     """What the sensors of a virtual test get to see of one run, on one regular time base, shape (n,) each; SI.
 
@@ -147,7 +194,7 @@ class Effect:
     ----------
     name, form : family and form; ``form`` is empty where the family has one form only
     kind : "physical" or "measurement"
-    summary, source : what a report says of it, and where the formula is from
+    summary, source : what a report says of it, and where the formula is from; a report omits what is not stated
     own_symbols : a model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative"
     shows : tuple of str
         Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
@@ -165,18 +212,20 @@ class Effect:
         First estimate of the only parameter.
     each_wheel : whether it is of one wheel or tyre; what goes with a transducer is, too
     of_tables : whether only rows of single-wheel tests identify it; runs consider it if nothing else is asked for
+    remedy : Remedy, optional
+        How it is mended by hand. A zero (`Needs.zero_of`) is determined anew and needs none.
     like_radius : its parameter by which a larger wheel radius looks the same, unless the tyre is declared; or ""
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ""
     form: ClassVar[str] = ""
     kind: ClassVar[Literal["physical", "measurement"]] = "physical"
-    summary: ClassVar[str]
-    source: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
+    summary: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
     own_symbols: ClassVar[bool] = False
     shows: ClassVar[tuple[str, ...]] = ("drawbar_pull", "driving_torque")
     needs: ClassVar[Needs] = Needs()
@@ -188,6 +237,7 @@ class Effect:
     first_estimate: ClassVar[FirstEstimate | None] = None
     each_wheel: ClassVar[bool] = False
     of_tables: ClassVar[bool] = False
+    remedy: ClassVar[Remedy | None] = None
     like_radius: ClassVar[str] = ""
     stage: ClassVar[int] = 0
 

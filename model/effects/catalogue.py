@@ -73,7 +73,6 @@ MEASUREMENT: tuple[type[Effect], ...] = (
 GROUP = "wheelsoil.effects"
 _SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
 """Where an effect may show."""
-_STATED = ("name", "summary", "source", "parameters")
 
 
 _AT = "@"
@@ -171,17 +170,14 @@ def _loaded(entry: EntryPoint) -> tuple[type[Effect] | None, list[Fault]]:
         return None, [_fault(entry, "cannot be loaded", f"{type(error).__name__}: {error}")]
     if not (isinstance(found, type) and issubclass(found, Effect)):
         return None, [_fault(entry, "is no effect", repr(found), "a subclass of model.effects.Effect")]
-    missing = [name for name in _STATED if not getattr(found, name, None)]
-    if missing:
-        return None, [_fault(entry, "does not state all that an effect states", f"no {', no '.join(missing)}")]
     wrong = [_fault(entry, *misfit) for misfit in _misfits(found)]
     return (None, wrong) if wrong else (found, [])
 
 
 def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
     """Yield what is wrong with an effect's statements: what, found, expected."""
-    if not isinstance(effect.parameters, tuple):
-        yield "has parameters that are no tuple", repr(effect.parameters), "(Parameter(...), ...)"
+    if not isinstance(effect.parameters, tuple) or not effect.parameters:
+        yield "has no tuple of parameters", repr(effect.parameters), "(Parameter(...), ...)"
         return
     if not str(effect.key()).isidentifier():
         yield "has a name that cannot be typed", repr(effect.key()), "letters, digits and underscores"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Signals, Values
+from model.effects.base import Correction, Effect, FirstEstimate, Needs, Parameter, Remedy, Signals, Values
 from model.wheel_soil import Conditions, Reaction, WheelState, value_of, where
 
 STANDSTILL_MPS = 0.05
@@ -27,6 +27,10 @@ class WheelRadius(Effect):
     shows = ("wheel_speed",)
     parameters = (
         Parameter("relative", "1", 0.0, 0.02, -0.2, 0.2, 0.03, "effective rolling radius against the declared one"),
+    )
+    remedy = Remedy(
+        "Measure the rolling radius on firm ground; these runs suggest the value below for vehicle.toml.",
+        (Correction("rolling_radius_m", share_of="rolling_m", form=".4f"),),
     )
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
@@ -59,6 +63,10 @@ class SpeedLatency(Effect):
     needs = Needs(conditions=("ground_speed_mps", "ground_acceleration_mps2", "ground_jerk_mps3"))
     starts = (-1.0, -0.4, 0.4, 1.0)
     first_estimate = FirstEstimate("residual_latency_s", notable=0.06)
+    remedy = Remedy(
+        "Check the delay of the ground speed; these runs suggest the value below for vehicle.toml.",
+        (Correction("latency_s", role="ground_speed", form=".3f"),),
+    )
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with ground speed and acceleration of the moment itself."""
@@ -92,6 +100,7 @@ class SpeedBias(Effect):
     shows = ("ground_speed",)
     parameters = (Parameter("offset_mps", "m/s", 0.0, 0.05, -0.5, 0.5, 0.10, "receivers' data sheets"),)
     needs = Needs(conditions=("ground_speed_mps",))
+    remedy = Remedy("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis.")
     stage = 4
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

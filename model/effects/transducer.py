@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from daq import ROLES
-from model.effects.base import Effect, Needs, Parameter, Signals, Values
+from model.effects.base import Effect, Needs, Parameter, Remedy, Signals, Values
 from model.wheel_soil import Conditions, Reaction, WheelState, value_of, where
 
 
@@ -25,6 +25,7 @@ class _Gain(Effect):
 
     kind = "measurement"
     source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
+    remedy = Remedy(scales=True)
 
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
         """Return the signals with what the transducer makes of them."""
@@ -94,6 +95,7 @@ class Crosstalk(Effect):
     parameters = (Parameter("coefficient", "1", 0.0, 0.01, -0.3, 0.3, 0.02, "1 deg of tilt is 0.017"),)
     needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True)
     at_standstill = True
+    remedy = Remedy("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis.")
     stage = 2
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
@@ -198,6 +200,11 @@ class ZeroDrift(Effect):
     parameters = (Parameter("campaign_span_n", "N", 0.0, 100.0, -2000.0, 2000.0, 150.0, "six runs of 5 to 50 N each"),)
     needs = Needs(conditions=("campaign_time",), channels=("drawbar_pull",), several_runs=True, standstill=True)
     at_standstill = True
+    remedy = Remedy(
+        "Determine the zero with the wheel lifted before and after the runs; processing interpolates between them.",
+        paste="# record before.mcap and after.mcap, then:\n"
+        "wheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
+    )
     stage = 5
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
@@ -233,6 +240,7 @@ class BodyPitch(Effect):
         ),
     )
     needs = Needs(roles=("pitch",), conditions=("body_pitch_rad",), channels=("drawbar_pull",))
+    remedy = Remedy("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs.")
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return the forces in the axes of the tilted frame."""

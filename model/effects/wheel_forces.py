@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import STANDARD_GRAVITY_MPS2
-from model.effects.base import Effect, Needs, Parameter, Values
+from model.effects.base import Correction, Effect, Needs, Parameter, Remedy, Values
 from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Reaction, WheelState
 
 MASS_KG = USUAL_OUTBOARD_MASS_KG
@@ -83,6 +83,10 @@ class WheelInertia(Effect):
         ),
     )
     needs = Needs(conditions=("ground_acceleration_mps2", "wheel_acceleration_radps2"))
+    remedy = Remedy(
+        "Weigh what is outside the transducer; these runs suggest the values below for vehicle.toml.",
+        (Correction("outboard_mass_kg", MASS_KG), Correction("outboard_inertia_kgm2", INERTIA_KGM2)),
+    )
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return the forces with what moves rim and tyre."""

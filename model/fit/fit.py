@@ -271,7 +271,7 @@ def fit_observations(
     check_chosen(driven, chosen.chosen)
     driven, lost = driven[answered], int((~answered).sum())
     check_enough(driven, lost, chosen)
-    threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
+    threshold = chosen.threshold_on(soil)
     found = in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names)
     fits = list(counted(found, len(chosen.names), 0.0, _SHARE_OF_FITS))
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
@@ -285,11 +285,6 @@ def fit_observations(
     if chosen.extended is not None and chosen.extended.soil.name != soil.name:
         notes += (Note(FitCode.OTHER_SOIL, Severity.DOUBT, {"model": chosen.extended.soil.name, "soil": soil.name}),)
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
-
-
-def default_slip_threshold(soil: Soil) -> float:
-    """Return the paper's threshold for the criteria: 0.2 on clay, else 0.1."""
-    return 0.2 if "clay" in soil.name.lower() else 0.1
 
 
 def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> ModelFit:

@@ -39,7 +39,7 @@ class FitOptions:
     channels : of "dp", "t" and "z"
     soil_prior : SoilPrior, optional
         Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
-    slip_threshold : for the criteria only; default 0.2 on clay, else 0.1, as in the paper
+    slip_threshold : for the criteria only; see `threshold_on`
     models : of `MODELS`
     confidence : of the intervals
     extended : ExtendedModel, optional
@@ -57,6 +57,12 @@ class FitOptions:
     confidence: float = 0.95
     extended: ExtendedModel | None = None
     chosen: tuple[str, ...] = ()
+
+    def threshold_on(self, soil: Soil) -> float:
+        """Return the slip from which on criteria count: by default the paper's, 0.2 on clay, else 0.1."""
+        if self.slip_threshold is not None:
+            return self.slip_threshold
+        return 0.2 if "clay" in soil.name.lower() else 0.1
 
     @property
     def names(self) -> tuple[str, ...]:

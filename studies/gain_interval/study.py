@@ -23,7 +23,7 @@ from model.diagnosis.findings.set_fit import SetFit, fit_sets
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.samples import samples_of
-from model.fit.fit import default_slip_threshold
+from model.fit import FitOptions
 from model.wheel_soil.soils import prior_of
 from processing.pipeline import process
 from wheelsoil.simulation.campaign import simulated_roles
@@ -73,7 +73,8 @@ def squared_error(fit: SetFit, later: Campaign) -> float:
     [point], [part] = fit.problem.points(fit.estimate), fit.problem.parts
     said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
     pull = said[part.frozen.channels.index("dp")]
-    error = (samples.measured["dp"] - pull)[np.asarray(samples.conditions.slip) >= default_slip_threshold(later.soil)]
+    judged = np.asarray(samples.conditions.slip) >= FitOptions().threshold_on(later.soil)
+    error = (samples.measured["dp"] - pull)[judged]
     return float(np.nansum(error**2))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -56,6 +58,25 @@ def test_a_package_adds_an_effect_as_the_page_says(install: Install, tmp_path: P
     assert seen.stdout == "The wind takes part of the drawbar pull.\n", seen.stderr
 
 
+def test_name_parameters_and_one_hook_are_enough(install: Install, tmp_path: Path) -> None:
+    """What an effect may leave unsaid a report omits."""
+    least = re.sub(r'    (?:summary|source|shows|needs) = .*\n| +"""D.*\n|, source="a van"', "", HEADWIND)
+    assert re.findall(r"^    (?:def )?(\w+)", least.split("class ")[1], re.M) == ["name", "parameters", "resultants"]
+    env, out = install("my_wind", least, "my_wind:Headwind"), tmp_path / "campaign"
+    runs, page = ("--runs", 3, "--duration", 40, "--effect", "headwind:drag=40"), tmp_path / "report.html"
+    done = python(env, *COMMAND, "simulate", "-o", out, *runs)
+    assert done.returncode == 0, done.stderr
+    asked = python(env, *COMMAND, "diagnose", out, "--effects", "headwind,crosstalk", "--json")
+    assert asked.returncode == 0, asked.stderr
+    found = json.loads(asked.stdout)
+    assert (found["verdict"], found["causes"][0]["name"]) == ("named", "headwind"), found["sentence"]
+    low, high = found["causes"][0]["parameters"][0]["interval95"]
+    assert 0.0 < low < 40.0 < high
+    done = python(env, *COMMAND, "report", out, "-o", page)
+    assert done.returncode == 0, done.stderr
+    assert "Headwind, drag = " in page.read_text() and "Headwind:" not in page.read_text()
+
+
 @pytest.mark.slow
 def test_the_contract_suite_takes_it_up(install: Install) -> None:
     env = install("my_wind", HEADWIND, "my_wind:Headwind")
@@ -84,7 +105,8 @@ def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> No
         (HEADWIND, "my_wind:Tailwind", "cannot be loaded"),
         ("Headwind = 3", "my_wind:Headwind", "is no effect"),
         (HEADWIND.replace('name = "headwind"', 'name = "slope"'), "my_wind:Headwind", "takes the name 'slope'"),
-        (HEADWIND.replace("source =", "sauce ="), "my_wind:Headwind", "no source"),
+        (HEADWIND.replace("parameters =", "parameter ="), "my_wind:Headwind", "no tuple of parameters"),
+        (HEADWIND.replace("name =", "title ="), "my_wind:Headwind", "cannot be typed ''"),
         (HEADWIND.replace("lower=-50.0", "lower=1.0"), "my_wind:Headwind", "out of order"),
         (HEADWIND.replace('"a van"),\n', '"a van")\n'), "my_wind:Headwind", "no tuple"),
         (HEADWIND.replace('name = "headwind"', 'name = "head wind"'), "my_wind:Headwind", "cannot be typed"),

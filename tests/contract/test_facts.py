@@ -28,9 +28,13 @@ def asked_in(code: ast.AST) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _ASKS:
             looked = node.args[:1]
         elif isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn | ast.Eq | ast.NotEq):
-            looked = [node.left, *node.comparators] if isinstance(node.ops[0], ast.Eq | ast.NotEq) else [node.left]
+            looked = [node.left, *node.comparators]
+            if isinstance(node.ops[0], ast.In | ast.NotIn) and not isinstance(
+                looked[1], ast.Tuple | ast.Set | ast.List
+            ):
+                looked = looked[:1]
         for one in looked:
-            for part in one.elts if isinstance(one, ast.Tuple) else [one]:
+            for part in one.elts if isinstance(one, ast.Tuple | ast.Set | ast.List) else [one]:
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
                     yield part.lineno, part.value
 

@@ -92,8 +92,9 @@ def test_a_log_with_lines_that_cannot_be_read_is_noted(tmp_path: Path) -> None:
     )
     run = log_run(path, Configuration())
     for _ in range(2):
-        assert sum(map(len, run.frame_batches())) == 50
-        [note] = run.reading_notes()
+        frames = run.frame_batches()
+        assert sum(map(len, frames)) == 50
+        [note] = run.reading_notes(frames)
         assert note.severity == Severity.DOUBT and note.values["text"].startswith("9 unreadable")
 
 

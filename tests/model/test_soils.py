@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daq.config import TerrainConfig
-from model.fit.fit import default_slip_threshold
+from model.fit.result import FitOptions
 from model.wheel_soil.soils import SOILS, soil_from_terrain
 
 YANG_TABLE_1 = {  # c kPa, phi deg, K m, n, k_c kN/m^(n+1), k_phi kN/m^(n+2)
@@ -41,5 +41,5 @@ def test_a_declared_unit_weight_is_in_kilonewton() -> None:
 
 def test_the_papers_slip_thresholds() -> None:
     """Yang et al. (2016), section 1.3: 0.2 on clay, 0.1 on sandy soil."""
-    assert default_slip_threshold(SOILS["clay"]) == 0.2
-    assert default_slip_threshold(SOILS["sandy"]) == 0.1
+    assert FitOptions().threshold_on(SOILS["clay"]) == 0.2
+    assert FitOptions().threshold_on(SOILS["sandy"]) == 0.1

@@ -10,7 +10,8 @@ from diagnosis_samples import diagnosis, seen
 
 from daq import OUTPUTS, VehicleConfig
 from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Correction, Remedy
+from model.effects.speed_errors import SpeedLatency
 from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG
 from wheelsoil.report.cause_figure import cause_figure
 from wheelsoil.report.inputs import ReportInputs
@@ -68,3 +69,17 @@ def test_what_is_to_be_pasted_holds_the_value() -> None:
     said = mending_of(cause("wheel_inertia", 0.5), VEHICLE).paste.splitlines()
     assert said[1:] == [f"outboard_mass_kg = {10 + MASS_KG / 2:g}", f"outboard_inertia_kgm2 = {INERTIA_KGM2 / 2:g}"]
     assert "0.870 times" in mending_of(cause("drawbar_pull_gain", 0.15), VEHICLE).what
+
+
+def test_an_effect_of_another_package_says_how_it_is_mended(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Late(SpeedLatency):
+        name = "late"
+        remedy = Remedy("Check the wheel speed.", (Correction("latency_s", -2.0, "wheel_speed", form=".2f"),))
+
+    class Unsaid(Late):
+        name, remedy = "unsaid", None
+
+    monkeypatch.setattr(EFFECTS, "_effects", EFFECTS._effects | {"late": Late, "unsaid": Unsaid})
+    said = mending_of(cause("late", -0.15), VEHICLE)
+    assert (said.what, said.paste) == ("Check the wheel speed.", "[sensors.wheel_speed]\nlatency_s = 0.30")
+    assert mending_of(cause("unsaid", 1.0), VEHICLE).what.startswith("Check the sensor of this cause")

@@ -102,7 +102,7 @@ def test_no_verdict_ends_without_a_next_step(verdict, family, step):
     found = replace(diagnosis(verdict), next_run=(), not_identifiable={})
     if family:
         kind = EFFECTS[family].kind if family in EFFECTS else "physical"
-        found = replace(found, causes=(replace(found.causes[0], name=family, kind=kind, parameters=()),))
+        found = replace(found, causes=(replace(found.causes[0], name=family, key=family, kind=kind, parameters=()),))
     assert step in text_of(found, 100)
 
 
@@ -264,7 +264,8 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
     undeclared = next_steps(with_lugs("one_of", ""), vehicle)
     assert undeclared[0].paste.endswith(f'{of_wheel}\ntyre = "smooth"')
     rear = VehicleConfig(wheel=WheelSection(id="RL", radius_m=0.4, width_m=0.3, outboard_mass_kg=75.0))
-    two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), replace(radius, name="wheel_inertia@RL")))
+    inertia = replace(radius, name="wheel_inertia@RL", key="wheel_inertia")
+    two = replace(named, causes=(replace(radius, name="wheel_radius@FL"), inertia))
     first, second, *_ = next_steps(two, VehicleConfig(), {"FL": vehicle, "RL": rear})
     assert first.what.startswith("At wheel FL: measure") and first.paste.endswith(
         f"{of_wheel}\nrolling_radius_m = 0.5100"
@@ -274,7 +275,8 @@ def test_what_is_to_be_pasted_names_the_wheel_of_several() -> None:
 
 def test_a_gain_is_scaled_where_no_other_wheel_is_changed() -> None:
     size = ParameterEstimate("relative", "", 0.058, (0.05, 0.066), 0.004)
-    gain = replace(diagnosis("named"), causes=(Cause("torque_gain@FR", "", "measurement", "", 0.99, 0.99, (size,)),))
+    cause = Cause("torque_gain@FR", "", "measurement", "torque_gain@FR", 0.99, 0.99, (size,))
+    gain = replace(diagnosis("named"), causes=(cause,))
     buses = [{"channel": f"can{i}", "dbc": ["wft.dbc", *(["gnss.dbc"] if i == 1 else [])]} for i in range(3)]
     signals = {"driving_torque": "can1:WFT_Moments.My"}
     shared = VehicleConfig.model_validate({"bus": buses, "signals": signals})

@@ -33,7 +33,6 @@ from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
 from processing import ProcessedRun, ProcessOptions
 from processing.processed_run import AppliedZero
 from wheelsoil.simulation.options import SimulationOptions, with_model
-from wheelsoil.wording.mending import MENDED
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import campaigns_of
@@ -396,11 +395,11 @@ def otherwise(run: Run, done: ProcessedRun, name: str) -> tuple[Run, ProcessedRu
 
 def test_every_error_of_measurement_counts_from_what_the_report_mends(processed):
     """Whoever mends it in vehicle.toml, a DBC or by a zero file has it corrected twice by the file."""
-    errors = [effect for effect in EFFECTS.values() if effect.kind == "measurement" or effect.name in MENDED]
+    errors = [effect for effect in EFFECTS.values() if effect.kind == "measurement" or effect.remedy]
     assert {effect.key() for effect in errors} == MENDED_BY.keys(), "a new one: what mends it?"
     for each in errors:
         model = made(processed, each.key())
-        names = [str(line).partition(" = ")[0] for line in model.provenance["counted_from"]]
+        names = [name for _, name, _ in model.provenance["counted_from"]]
         assert MENDED_BY[each.key()] in names and len(set(names)) == len(names)
         refuse_mended(model, processed)
         for name in names:
@@ -419,16 +418,17 @@ def test_what_an_error_does_not_count_from_may_change(processed):
     refuse_mended(gain, [otherwise(*processed[0], "zero of driving_torque")])
     refuse_mended(gain, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
     refuse_mended(late, [otherwise(*processed[0], "scale of driving_torque")])
-    old = replace(late, provenance={})
-    refuse_mended(old, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
+    for provenance in ({}, {"counted_from": ("[sensors.ground_speed] latency_s = 0.07",)}):  # older files
+        old = ExtendedModel.from_mapping(replace(late, provenance=provenance).to_mapping())
+        refuse_mended(old, [otherwise(*processed[0], "[sensors.ground_speed] latency_s")])
 
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_runs_with_and_without_a_dbc_make_one_model(processed, first):
     members = list(processed[:2])
     members[first] = (replace(members[first][0], databases={}), members[first][1])
-    (scale,) = (line for line in made(members, "torque_gain").provenance["counted_from"] if line.startswith("scale"))
-    assert scale.startswith("scale of driving_torque = ")
+    rows = made(members, "torque_gain").provenance["counted_from"]
+    assert [name for _, name, _ in rows if name.startswith("scale")] == ["scale of driving_torque"]
 
 
 @pytest.mark.parametrize(("unit", "sign"), [("kN m", 1), ("N m", -1)])
@@ -444,7 +444,7 @@ def test_a_gain_of_a_table_is_not_corrected_twice(processed, unit, sign):
 
     members = [(of_table(run), done) for run, done in processed]
     model = made(members, "torque_gain")
-    assert "unit and sign of driving_torque = times 1" in model.provenance["counted_from"]
+    assert ("", "unit and sign of driving_torque", "times 1") in model.provenance["counted_from"]
     same = of_table(members[0][0], unit="N m")
     refuse_mended(model, [members[0], (same, members[0][1]), processed[0]])
     with pytest.raises(ConfigError, match="unit and sign of driving_torque has changed"):

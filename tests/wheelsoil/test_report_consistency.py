@@ -181,7 +181,7 @@ def test_braking_that_swings_is_not_called_good_and_lies_in_its_figure(material)
 
 
 def test_what_differs_from_the_last_report_is_on_the_first_screen(material):
-    torque = Stated("cause", "torque_zero.offset_nm", 80.0, 4.0, "N m")
+    torque = Stated("cause", ("torque_zero", "offset_nm"), 80.0, 4.0, "N m")
     last = LastReport("last.json", "2026-05-04T10:00:00", "Clay", (torque,))
     for stated, said in ((last, True), (replace(last, stated=()), False)):
         sections = build_report(replace(material, diagnosed=diagnosis("nothing_detectable"), last=stated)).sections

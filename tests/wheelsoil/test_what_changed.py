@@ -87,7 +87,7 @@ def sections(tan_phi: float, zero: tuple[float, float] | None, pull: float) -> d
             "traction": {"pull": {"pull_n": pull, "interval95": [pull - 30.0, pull + 30.0]}},
         },
         "causes": {"causes": [{"name": "torque_zero", "parameters": sizes}] if sizes else []},
-        "runs": {"run-1": {"usable_share": 0.9}},
+        "runs": {"run-1": {"usable_share": 0.9, "start_utc": "08:00"}},
         "glance": {"key_figures": {"error.dp.calibrated_soil": {"value": 41.0, "unit": "N"}}},
     }
 
@@ -101,16 +101,16 @@ def test_what_differs_beyond_its_interval_comes_first(tmp_path: Path) -> None:
     last = load_last(write(tmp_path / "last.json", sections(0.25, (78.0, 5.0), 700.0)))
     found = changes_since(last, sections(0.31, (20.0, 5.0), 720.0))
     assert [(one.name, one.beyond) for one in found] == [
-        ("torque_zero.offset_nm", True),
-        ("soil.tan_phi", True),
-        ("pull_at_slip_0.2", False),
-        ("error.dp.calibrated_soil", False),
-        ("usable_share", False),
+        (("torque_zero", "offset_nm"), True),
+        (("soil", "tan_phi"), True),
+        (("pull_at_slip_0.2",), False),
+        (("error", "dp", "calibrated_soil"), False),
+        (("usable_share",), False),
     ]
     assert found[0].difference == pytest.approx(-58.0)
     gone = {one.name: one for one in changes_since(last, sections(0.26, None, 700.0))}
-    assert gone["torque_zero.offset_nm"].beyond and not gone["soil.tan_phi"].beyond
-    assert abs(gone["soil.tan_phi"].difference) < inf
+    assert gone[("torque_zero", "offset_nm")].beyond and not gone[("soil", "tan_phi")].beyond
+    assert abs(gone[("soil", "tan_phi")].difference) < inf
 
 
 def test_another_wheel_than_last_time_is_said_first(tmp_path: Path) -> None:
@@ -140,9 +140,9 @@ def test_a_cause_that_a_rule_bars_is_not_compared(tmp_path: Path) -> None:
     barred = sections(0.25, (78.0, 5.0), 700.0)
     barred["causes"]["barred"] = ["torque_zero"]
     last = load_last(write(tmp_path / "last.json", barred))
-    assert "torque_zero.offset_nm" not in {one.name for one in changes_since(last, sections(0.25, None, 700.0))}
+    assert ("torque_zero", "offset_nm") not in {one.name for one in changes_since(last, sections(0.25, None, 700.0))}
     named = {one.name: one for one in changes_since(last, sections(0.25, (78.0, 5.0), 700.0))}
-    assert named["torque_zero.offset_nm"].last == 78.0, "its size was known, though no name was given"
+    assert named[("torque_zero", "offset_nm")].last == 78.0, "its size was known, though no name was given"
 
 
 def test_a_cause_that_a_rule_bars_in_both_is_compared(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_cause_that_a_rule_bars_in_both_is_compared(tmp_path: Path) -> None:
     for each in (last, now):
         each["causes"]["barred"] = ["torque_zero"]
     found = {one.name: one for one in changes_since(load_last(write(tmp_path / "last.json", last)), now)}
-    assert found["torque_zero.offset_nm"].beyond and found["torque_zero.offset_nm"].now == 120.0
+    assert found[("torque_zero", "offset_nm")].beyond and found[("torque_zero", "offset_nm")].now == 120.0
     last["causes"]["causes"][0]["probability"] = 0.01
     assert len(changes_since(load_last(write(tmp_path / "last.json", last)), now)) == len(found) - 1
 
@@ -185,12 +185,15 @@ def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_pat
     }
     path.write_text(json.dumps(dated))
     found = changes_since(load_last(path), now)
-    assert [one.name for one in found if one.kind == "cause"] == ["slip_sinkage.p"]
+    assert [one.name for one in found if one.kind == "cause"] == [("slip_sinkage", "p")]
     said = change_summary(load_last(path), found, {})
     assert said.startswith(
         "Slip sinkage, p = m₁ + m₂ went from 0.320 to 0.620 and pull at slip 0.2 went from 822 to 753 N."
     )
     assert said.endswith("Last time: Clay, driven 16 June 2026, 08:00 to 08:53 UTC (report last.json).")
+    last["runs"]["run-1"]["start_utc"] = None
+    path.write_text(json.dumps(dated | {"sections": last, "head": {"facts": [["", "date unknown"]]}}))
+    assert "Last time: Clay, made 2026-05-04 (report" in change_summary(load_last(path), found, {})
     rows = {row[0]: row for row in map(change_row, found)}
     assert rows["usable share of the samples in motion"][1:4] == ["90.0", "90.0", "0"]
     assert rows["usable share of the samples in motion"][5] == "%"

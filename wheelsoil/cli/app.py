@@ -131,11 +131,15 @@ class LazyGroup(typer.core.TyperGroup):
 
 def load(name: str) -> Any:
     """Return the click command of a subcommand: ``fleet_app``, or ``soil_command``, of class ``SoilCommand`` if any."""
+    from wheelsoil.cli.options import with_shared
+
     module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
     if group := getattr(module, f"{name}_app", None):
         return typer.main.get_command(group)
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(name, cls=getattr(module, f"{name.capitalize()}Command", None))(getattr(module, f"{name}_command"))
+    app.command(name, cls=getattr(module, f"{name.capitalize()}Command", None))(
+        with_shared(name, getattr(module, f"{name}_command"))
+    )
     return typer.main.get_command(app)
 
 

@@ -42,8 +42,7 @@ def diagnose_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     choice: options.ChoiceFile = None,
-    sinkage: options.Sinkage = None,
-    channels: Annotated[
+    considered: Annotated[
         str, typer.Option("--channels", help="Channels to use if measured: dp (drawbar pull), t (torque), z (sinkage).")
     ] = "dp,t,z",
     effects: options.Effects = None,
@@ -68,9 +67,6 @@ def diagnose_command(
     ] = None,
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
-    min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -92,14 +88,12 @@ def diagnose_command(
     from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
-    by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
+    by_hand = options.chosen(context)
     settings = diagnosis_options(
         by_hand.fit_choices().reading,
         effects=options.split(effects),
         without=options.split(without),
-        channels=options.split([channels]),
+        channels=options.split([considered]),
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,

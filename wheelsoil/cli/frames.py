@@ -58,7 +58,7 @@ def import_command(
     ] = None,
     lenient_dbc: options.LenientDbc = False,
     run_id: options.RunId = None,
-    direction: options.DirectionOption = options.Direction.out,
+    direction: options.DirectionOption = "out",
     pass_number: options.PassNumber = 1,
     added_load: options.AddedLoad = 0.0,
     inflation: options.Inflation = None,

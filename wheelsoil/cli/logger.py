@@ -105,7 +105,7 @@ def log_command(
     ] = None,
     terrain: options.Terrain = None,
     run_id: options.RunId = None,
-    direction: options.DirectionOption = options.Direction.out,
+    direction: options.DirectionOption = "out",
     pass_number: options.PassNumber = 1,
     added_load: options.AddedLoad = 0.0,
     inflation: options.Inflation = None,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from enum import StrEnum
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -159,31 +160,10 @@ ChoiceFile = Annotated[
         help="choice.toml: runs, parts and settings selected by hand; an option overrides it.",
     ),
 ]
-Channels = Annotated[
-    str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]"),
-]
-SoilPrior = Annotated[
-    bool | None,
-    typer.Option("--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."),
-]
-SlipThreshold = Annotated[
-    float | None,
-    typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
-]
 ModelFile = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="A model written by `diagnose -o`: fitted in addition to the four."),
 ]
-MinSpeed = Annotated[
-    float | None,
-    typer.Option(
-        "--min-speed",
-        metavar="M/S",
-        help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle).",
-    ),
-]
-
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
     Path | None,
@@ -288,17 +268,6 @@ def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Confi
     return Configuration(vehicle, databases, attachments={VEHICLE_FILE: text.encode(), **carried})
 
 
-class Reading(StrEnum):
-    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
-
-    balanced = "balanced"
-    literal = "literal"
-
-
-Sinkage = Annotated[
-    Reading | None,
-    typer.Option("--sinkage", help="Slip-sinkage laws load-consistent or as published. [default: balanced]"),
-]
 Rename = Annotated[
     list[str] | None,
     typer.Option(
@@ -311,13 +280,7 @@ Where = Annotated[
 ]
 
 
-class Direction(StrEnum):
-    """Direction of travel on the track."""
-
-    out = "out"
-    back = "back"
-
-
+Direction = Literal["out", "back"]
 RunId = Annotated[str | None, typer.Option("--run-id", metavar="ID", help="Name of the run.")]
 DirectionOption = Annotated[Direction, typer.Option("--direction", help="Direction of travel on the track.")]
 PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="Number of this pass in the track, from 1.")]
@@ -325,18 +288,82 @@ AddedLoad = Annotated[float, typer.Option("--added-load", metavar="KG", help="Lo
 Inflation = Annotated[float | None, typer.Option("--inflation", metavar="KPA", help="Inflation pressure of the tyre.")]
 
 
-def chosen(
-    file: Path | None,
-    *,
-    sinkage: Reading | None = None,
-    channels: str | None = None,
-    soil_prior: bool | None = None,
-    slip_threshold: float | None = None,
-    min_speed: float | None = None,
-    cutoff: float | None = None,
-    max_gap: float | None = None,
-) -> Choice:
-    """Return the choice of a file, overridden by the options of the command line.
+_OPTIONS: dict[str, Any] = {
+    "choice": ChoiceFile,
+    "sinkage": Annotated[
+        Literal["balanced", "literal"] | None,
+        typer.Option("--sinkage", help="Slip-sinkage laws load-consistent or as published. [default: balanced]"),
+    ],
+    "channels": Annotated[
+        str | None,
+        typer.Option(
+            "--channels",
+            parser=lambda text: tuple(split([text])),
+            metavar="TEXT",
+            help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]",
+        ),
+    ],
+    "soil_prior": Annotated[
+        bool | None,
+        typer.Option(
+            "--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."
+        ),
+    ],
+    "slip_threshold": Annotated[
+        float | None,
+        typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
+    ],
+    "cutoff_hz": Annotated[
+        float | None,
+        typer.Option("--cutoff", metavar="HZ", help="Low-pass of every channel (default: by the slowest channel)."),
+    ],
+    "min_speed_mps": Annotated[
+        float | None,
+        typer.Option(
+            "--min-speed",
+            metavar="M/S",
+            help="Slip is not computed below this speed (default: 0.5; less for a slow vehicle).",
+        ),
+    ],
+    "max_gap_s": Annotated[
+        float | None,
+        typer.Option("--max-gap", metavar="S", help="Longest gap that is bridged (default: by the filter)."),
+    ],
+}
+"""--choice, and each key of choice.toml that has an option."""
+_OF_FIT = ("sinkage", "channels", "soil_prior", "slip_threshold", "min_speed_mps")
+_TAKEN = {
+    "process": ("cutoff_hz", "min_speed_mps", "max_gap_s", "choice"),
+    "fit": _OF_FIT,
+    "sinkage": ("min_speed_mps",),
+    "diagnose": ("sinkage", "min_speed_mps"),
+    "report": _OF_FIT,
+}
+"""Which of them a command takes, beside its own."""
+
+
+def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that also takes --jobs, --no-cache and its options of choice.toml, before its last one."""
+    if name not in _TAKEN:
+        return command
+    added = {key: (_OPTIONS[key], None) for key in _TAKEN[name]} | {"jobs": (Jobs, None), "no_cache": (NoCache, False)}
+
+    @wraps(command)
+    def run(context: typer.Context, **given: Any) -> None:
+        use_cores(context, given["jobs"])
+        keep_results(context, given["no_cache"])
+        command(context, **{key: value for key, value in given.items() if key not in added})
+
+    every = [
+        each.replace(kind=Parameter.KEYWORD_ONLY) for each in signature(command, eval_str=True).parameters.values()
+    ]
+    more = [Parameter(key, Parameter.KEYWORD_ONLY, default=each[1], annotation=each[0]) for key, each in added.items()]
+    vars(run)["__signature__"] = Signature([*every[:-1], *more, every[-1]])
+    return run
+
+
+def chosen(context: typer.Context) -> Choice:
+    """Return the choice of --choice, overridden by the other options of the command line.
 
     Raises
     ------
@@ -345,15 +372,8 @@ def chosen(
     """
     from wheelsoil.workflows.choice import Choice, load_choice
 
-    return (load_choice(file) if file else Choice()).but(
-        sinkage=sinkage.value if sinkage else None,
-        channels=None if channels is None else tuple(split([channels])),
-        soil_prior=soil_prior,
-        slip_threshold=slip_threshold,
-        min_speed_mps=min_speed,
-        cutoff_hz=cutoff,
-        max_gap_s=max_gap,
-    )
+    given = {key: context.params.get(key) for key in _OPTIONS}
+    return (load_choice(file) if (file := given.pop("choice")) else Choice()).but(**given)
 
 
 def run_info(
@@ -374,7 +394,7 @@ def run_info(
         return RunInfo(
             file=file,
             id=run_id,
-            direction=direction.value,
+            direction=direction,
             pass_number=pass_number,
             added_load_kg=added_load_kg,
             inflation_kpa=inflation_kpa,

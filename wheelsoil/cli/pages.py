@@ -51,16 +51,9 @@ def report_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     choice: options.ChoiceFile = None,
-    sinkage: options.Sinkage = None,
-    channels: options.Channels = None,
-    soil_prior: options.SoilPrior = None,
-    slip_threshold: options.SlipThreshold = None,
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
-    min_speed: options.MinSpeed = None,
     against: options.Against = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     force: options.Force = False,
@@ -79,18 +72,9 @@ def report_command(
     from wheelsoil.workflows.report import diagnosed_vehicle, report_of_opened
     from wheelsoil.workflows.runs import noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), tables, choice, wheel, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
-    by_hand = options.chosen(
-        choice,
-        sinkage=sinkage,
-        channels=channels,
-        soil_prior=soil_prior,
-        slip_threshold=slip_threshold,
-        min_speed=min_speed,
-    )
+    by_hand = options.chosen(context)
     if tables and against:
         raise ConfigError.of("--against compares reports of driven runs", "--table", next_step="omit one of the two")
     if tables:

@@ -52,26 +52,14 @@ def process_command(
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
-    cutoff: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
-    ] = None,
-    min_speed: options.MinSpeed = None,
-    max_gap: Annotated[
-        float | None, typer.Option(metavar="S", help="Longest gap that is bridged (default: by the filter).")
-    ] = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
-    choice: options.ChoiceFile = None,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
     from wheelsoil.workflows.runs import Files, noted_in, process_runs
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     target = check_output(output, force=force) if output else None
-    by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff, max_gap=max_gap)
+    by_hand = options.chosen(context)
     settings = by_hand.process_options(rate_hz=rate)
     files = Files(
         vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
@@ -179,15 +167,8 @@ def fit_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     choice: options.ChoiceFile = None,
-    sinkage: options.Sinkage = None,
-    channels: options.Channels = None,
-    soil_prior: options.SoilPrior = None,
-    slip_threshold: options.SlipThreshold = None,
     model: options.ModelFile = None,
     apart: options.Apart = False,
-    min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -202,17 +183,8 @@ def fit_command(
     from wheelsoil.workflows.model_files import models_of_wheels
     from wheelsoil.workflows.runs import Files, noted_in
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, choice, wheel, [*(rename or ()), *(where or ())], "fit")
-    by_hand = options.chosen(
-        choice,
-        sinkage=sinkage,
-        channels=channels,
-        soil_prior=soil_prior,
-        slip_threshold=slip_threshold,
-        min_speed=min_speed,
-    )
+    by_hand = options.chosen(context)
     files = Files(
         vehicle,
         terrain,
@@ -335,9 +307,6 @@ def sinkage_command(
     wheel: options.Wheel = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
-    min_speed: options.MinSpeed = None,
-    jobs: options.Jobs = None,
-    no_cache: options.NoCache = False,
     lenient_dbc: options.LenientDbc = False,
     accept_implausible: options.AcceptImplausible = False,
     json: options.Json = False,
@@ -351,8 +320,6 @@ def sinkage_command(
     from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs, sinkage_of_table
     from wheelsoil.workflows.tables import read_wheels
 
-    options.use_cores(context, jobs)
-    options.keep_results(context, no_cache)
     options.refuse_two_sources(runs or (), table, None, wheel, [*(rename or ()), *(where or ())], "evaluate")
     if table is not None:
         read = read_wheels([table], tuple(vehicle or ()), rename=rename, where=where)
@@ -373,7 +340,7 @@ def sinkage_command(
         accept_implausible=accept_implausible,
         wheel=wheel,
     )
-    by_hand = options.chosen(None, min_speed=min_speed)
+    by_hand = options.chosen(context)
     unreadable: list[SetAsideRun] = []
     wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)
 

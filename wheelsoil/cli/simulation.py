@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from daq import ConfigError, VehicleConfig
-from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading, keep_results
+from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, keep_results
 from wheelsoil.console import computing, print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
@@ -176,8 +176,8 @@ def simulate_command(
         ),
     ] = None,
     sinkage: Annotated[
-        Reading, typer.Option(help="Slip-sinkage laws load-consistent or as published.")
-    ] = Reading.balanced,
+        Literal["balanced", "literal"], typer.Option(help="Slip-sinkage laws load-consistent or as published.")
+    ] = "balanced",
     runs: Annotated[int, typer.Option(help="Number of runs.")] = 6,
     duration: Annotated[float, typer.Option(metavar="SECONDS", help="Duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(help="The same seed gives the same frames.")] = 0,
@@ -257,7 +257,7 @@ def simulate_command(
     options = SimulationOptions(
         soil=soil,
         effects=_effects(effect or []),
-        reading=sinkage.value,
+        reading=sinkage,
         runs=runs,
         duration_s=duration,
         seed=seed,

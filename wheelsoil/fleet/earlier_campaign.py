@@ -86,18 +86,18 @@ def _stated(holdings: Holdings, row: Mapping[str, Any]) -> Iterator[Stated]:
     """Yield what is compared of a campaign, by the names that `stated_in` gives."""
     for soil in _rows(holdings, "coefficients", row, ("model", *_ESTIMATE)):
         if soil["model"] in _SOILS:
-            yield _of_estimate("soil", f"soil.{soil['parameter']}", soil, SOIL_UNITS.get(soil["parameter"], ""))
+            yield _of_estimate("soil", ("soil", soil["parameter"]), soil, SOIL_UNITS.get(soil["parameter"], ""))
     yield from causes_stated(_rows(holdings, "causes", row, OF_A_CAUSE))
     if row[_PULL[0]] is not None:
         pull = dict(zip(("value", "lower95", "upper95"), (row[key] for key in _PULL), strict=True))
-        yield _of_estimate("pull", "pull_at_slip_0.2", pull, "N")
+        yield _of_estimate("pull", ("pull_at_slip_0.2",), pull, "N")
     channels = {output.role: (channel, output.unit_text) for channel, output in OUTPUTS.items()}
     for gain in _rows(holdings, "gains", row, ("channel", "model", "R0")):
         if gain["model"] == "base" and gain["R0"] is not None:
             channel, unit = channels[gain["channel"]]
-            yield Stated("error", f"error.{channel}.{CALIBRATED_SOIL}", gain["R0"], nan, unit)
+            yield Stated("error", ("error", channel, CALIBRATED_SOIL), gain["R0"], nan, unit)
     if row["used_share"] is not None:
-        yield Stated("data", "used_share", row["used_share"], nan, "")
+        yield Stated("data", ("used_share",), row["used_share"], nan, "")
 
 
 def causes_stated(rows: Iterable[Mapping[str, Any]]) -> Iterator[Stated]:
@@ -106,7 +106,7 @@ def causes_stated(rows: Iterable[Mapping[str, Any]]) -> Iterator[Stated]:
     for cause in rows:
         if cause["role"] != "candidate" and cause["parameter"]:
             unit = "" if cause["unit"] == "1" else cause["unit"] or ""
-            size = _of_estimate("cause", f"{cause['family']}.{cause['parameter']}", cause, unit)
+            size = _of_estimate("cause", (cause["family"], cause["parameter"]), cause, unit)
             probable = cause["probability"] is None or cause["probability"] >= LEAST_COMPARED
             barred = cause["role"] == "barred"
             size = replace(size, compared=probable and not barred, barred=probable and barred)
@@ -122,6 +122,6 @@ def _rows(holdings: Holdings, table: str, of: Mapping[str, Any], columns: Iterab
     return [row for row in rows if (row["wheel"] or "") == of["wheel"]]
 
 
-def _of_estimate(kind: str, name: str, row: Mapping[str, Any], unit: str) -> Stated:
+def _of_estimate(kind: str, name: tuple[str, ...], row: Mapping[str, Any], unit: str) -> Stated:
     value, low, high = (nan if row[key] is None else float(row[key]) for key in ("value", "lower95", "upper95"))
     return Stated(kind, name, value, half_interval(value, low, high), unit)

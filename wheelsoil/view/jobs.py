@@ -44,6 +44,7 @@ from wheelsoil.workflows.cause_cost import (
     steady_traction,
     usual_driving,
 )
+from wheelsoil.workflows.choice import FitChoices
 from wheelsoil.workflows.diagnosis import (
     Processed,
     campaigns_of,
@@ -51,7 +52,7 @@ from wheelsoil.workflows.diagnosis import (
     diagnosis_options,
     known_diagnosis,
 )
-from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
+from wheelsoil.workflows.fit import fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis
 from wheelsoil.workflows.runs import on_soil, process_runs, repetitions
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite, nan
 
+from daq import OUTPUTS
 from wheelsoil.wording.names import SOIL_LETTERS, letter, listed, plain_name, soil_unit, upper
 from wheelsoil.wording.numbers import measured, number, signed
 from wheelsoil.wording.numbers import unit as unit_text
@@ -15,9 +16,9 @@ from wheelsoil.workflows.last_report import Change, LastReport
 _MOST_SAID = 3
 CHANGE_HEAD = ("quantity", "last time", "now", "difference", "beyond the intervals", "unit")
 _NAMES = {
-    "pull_at_slip_0.2": "pull at slip 0.2",
-    "usable_share": "usable share of the samples in motion",
-    "used_share": "used share of all samples",
+    ("pull_at_slip_0.2",): "pull at slip 0.2",
+    ("usable_share",): "usable share of the samples in motion",
+    ("used_share",): "used share of all samples",
 }
 
 
@@ -75,21 +76,18 @@ def _when(last: LastReport) -> str:
 def _sentences(beyond: Sequence[Change]) -> Iterator[str]:
     """Yield what became of each quantity; of a cause with another law than last time both sizes in one."""
     gone = {
-        family: [c for c in beyond if _family(c) == family and not isfinite(c.now)] for family in map(_family, beyond)
+        family: [c for c in beyond if c.name[0] == family and not isfinite(c.now)]
+        for family in {c.name[0] for c in beyond}
     }
     told = set()
     for change in beyond:
-        before = gone[_family(change)] if change.kind == "cause" else []
+        before = gone[change.name[0]] if change.kind == "cause" else []
         if before and not isfinite(change.last):
             earlier = listed([_was(each) for each in before])
             yield f"{_name(change)} is {_value(change, change.now)}, and last time {earlier}"
             told |= {each.name for each in before}
         elif isfinite(change.now) or change.name not in told:
             yield size_sentence(change)
-
-
-def _family(change: Change) -> str:
-    return change.name.partition(".")[0]
 
 
 def _was(change: Change) -> str:
@@ -136,7 +134,7 @@ def _as_pages_write(change: Change) -> Change:
     """Return a change in the unit that pages write for it: of the soil's parameters as terrain.toml does."""
     if change.kind != "soil":
         return change
-    factor, text = soil_unit(change.name.rpartition(".")[2])
+    factor, text = soil_unit(change.name[-1])
     numbers = {name: factor * getattr(change, name) for name in ("last", "last_half95", "now", "now_half95")}
     return replace(change, unit=text, **numbers)
 
@@ -159,11 +157,9 @@ def _unit(change: Change) -> str:
 def _name(change: Change) -> str:
     if change.name in _NAMES:
         return _NAMES[change.name]
-    first, _, last = change.name.partition(".")
+    first, last, *_ = change.name
     if change.kind == "soil":
-        campaign, _, name = change.name.rpartition(".")
-        return f"{SOIL_LETTERS.get(name, name)} of the soil" + (f" in {campaign}" if campaign != "soil" else "")
+        return f"{SOIL_LETTERS.get(last, last)} of the soil" + (f" in {first}" if first != "soil" else "")
     if change.kind == "cause":
         return f"{plain_name(first)}, {letter(last)}"
-    channel = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}[last.split(".")[0]]
-    return f"error of {channel} on held-out runs, calibrated soil"
+    return f"error of {OUTPUTS[last].name} on held-out runs, calibrated soil"

@@ -93,11 +93,12 @@ def set_name(cause_set: CauseSet) -> str:
 
 
 class SetShare(NamedTuple):
-    """A set of causes, its probability, and its percentage as it is shown: those of all add up to 100."""
+    """A set of causes, its probability, its percentage as it is shown (those of all add up to 100), and its size."""
 
     name: str
     probability: float
     percent: float
+    causes: int
 
 
 def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShare]:
@@ -107,7 +108,7 @@ def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShar
     names = [*map(set_name, sets[:most]), "all other sets"]
     chances = [cause_set.probability for cause_set in sets[:most]]
     chances.append(max(1.0 - sum(chances), 0.0))
-    shares = map(SetShare, names, chances, shares_percent(chances))
+    shares = map(SetShare, names, chances, shares_percent(chances), [*(len(each.causes) for each in sets[:most]), 0])
     return [share for share in shares if share.percent > 0]
 
 
@@ -221,7 +222,7 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
 def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
     if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
         return []
-    words = ", ".join(f"{name} {share:.1f} %" for name, _, share in set_shares(diagnosis.sets))
+    words = ", ".join(f"{share.name} {share.percent:.1f} %" for share in set_shares(diagnosis.sets))
     return ["Sets of causes (probability that these act, and no others)", *wrapped(words, width, "  ")]
 
 
@@ -284,8 +285,7 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
             number(scores[channel].R2, 4),
             number(scores[channel].log_likelihood, 5) if channel == next(iter(gain.base)) else "",  # of the whole run
         ]
-        for figure in errors_of(gain, verdict)
-        for _, channel, which in [figure.key.split(".")]
+        for (channel, which), figure in errors_of(gain, verdict).items()
         for scores in [gain.base if which == CALIBRATED_SOIL else gain.extended]
     ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from shlex import quote
@@ -11,7 +11,7 @@ from shlex import quote
 from daq import Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
-from model.effects import parted
+from model.effects import EFFECTS, Effect, Remedy, parted
 from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
@@ -33,10 +33,6 @@ _BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling ra
 _PROBABLE = 0.5
 _MOST_FILES = 12
 """Files that a command names."""
-
-
-MENDED = ("wheel_inertia",)
-"""Causes of the wheel that are mended in vehicle.toml, as those of the measurement are."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +69,15 @@ def next_steps(
             vehicle,
         )
         for each in (found.causes if found.verdict == "one_of" and not alike else ())
-        if parted(each.name)[0] == "wheel_radius" and each.probability > _PROBABLE
+        if (remedy := EFFECTS.get(each.key, Effect).remedy) and each.probability > _PROBABLE
+        if "rolling_radius_m" in [correction.key for correction in remedy.corrections]
     ]
     steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
     at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
         (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
         for cause in named
-        if parted(cause.name)[0] in MENDED or cause.kind == "measurement"
+        if cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
@@ -205,13 +202,15 @@ def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> 
     table : bool
         Whether it is of a table of single-wheel tests, which has columns and no DBC.
     """
-    family, wheel = parted(cause.name)
-    value = cause.parameters[0].value if cause.parameters else 0.0
-    if family in _GAINS:
-        step = _gain(_GAINS[family], 1 / (1 + value), vehicle, table=table)
+    effect, wheel = EFFECTS.get(cause.key, Effect), parted(cause.name)[1]
+    size, remedy = cause.parameters[0].value if cause.parameters else 0.0, effect.remedy or Remedy()
+    if remedy.scales:
+        step = _gain(effect.shows[0], 1 / (1 + size), vehicle, table=table)
+    elif effect.needs.zero_of:
+        step = Step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", paste=_LIFTED)
     else:
-        rule = _RULES.get(family)
-        step = rule(value, vehicle) if rule else Step("Check the sensor of this cause, and repeat the diagnosis.")
+        lines = (line for each in remedy.corrections for line in (each.section, each.line(vehicle, size)))
+        step = Step(remedy.what, paste=remedy.paste or "\n".join(dict.fromkeys(lines)))
     return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 
 
@@ -226,29 +225,6 @@ def missing_step(found: Diagnosis) -> Step | None:
         "folder of its own, and diagnose both folders together."
     )
     return Step("Drive another run with a standstill of 10 s, brakes released", why, _RELEASED)
-
-
-def _latency(value: float, vehicle: VehicleConfig) -> Step:
-    line = f"[sensors.ground_speed]\nlatency_s = {vehicle.latency_s('ground_speed') + value:.3f}"
-    return Step("Check the delay of the ground speed; these runs suggest the value below for vehicle.toml.", paste=line)
-
-
-def _radius(value: float, vehicle: VehicleConfig) -> Step:
-    wheel = vehicle.wheel
-    line = f"[wheel]\nrolling_radius_m = {wheel.rolling_m * (1 + value):.4f}" if wheel else ""
-    return Step(
-        "Measure the rolling radius on firm ground; these runs suggest the value below for vehicle.toml.", paste=line
-    )
-
-
-def _inertia(value: float, vehicle: VehicleConfig) -> Step:
-    wheel = vehicle.wheel
-    mass = (wheel.outboard_mass_kg if wheel else 0.0) + _MASS_KG * value
-    inertia = (wheel.outboard_inertia_kgm2 if wheel else 0.0) + _INERTIA_KGM2 * value
-    lines = f"[wheel]\noutboard_mass_kg = {number(mass, 3)}\noutboard_inertia_kgm2 = {number(inertia, 3)}"
-    return Step(
-        "Weigh what is outside the transducer; these runs suggest the values below for vehicle.toml.", paste=lines
-    )
 
 
 def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> Step:
@@ -280,15 +256,6 @@ def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> St
     return Step(what, why, "\n".join(lines))
 
 
-def _step(what: str, paste: str = "") -> Callable[[float, VehicleConfig], Step]:
-    return lambda _value, _vehicle: Step(what, paste=paste)
-
-
-_ZERO = _step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", _LIFTED)
-
-
-_MASS_KG, _INERTIA_KGM2 = 75.0, 8.0
-"""What a scale of 1 of `wheel_inertia` stands for."""
 _ROLE_OF_KIND = {
     Kind.DRAWBAR_PULL: "drawbar_pull",
     Kind.DRAWBAR_PULL_SQUARED: "drawbar_pull",
@@ -307,20 +274,4 @@ _CHECKS = {
     "vertical_load": "Check the vertical load on scales, at two loads.",
     "ground_speed": "Check the ground speed against a second receiver, or a measured distance.",
     "sinkage": "Check the sinkage against the depth of the rut, by a ruler.",
-}
-_GAINS = {"drawbar_pull_gain": "drawbar_pull", "torque_gain": "driving_torque", "load_gain": "vertical_load"}
-_RULES: dict[str, Callable[[float, VehicleConfig], Step]] = {
-    "torque_zero": _ZERO,
-    "drawbar_pull_zero": _ZERO,
-    "load_zero": _ZERO,
-    "zero_drift": _step(
-        "Determine the zero with the wheel lifted before and after the runs; processing interpolates between them.",
-        "# record before.mcap and after.mcap, then:\nwheelsoil zero before.mcap after.mcap --vehicle vehicle.toml",
-    ),
-    "speed_latency": _latency,
-    "wheel_radius": _radius,
-    "wheel_inertia": _inertia,
-    "crosstalk": _step("Check the transducer's tilt on the hub and its cross-talk matrix, and repeat the diagnosis."),
-    "body_pitch": _step("Hold the transducer's stator at the hub's carrier, not at the body, and repeat the runs."),
-    "speed_bias": _step("Compare ground speed with rim speed where the wheel rolls freely, and repeat the diagnosis."),
 }

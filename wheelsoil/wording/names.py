@@ -7,7 +7,7 @@ from math import floor, isfinite
 
 from daq import OUTPUTS, Quantity, unit_suffix, unit_text
 from model.diagnosis import Kind, Rows, Shape
-from model.effects import EFFECTS, parted
+from model.effects import EFFECTS, Effect, parted
 
 _TEXTS = {
     Kind.SLIP: "slip {} to {}",
@@ -137,6 +137,12 @@ def effect_name(key: str) -> str:
     if effect is None:
         return plain_name(key)
     return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+def meaning(key: str) -> str:
+    """Return what an effect states of itself and of its source, as far as it does."""
+    effect = EFFECTS.get(key, Effect)
+    return " ".join(filter(None, (effect.summary, effect.source and f"({effect.source})")))
 
 
 def family_of(key: str) -> str:

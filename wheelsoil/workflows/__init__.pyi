@@ -1,6 +1,7 @@
 from .choice import CHOICE_FILE as CHOICE_FILE
 from .choice import Choice as Choice
 from .choice import ChosenRun as ChosenRun
+from .choice import FitChoices as FitChoices
 from .choice import load_choice as load_choice
 from .choice import parse_choice as parse_choice
 from .diagnosis import bench_of as bench_of
@@ -10,7 +11,6 @@ from .diagnosis import diagnose_campaigns as diagnose_campaigns
 from .diagnosis import diagnosis_options as diagnosis_options
 from .diagnosis import plan_campaigns as plan_campaigns
 from .diagnosis import vehicles_of as vehicles_of
-from .fit import FitChoices as FitChoices
 from .fit import fit_as_json as fit_as_json
 from .fit import fit_runs as fit_runs
 from .fit import fit_table as fit_table

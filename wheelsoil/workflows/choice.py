@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import tomli_w
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
-from daq import ConfigError, Fault, Note, RecordingCode, nearest, read_toml
+from daq import ConfigError, Fault, Note, RecordingCode, TerrainConfig, nearest, read_toml
 from daq.runs import Run
 from model import ExtendedModel
 from model.effects import EFFECTS
-from model.wheel_soil import Reading
+from model.fit import FitOptions
+from model.wheel_soil import Reading, Soil, prior_of
 from processing import Interval, ProcessOptions
-from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.recordings import sha256_of
 
 SCHEMA = "wheelsoil/choice/1"
@@ -52,12 +52,26 @@ _EXPECTED = {
 _MEND = "mend it, or take the key out: the default is taken then"
 
 
+def _known_effect(key: str) -> str:
+    if key not in EFFECTS:
+        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS, label='known: ')})")
+    return key
+
+
+def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError("one of them is there twice")
+    return values
+
+
 @dataclass(frozen=True)
 class Mark:
     """A remark at a moment of a run, in seconds since its time base begins."""
 
-    at_s: float
-    text: str
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    at_s: Second
+    text: Annotated[str, Field(max_length=200)] = ""
 
 
 @dataclass(frozen=True)
@@ -77,13 +91,47 @@ class ChosenRun:
     comment : str
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
     file: str = ""
     id: str = ""
-    sha256: str = ""
-    use: bool = True
-    keep: tuple[Interval, ...] | None = None
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    use: Flag = True
+    keep: tuple[tuple[Second, Second], ...] | None = None
     marks: tuple[Mark, ...] = ()
-    comment: str = ""
+    comment: Comment = ""
+
+
+@dataclass(frozen=True)
+class FitChoices:
+    """What a person chooses about a fit; see `model.fit.result.FitOptions`."""
+
+    reading: Reading = "balanced"
+    channels: tuple[str, ...] = ("dp",)
+    soil_prior: bool = False
+    slip_threshold: float | None = None
+    extended: ExtendedModel | None = None
+    effects: tuple[str, ...] = ()
+
+    @property
+    def purpose(self) -> str:
+        """What runs are processed for."""
+        return "fit_torque" if "t" in self.channels else "fit"
+
+    def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
+        """Return the options of the fit.
+
+        Raises
+        ------
+        ConfigError
+            The slip threshold is not between 0 and 1.
+        """
+        if not 0 <= (self.slip_threshold or 0.0) < 1:
+            raise ConfigError.of("--slip-threshold is no slip", found=f"{self.slip_threshold:g}", expected="0 to 1")
+        prior = prior_of(soil, terrain) if self.soil_prior else None
+        return FitOptions(
+            self.reading, self.channels, prior, self.slip_threshold, extended=self.extended, chosen=self.effects
+        )
 
 
 @dataclass(frozen=True)
@@ -93,7 +141,7 @@ class Choice:
     Attributes
     ----------
     slip_threshold, cutoff_hz, min_speed_mps, max_gap_s, sinkage, channels, soil_prior
-        See `wheelsoil.workflows.fit.FitChoices` and `processing.options.ProcessOptions`.
+        See `FitChoices` and `processing.options.ProcessOptions`.
     effects : tuple of str
         Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
     runs : tuple of ChosenRun
@@ -104,16 +152,18 @@ class Choice:
         The file it was read from; two choices that differ only in it are equal.
     """
 
-    slip_threshold: float | None = None
-    cutoff_hz: float | None = None
-    min_speed_mps: float | None = None
-    max_gap_s: float | None = None
+    slip_threshold: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)] | None = None
+    cutoff_hz: Positive | None = None
+    min_speed_mps: Positive | None = None
+    max_gap_s: Positive | None = None
     sinkage: Reading | None = None
-    channels: tuple[str, ...] | None = None
-    soil_prior: bool | None = None
-    effects: tuple[str, ...] = ()
+    channels: Annotated[tuple[Literal["dp", "t", "z"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = (
+        None
+    )
+    soil_prior: Flag | None = None
+    effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
     runs: tuple[ChosenRun, ...] = ()
-    comment: str = ""
+    comment: Comment = ""
     path: Path | None = field(default=None, compare=False)
 
     @property
@@ -154,18 +204,16 @@ class Choice:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a TOML or JSON file holds; what was not chosen is left out."""
-        values = {name: getattr(self, name) for name in _Head.model_fields if name != "schema_"}
-        chosen = {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-            if value not in (None, (), "")
-        }
-        runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
-        return {"schema": SCHEMA, **chosen, **runs}
+        head = {name: getattr(self, name) for name in _KEYS}
+        return {"schema": SCHEMA, **_stated(head | {"run": [_stated(asdict(run)) for run in self.runs]})}
 
     def to_toml(self) -> str:
         """Return the text of the file; `load_choice` reads the same choice from it."""
         return _HEAD + tomli_w.dumps(self.to_mapping())
+
+
+def _stated(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value not in (None, (), [], "")}
 
 
 def provenance_of(choice: Choice) -> dict[str, Any]:
@@ -205,7 +253,7 @@ def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
         Everything that is wrong with it: unknown keys, impossible values, intervals that are empty or overlap.
     """
     faults: list[Fault] = []
-    head = _checked({k: v for k, v in raw.items() if k != "run"}, _Head, where, faults)
+    head = _checked({k: v for k, v in raw.items() if k != "run"}, _CAMPAIGN.model_validate, where, faults)
     sections = raw.get("run", [])
     if not isinstance(sections, list) or not all(isinstance(section, Mapping) for section in sections):
         faults.append(
@@ -221,68 +269,33 @@ def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
     ]
     if faults or head is None:
         raise ConfigError(*faults)
-    values = {name: getattr(head, name) for name in _Head.model_fields if name != "schema_"}
-    return Choice(**values, runs=tuple(run for run in runs if run))
+    return Choice(**{name: getattr(head, name) for name in _KEYS}, runs=tuple(run for run in runs if run))
 
 
-def _known_effect(key: str) -> str:
-    if key not in EFFECTS:
-        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS, label='known: ')})")
-    return key
+_KEYS: dict[str, Any] = {
+    each.name: (get_type_hints(Choice, include_extras=True)[each.name], each.default)
+    for each in fields(Choice)
+    if each.name not in ("runs", "path")
+}
+"""What the file says of the whole campaign: type and default."""
+_CAMPAIGN = create_model(
+    "_Campaign",
+    __config__=ConfigDict(extra="forbid"),
+    **_KEYS | {"schema_": (Annotated[Literal["wheelsoil/choice/1"], Field(alias="schema")], ...)},
+)
+_RUN = TypeAdapter(ChosenRun)
 
 
-def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(values)) < len(values):
-        raise ValueError("one of them is there twice")
-    return values
-
-
-class _Head(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    schema_: Literal["wheelsoil/choice/1"] = Field(alias="schema")
-    slip_threshold: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)] | None = None
-    cutoff_hz: Positive | None = None
-    min_speed_mps: Positive | None = None
-    max_gap_s: Positive | None = None
-    sinkage: Reading | None = None
-    channels: Annotated[tuple[Literal["dp", "t", "z"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = (
-        None
-    )
-    soil_prior: Flag | None = None
-    effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
-    comment: Comment = ""
-
-
-class _Mark(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    at_s: Second
-    text: Annotated[str, Field(max_length=200)] = ""
-
-
-class _Run(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    file: str = ""
-    id: str = ""
-    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
-    use: Flag = True
-    keep: tuple[tuple[Second, Second], ...] | None = None
-    marks: tuple[_Mark, ...] = ()
-    comment: Comment = ""
-
-
-def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[Fault]) -> Any:
+def _checked(raw: Mapping[str, Any], check: Callable[[Any], Any], where: str, faults: list[Fault]) -> Any:
     """Return the checked section; None where it is wrong, and then `faults` have grown."""
     try:
-        return kind.model_validate(raw)
+        return check(raw)
     except ValidationError as error:
         for item in error.errors():
             message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
             key = str(item["loc"][0])
             place = ".".join(map(str, item["loc"]))
-            if item["type"] == "extra_forbidden":
+            if item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
                 key = str(item["loc"][-1])
                 fault = Fault(f"unknown key {key!r}", where, f"{item['input']!r}", nearest(key, _EXPECTED), "rename it")
             elif item["type"] == "missing":
@@ -294,15 +307,14 @@ def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[F
 
 
 def _chosen_run(raw: Mapping[str, Any], where: str, faults: list[Fault]) -> ChosenRun | None:
-    found: _Run | None = _checked(raw, _Run, where, faults)
+    found: ChosenRun | None = _checked(raw, _RUN.validate_python, where, faults)
     if found is None:
         return None
     if not (found.file or found.id):
         faults.append(Fault("a run without name", where, expected="file or id", next_step="add one of them"))
     keep = None if found.keep is None else tuple(sorted(found.keep))
     faults += _interval_faults(keep, where)
-    marks = tuple(sorted((Mark(mark.at_s, mark.text) for mark in found.marks), key=lambda mark: mark.at_s))
-    return ChosenRun(found.file, found.id, found.sha256, found.use, keep, marks, found.comment)
+    return replace(found, keep=keep, marks=tuple(sorted(found.marks, key=lambda mark: mark.at_s)))
 
 
 def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Fault]:
@@ -321,13 +333,6 @@ def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Faul
         if c < b and a < b and c < d
     ]
     return empty + overlapping
-
-
-def _run_mapping(run: ChosenRun) -> dict[str, Any]:
-    named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
-    kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
-    marks = {"marks": [vars(mark) for mark in run.marks]} if run.marks else {}
-    return {**named, "use": run.use, **kept, **marks, **({"comment": run.comment} if run.comment else {})}
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isclose
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,13 @@ from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
 from model.effects import EFFECTS
-from model.fit import CampaignFit, FitOptions, ModelFit, Observations, StopReason
-from model.wheel_soil import REFERENCE_INFLATION_KPA, SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
+from model.fit import CampaignFit, ModelFit, Observations, StopReason
+from model.wheel_soil import REFERENCE_INFLATION_KPA, SOILS, Soil, Wheel, soil_from_terrain
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
+from wheelsoil.workflows.choice import FitChoices
 from wheelsoil.workflows.model_files import refuse_mended
 
 SCHEMA = "wheelsoil/fit/1"
@@ -41,37 +42,6 @@ _ZERO_UNLESS_STATED = (
 )
 _SAME_SIZE = 0.01
 """Share by which the wheel of a model file may differ from that of the runs."""
-
-
-@dataclass(frozen=True)
-class FitChoices:
-    """What a person chooses about a fit; see `model.fit.result.FitOptions`."""
-
-    reading: Reading = "balanced"
-    channels: tuple[str, ...] = ("dp",)
-    soil_prior: bool = False
-    slip_threshold: float | None = None
-    extended: ExtendedModel | None = None
-    effects: tuple[str, ...] = ()
-
-    @property
-    def purpose(self) -> str:
-        """What runs are processed for."""
-        return "fit_torque" if "t" in self.channels else "fit"
-
-    def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
-        """Return the options of the fit.
-
-        Raises
-        ------
-        ConfigError
-            The slip threshold is not between 0 and 1.
-        """
-        threshold = self.slip_threshold
-        if threshold is not None and not 0 <= threshold < 1:
-            raise ConfigError.of("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1")
-        prior = prior_of(soil, terrain) if self.soil_prior else None
-        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
 
 
 def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:

@@ -15,7 +15,7 @@ from wheelsoil.workflows.traction import Traction
 Digits = Literal["three", "by sigma", "percent", "probability", "three decimals", "change", "percent change"]
 Z95 = 1.959964
 """One-sigmas from a value to either end of its 95 % interval."""
-CALIBRATED_SOIL = "calibrated_soil"
+CALIBRATED_SOIL, WITH_CAUSES = "calibrated_soil", "with_causes"
 MODELS = {"named": "recommended", "one_of": "most_probable"}
 
 
@@ -55,7 +55,7 @@ def figures_of_diagnosis(found: Diagnosis) -> dict[str, KeyFigure]:
     figures = [*_confidence(found), *_candidates(found)]
     model = MODELS.get(found.verdict, MODELS["named"])
     figures += [figure for cause in found.causes for figure in sizes_of(cause, model)]
-    figures += errors_of(found.gain, found.verdict) if found.gain is not None else []
+    figures += errors_of(found.gain, found.verdict).values() if found.gain is not None else []
     return {figure.key: figure for figure in figures}
 
 
@@ -93,16 +93,20 @@ def sizes_of(cause: Cause, model: str = MODELS["named"]) -> list[KeyFigure]:
     ]
 
 
-def errors_of(gain: Gain, verdict: str) -> list[KeyFigure]:
-    """Return R0 on held-out data with the calibrated soil, and with the causes where the verdict has some."""
-    figures = []
-    for channel, before in gain.base.items():
-        unit = OUTPUTS[channel].unit_text
-        figures.append(KeyFigure(f"error.{channel}.{CALIBRATED_SOIL}", before.R0, unit, model=CALIBRATED_SOIL))
-        if verdict in MODELS and channel in gain.extended:
-            after = KeyFigure(f"error.{channel}.with_causes", gain.extended[channel].R0, unit, model=MODELS[verdict])
-            figures.append(after)
-    return figures
+def errors_of(gain: Gain, verdict: str) -> dict[tuple[str, str], KeyFigure]:
+    """Return R0 on held-out data by channel and `CALIBRATED_SOIL`, or `WITH_CAUSES` where the verdict has some."""
+    with_causes = gain.extended if verdict in MODELS else {}
+    return {
+        (channel, which): KeyFigure(
+            f"error.{channel}.{which}", scores[channel].R0, OUTPUTS[channel].unit_text, model=model
+        )
+        for channel in gain.base
+        for which, scores, model in (
+            (CALIBRATED_SOIL, gain.base, CALIBRATED_SOIL),
+            (WITH_CAUSES, with_causes, MODELS.get(verdict, "")),
+        )
+        if channel in scores
+    }
 
 
 def figures_of_traction(found: Traction) -> dict[str, KeyFigure]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import hypot, isfinite, nan
 from pathlib import Path
 from typing import Any, Literal
 
-from daq import ConfigError, VehicleConfig
+from daq import OUTPUTS, ConfigError, VehicleConfig
 from wheelsoil.wording.names import SOIL_UNITS
-from wheelsoil.workflows.key_figures import Z95
+from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95
 
 SCHEMA = "wheelsoil/report/2"
 LEAST_COMPARED = 0.05
@@ -20,7 +19,6 @@ LEAST_COMPARED = 0.05
 _USUAL_NAME, _STORE_HEAD = "report.json", "store.json"
 _KINDS = ("cause", "pull", "soil", "error", "data")
 _OF_A_VEHICLE = ("vehicle", "mass", "wheel", "wheel radius r", "wheel width b", "transducer")
-_YEAR = re.compile(r"\b\d{4}\b")
 
 
 @dataclass(frozen=True)
@@ -29,6 +27,8 @@ class Stated:
 
     Attributes
     ----------
+    name : tuple of str
+        Family and parameter of a cause, ground and parameter of a soil, else its key; what JSON joins by dots.
     compared : bool
         False of a cause that a rule bars or that is improbable: it is compared only with one that is neither.
     barred : bool
@@ -36,7 +36,7 @@ class Stated:
     """
 
     kind: str
-    name: str
+    name: tuple[str, ...]
     value: float
     half95: float
     unit: str
@@ -57,7 +57,7 @@ class Change:
     """
 
     kind: str
-    name: str
+    name: tuple[str, ...]
     unit: str
     last: float
     last_half95: float
@@ -169,7 +169,8 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
         stated = tuple(stated_in(raw["sections"]))
         facts = dict((raw["sections"].get("provenance") or {}).get("facts") or ())
         head = (raw.get("head") or {}).get("facts") or ()
-        driven = next((str(text) for label, text in head if not label and _YEAR.search(str(text))), "")
+        dated = any(run.get("start_utc") for run in (raw["sections"].get("runs") or {}).values())
+        driven = next((str(text) for label, text in head if dated and not label), "")
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         found = f"{type(error).__name__}: {error}"[:200]
         step = "make it anew with `wheelsoil report`"
@@ -218,7 +219,7 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         where = soil["campaign"] if len(soils) > 1 else "soil"  # a single one is compared whatever its folder is called
         for name, value in soil["values"].items():
             sigma = _float(soil["sigmas"].get(name))
-            yield Stated("soil", f"{where}.{name}", _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
+            yield Stated("soil", (where, name), _float(value), Z95 * sigma, SOIL_UNITS.get(name, ""))
     barred = frozenset(causes.get("barred") or ())
     for cause in causes.get("causes") or ():
         probable, is_barred = _float(cause.get("probability", 1.0)) >= LEAST_COMPARED, cause["name"] in barred
@@ -226,7 +227,7 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
         yield from sizes_with_interval(
             Stated(
                 "cause",
-                f"{cause['name']}.{each['name']}",
+                (cause["name"], each["name"]),
                 _float(each["value"]),
                 half_interval(_float(each["value"]), low, high),
                 "" if each["unit"] == "1" else each["unit"],
@@ -238,18 +239,18 @@ def stated_in(sections: Mapping[str, Any]) -> Iterator[Stated]:
     pull = (fit.get("traction") or {}).get("pull")
     if pull:
         low, high = map(_float, pull["interval95"])
-        yield Stated("pull", "pull_at_slip_0.2", _float(pull["pull_n"]), (high - low) / 2, "N")
+        yield Stated("pull", ("pull_at_slip_0.2",), _float(pull["pull_n"]), (high - low) / 2, "N")
     figures = (sections.get("glance") or {}).get("key_figures") or {}
-    for key, figure in figures.items():
-        if key.startswith("error.") and key.endswith(".calibrated_soil"):
-            yield Stated("error", key, _float(figure["value"]), nan, figure["unit"])
+    for channel in OUTPUTS:
+        if figure := figures.get(f"error.{channel}.{CALIBRATED_SOIL}"):
+            yield Stated("error", ("error", channel, CALIBRATED_SOIL), _float(figure["value"]), nan, figure["unit"])
     shares = [share for run in runs.values() if (share := _float(run.get("usable_share"))) == share]
     if shares:
-        yield Stated("data", "usable_share", sum(shares) / len(shares), nan, "")
+        yield Stated("data", ("usable_share",), sum(shares) / len(shares), nan, "")
     sizes = [(run["samples"], run["used_share"]) for run in quality.values() if run.get("samples")]
     if sizes:
         used, samples = sum(count * share for count, share in sizes), sum(count for count, _ in sizes)
-        yield Stated("data", "used_share", used / samples, nan, "")
+        yield Stated("data", ("used_share",), used / samples, nan, "")
 
 
 def half_interval(value: float, low: float, high: float) -> float:
@@ -281,10 +282,10 @@ def changes_since(last: LastReport, sections: Mapping[str, Any]) -> list[Change]
 def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[Change]:
     """Return what differs between two reports or campaigns; see `changes_since`."""
     of_both = (tuple(earlier), tuple(later))
-    families = {_family(each) for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
-    families |= set.intersection(*({_family(each) for each in of_one if each.barred} for of_one in of_both))
+    families = {each.name[0] for of_one in of_both for each in of_one if each.kind == "cause" and each.compared}
+    families |= set.intersection(*({each.name[0] for each in of_one if each.barred} for of_one in of_both))
     before, now = (
-        {each.name: each for each in of_one if each.kind != "cause" or _family(each) in families} for of_one in of_both
+        {each.name: each for each in of_one if each.kind != "cause" or each.name[0] in families} for of_one in of_both
     )
     both = before.keys() & now.keys()
     found = []
@@ -297,10 +298,6 @@ def changes_between(earlier: Iterable[Stated], later: Iterable[Stated]) -> list[
         values = [(each.value, each.half95) if each else (nan, nan) for each in (old, new)]
         found.append(Change(stated.kind, name, stated.unit, *values[0], *values[1]))
     return sorted(found, key=lambda change: (not change.beyond, _KINDS.index(change.kind)))
-
-
-def _family(cause: Stated) -> str:
-    return cause.name.partition(".")[0]
 
 
 def _float(value: Any) -> float:

@@ -20,14 +20,12 @@ from model.wheel_soil import Reading
 from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.console import check_output
-from wheelsoil.wording.mending import MENDED
 from wheelsoil.wording.names import chance, effect_name, listed, parameter_name, plain_name
 from wheelsoil.wording.verdict import gain_words, sentence_of
 
 _WIDTH = 100
 _SPEEDS = ("ground_speed", "wheel_speed")
 _SCALED = (*TRANSDUCER_ROLES, *_SPEEDS, "pitch")
-_OUTBOARD = ("outboard_mass_kg", "outboard_inertia_kgm2")
 
 
 def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Path]:
@@ -105,15 +103,15 @@ def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench], runs: 
     driven = [each for each in members if isinstance(each, Campaign)]
     wheels = {each.of_vehicle.wheel: (each.wheel, each.tyre) for each in driven if each.of_vehicle}
     whole = replace(model, wheels=wheels)
-    lines = tuple(
-        f"{f'wheel {wheel}: ' if wheels else ''}{name} = {value}"
+    counted = tuple(
+        (wheel if wheels else "", name, value)
         for each in driven
         for wheel in [each.of_vehicle.wheel if each.of_vehicle else model.wheel_id]
         for declared in [[declared_of(runs[id(done)], done) for done in each.runs if id(done) in runs]]
         for name in sorted(set().union(*map(_counted_from, whole.of_wheel(wheel).keys)))
         for value in dict.fromkeys(facts[name] for facts in declared if name in facts)
     )
-    return replace(whole, provenance=model.provenance | ({"counted_from": lines} if lines else {}))
+    return replace(whole, provenance=model.provenance | ({"counted_from": counted} if counted else {}))
 
 
 def _provenance(
@@ -151,7 +149,11 @@ def declared_of(run: Run, processed: ProcessedRun) -> dict[str, str]:
     """Return what errors of measurement may count from, as vehicle.toml, its DBCs and the zeros of a run declare it."""
     wheel, transducer, zeros = run.vehicle.wheel, run.vehicle.transducer, processed.quality.zeros
     return {
-        **{f"[wheel] {name}": f"{getattr(wheel, name):.9g}" for name in ("radius_m", *_OUTBOARD) if wheel},
+        **{
+            f"[wheel] {name}": f"{getattr(wheel, name):.9g}"
+            for name in ("radius_m", "outboard_mass_kg", "outboard_inertia_kgm2")
+            if wheel
+        },
         "[wheel] rolling_radius_m": f"{wheel.rolling_radius_m:.9g}" if wheel and wheel.rolling_radius_m else "radius_m",
         **{f"[sensors.{role}] latency_s": f"{run.vehicle.latency_s(role):.9g}" for role in _SPEEDS},
         **{f"scale of {role}": text for role, text in run.scales(_SCALED).items()},
@@ -165,7 +167,7 @@ def declared_of(run: Run, processed: ProcessedRun) -> dict[str, str]:
 
 def _counted_from(key: str) -> set[str]:
     """Return the names in `declared_of` that a cause counts from: what is mended there, it would correct again."""
-    effect, outboard = EFFECTS[key], [f"[wheel] {name}" for name in _OUTBOARD]
+    effect = EFFECTS[key]
     roles = {*effect.shows, *effect.needs.roles} if effect.kind == "measurement" else set()
     of_zero = roles if effect.at_standstill or effect.needs.zero_of else set()
     return {
@@ -175,8 +177,8 @@ def _counted_from(key: str) -> set[str]:
         *(("[wheel] radius_m", "[wheel] rolling_radius_m") if "wheel_speed" in roles else ()),
         *(f"zero of {role}" for role in of_zero),
         *(("[transducer] zero", "[transducer] angle_offset_deg") if of_zero else ()),
-        *(outboard[:1] if "vertical_load" in of_zero else ()),
-        *(outboard if parted(effect.name)[0] in MENDED else ()),
+        *(("[wheel] outboard_mass_kg",) if "vertical_load" in of_zero else ()),
+        *(f"{each.section} {each.key}" for each in (effect.remedy.corrections if effect.remedy else ())),
     }
 
 
@@ -188,20 +190,20 @@ def refuse_mended(model: ExtendedModel, processed: Iterable[tuple[Run, Processed
     for run, done in processed:
         wheel, facts = " ".join(run.vehicle.wheel_ids), model.provenance.get("counted_from")
         keys = model.of_wheel(wheel).keys
-        lines = [line.removeprefix(f"wheel {wheel}: ") for line in (facts if isinstance(facts, tuple) else ())]
-        now = declared_of(run, done) if lines else {}
+        rows = [row for row in (facts if isinstance(facts, tuple) else ()) if not isinstance(row, str)]
+        now = declared_of(run, done) if rows else {}
         faults = [
             Fault(
                 f"the model file corrects {listed([plain_name(key) for key in keys if name in _counted_from(key)])}, "
                 f"and {name} has changed since it was made",
                 f"{run.vehicle_source}{f', wheel {wheel}' if wheel else ''}",
                 value,
-                ", ".join(line.removeprefix(f"{name} = ") for line in known),
+                ", ".join(known),
                 "diagnose anew (`wheelsoil diagnose FOLDER -o FILE`), or put the value back: with both it is corrected "
                 "twice",
             )
             for name, value in now.items()
-            if (known := [x for x in lines if x.startswith(f"{name} = ")]) and f"{name} = {value}" not in known
+            if (known := [then for of, what, then in rows if of in ("", wheel) and what == name]) and value not in known
         ]
         ConfigError.stop_if_any(faults)
 

@@ -17,7 +17,7 @@ from wheelsoil.console import computing, say_folded
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
 from wheelsoil.wording.notes import note_text
-from wheelsoil.workflows.choice import Choice, provenance_of
+from wheelsoil.workflows.choice import Choice, FitChoices, provenance_of
 from wheelsoil.workflows.diagnosis import (
     Processed,
     bench_of,
@@ -28,7 +28,7 @@ from wheelsoil.workflows.diagnosis import (
     vehicles_of,
     with_advice,
 )
-from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
+from wheelsoil.workflows.fit import fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
 from wheelsoil.workflows.runs import Files, noted_in, on_soil, process_runs
 from wheelsoil.workflows.tables import BenchFiles

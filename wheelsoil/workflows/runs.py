@@ -439,13 +439,13 @@ def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Pat
 
     _check_vehicle(run)
     try:
-        unsure = UncertainTimestamps()
-        channels = run.channel_batches(watch=unsure.take)
+        unsure, frames = UncertainTimestamps(), run.frame_batches()
+        channels = run.channel_batches(watch=unsure.take, frames=frames)
         processed = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
     gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-    of_run = (*unsure.notes(), *gaps, *run.reading_notes(), *run.signal_notes())
+    of_run = (*unsure.notes(), *gaps, *run.reading_notes(frames), *run.signal_notes())
     processed = replace(processed, quality=replace(processed.quality, notes=(*of_run, *processed.quality.notes)))
     if place:
         place.put(processed)

@@ -52,7 +52,7 @@ from model.diagnosis.time_series.joining import runs_of
 from model.diagnosis.time_series.linearise import Point
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
-from model.fit.fit import default_slip_threshold
+from model.fit.result import FitOptions
 from model.notes import DiagnosisCode, LackCode
 
 REPLICATES = 64
@@ -206,7 +206,7 @@ def _predicted(
     return {
         "measured": {c: samples.measured[c] for c in part.frozen.channels},
         "predicted": dict(zip(part.frozen.channels, part.at_measured_slip(point, own), strict=True)),
-        "judged": slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        "judged": slip >= FitOptions().threshold_on(linearised.campaigns[at].campaign.soil),
         "slip": slip,
         "variance": dict(zip(part.frozen.channels, part.noise_variance[:, own] + of_soil, strict=True)),
     }

@@ -405,8 +405,8 @@ def columns_of(
     present = np.isfinite(residual) & linear.usable
     rows = shapes.rows
     rows[..., 0], rows[..., soils], rows[..., soils.stop : beside[0]] = residual, linear.soil, linear.causes * scale
-    for i, (_, name) in enumerate(by_run):
-        rows[..., i - len(by_run)] = loading(linear, samples, name)
+    for i, (_, seen) in enumerate(by_run):
+        rows[..., i - len(by_run)] = loading(linear, samples, seen)
     rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
@@ -450,7 +450,10 @@ def _at_rest(
     present = np.zeros((len(READ), count), bool)
     own = linear.rest_causes * scale
     start = 1 + linear.soil.shape[-1]
-    by_run = constants(linear.channels)
+    by_run, angle = constants(linear.channels), rests.wheel_angle_rad
+    weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
+    same = {"zero": np.ones(count), "rest": np.ones(count)}
+    shown = {"dp": same | {"rest": weight, "cos": np.cos(angle), "sin": np.sin(angle)}, "t": same}
     for row, channel in enumerate(READ):
         if channel not in rests.measured or channel not in (*linear.channels, "slip"):
             continue
@@ -458,14 +461,8 @@ def _at_rest(
         present[row] = np.isfinite(residual)
         out[row, :, 0] = residual
         out[row, :, start : start + own.shape[-1] + shapes.shape[-1]] = np.concatenate([own[row], shapes[row]], axis=-1)
-        for i, (_, name) in enumerate(by_run):
-            if channel == "dp" and name in ("cos dp", "sin dp"):
-                turn = np.cos if name.startswith("cos") else np.sin
-                out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
-            elif name == f"zero {channel}":
-                out[row, :, width - len(by_run) + i] = 1.0
-            elif name == f"rest {channel}":
-                weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
-                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else 1.0
+        for i, (_, seen) in enumerate(by_run):
+            if seen.channel == channel:
+                out[row, :, i - len(by_run)] = shown[channel].get(seen.how, 0.0)
     out[:, rests.lifted, width - len(by_run) :] = 0.0  # no run's constants: it belongs to none
     return np.where(present[..., None], out, 0.0), present

@@ -28,7 +28,7 @@ from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram, soil_places
 from model.diagnosis.time_series.linearise import Linear, labelled
-from model.diagnosis.time_series.noise import constants, processes, rest_variance
+from model.diagnosis.time_series.noise import Loading, constants, processes, rest_variance
 from model.diagnosis.time_series.samples import Places, Samples, places_of
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import (
@@ -49,8 +49,6 @@ OWN_SPEED = "own_speed_share"
 APART = 0.99
 """That share while the wheels are linearised as if each had a receiver."""
 OWN_SHARES = (0.001, 0.002, 0.004, 0.01, 0.03, 0.1, 0.3)
-_OF_A_RUN = "_run_to_run"
-"""End of the names of what is one value a run of the soil."""
 _SEEN = ("value", "speed", "curvature", "load", "acceleration", "stiffness", "friction", "cohesion")
 """Fields of `Linear` by which the noise is seen."""
 
@@ -451,12 +449,12 @@ def _embedded(
 
 
 @cache
-def _labels(channels: tuple[str, ...], i: int) -> tuple[tuple[str, str], ...]:
+def _labels(channels: tuple[str, ...], i: int) -> tuple[tuple[int, Loading], ...]:
     """Return what each value of a run is of, of a wheel with these channels: the soil's of all, others of the wheel."""
-    return tuple((name if name.endswith(_OF_A_RUN) else f"{i} {name}", seen) for name, seen in constants(channels))
+    return tuple((i if seen.channel else -1, seen) for _, seen in constants(channels))
 
 
-def _constants(wheels: Sequence[OfCampaign]) -> dict[tuple[str, str], None]:
+def _constants(wheels: Sequence[OfCampaign]) -> dict[tuple[int, Loading], None]:
     """Return the values of a run of all wheels, in their order."""
     return dict.fromkeys(label for i, wheel in enumerate(wheels) for label in _labels(wheel.linear.channels, i))
 
@@ -471,7 +469,7 @@ def _resting(wheel: OfCampaign) -> tuple[FloatArray, FloatArray]:
 def shared_values(channels: tuple[str, ...]) -> list[str]:
     """Return the names of the hyper-parameters of what the wheels of a vehicle share."""
     shared = [p for p in processes(channels) if p.has_slope]
-    of_runs = dict.fromkeys(name for name, _ in constants(channels) if name.endswith(_OF_A_RUN))
+    of_runs = dict.fromkeys(name for name, seen in constants(channels) if not seen.channel)
     return [*(name for p in shared for name in (p.deviation, p.time) if name), *of_runs]
 
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,13 @@ _KNOWN = 0.05
 """One-sigma of the logarithm of a hyper-parameter that the data do not decide."""
 
 
+class Loading(NamedTuple):
+    """How a process is seen: in one channel, as it is or by `how`; else in every one by that field of `Linear`."""
+
+    channel: str
+    how: Literal["", "cos", "sin", "zero", "rest", "speed", "load", "stiffness", "friction", "cohesion"] = ""
+
+
 @dataclass(frozen=True)
 class Process:
     """A coloured process: names of its deviation and time (None: white), whether over distance, what it is seen by.
@@ -47,12 +55,12 @@ class Process:
     deviation: str
     time: str | None
     over_distance: bool
-    loading: str
+    loading: Loading
 
     @property
     def has_slope(self) -> bool:
         """Whether its slope is seen."""
-        return self.loading == "speed"
+        return self.loading.how == "speed"
 
 
 @dataclass(frozen=True)
@@ -87,30 +95,32 @@ class Noise:
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     """Return the processes that go on within a run."""
     own = [
-        Process(named(c, what), f"{OUTPUTS[c].role}_{what}_time_s", over_distance=False, loading=c)
+        Process(named(c, what), f"{OUTPUTS[c].role}_{what}_time_s", over_distance=False, loading=Loading(c))
         for c in channels
         for what in ("noise", *(("slow_noise",) if c != "z" else ()))
     ]
     return (
         *own,
-        Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading="speed"),
-        Process("speed_white_mps", None, over_distance=False, loading="speed"),
-        Process("load_noise_n", "load_noise_time_s", over_distance=False, loading="load"),
-        Process("stiffness_in_run", "soil_length_m", over_distance=True, loading="stiffness"),
-        Process("friction_in_run", "soil_length_m", over_distance=True, loading="friction"),
+        Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading=Loading("", "speed")),
+        Process("speed_white_mps", None, over_distance=False, loading=Loading("", "speed")),
+        Process("load_noise_n", "load_noise_time_s", over_distance=False, loading=Loading("", "load")),
+        Process("stiffness_in_run", "soil_length_m", over_distance=True, loading=Loading("", "stiffness")),
+        Process("friction_in_run", "soil_length_m", over_distance=True, loading=Loading("", "friction")),
     )
 
 
 @cache
-def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+def constants(channels: tuple[str, ...]) -> tuple[tuple[str, Loading], ...]:
     """Return deviation and loading of what is one value a run."""
-    turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
-    zeros = [(named(c, "of_run"), f"zero {c}") for c in channels]
-    resting = [(named(c, "standing"), f"rest {c}") for c in channels if c in AT_REST]
+    turning = [
+        (named(c, "wheel_order"), seen) for c in channels if c != "z" for seen in (Loading(c, "cos"), Loading(c, "sin"))
+    ]
+    zeros = [(named(c, "of_run"), Loading(c, "zero")) for c in channels]
+    resting = [(named(c, "standing"), Loading(c, "rest")) for c in channels if c in AT_REST]
     return (
-        ("stiffness_run_to_run", "stiffness"),
-        ("friction_run_to_run", "friction"),
-        ("cohesion_run_to_run", "cohesion"),
+        ("stiffness_run_to_run", Loading("", "stiffness")),
+        ("friction_run_to_run", Loading("", "friction")),
+        ("cohesion_run_to_run", Loading("", "cohesion")),
         *turning,
         *zeros,
         *resting,
@@ -173,16 +183,13 @@ def _positive(sigma: float, otherwise: float) -> float:
     return sigma if np.isfinite(sigma) and sigma > 0 else otherwise
 
 
-def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
+def loading(linear: Linear, samples: Samples, seen: Loading) -> FloatArray:
     """Return how a process of the given loading is seen, shape (c, n)."""
-    if name in ("speed", "load", "stiffness", "friction", "cohesion"):
-        return np.asarray(getattr(linear, name))
-    out = np.zeros(linear.value.shape)
-    side, _, channel = name.rpartition(" ")
-    if side == "rest":
-        return out
-    angle = samples.wheel_angle_rad
-    out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
+    if not seen.channel:
+        return np.asarray(getattr(linear, seen.how))
+    out, angle = np.zeros(linear.value.shape), samples.wheel_angle_rad
+    shown = {"rest": np.zeros(len(angle)), "cos": np.cos(angle), "sin": np.sin(angle)}
+    out[linear.channels.index(seen.channel)] = shown.get(seen.how, np.ones(len(angle)))
     return out
 
 

@@ -126,13 +126,16 @@ def test_its_soil_causes_pull_error_and_data_are_compared(own: Store) -> None:
         "glance": {"key_figures": {"error.t.calibrated_soil": {"value": 44.0, "unit": "N m"}}},
     }
     found = {change.name: change for change in changes_since(last, now)}
-    assert [name for name, change in found.items() if change.beyond] == ["torque_zero.offset_nm", "soil.tan_phi"]
-    assert (last.driven, found["soil.tan_phi"].unit) == ("2 May 2026", "")
-    assert found["soil.tan_phi"].difference == pytest.approx(0.06)
-    assert found["soil.tan_phi"].last_half95 == pytest.approx(0.02)
-    assert found["pull_at_slip_0.2"].difference == pytest.approx(20.0)
-    assert found["error.t.calibrated_soil"].difference == pytest.approx(3.0)
-    assert found["used_share"].difference == pytest.approx(0.7 - 0.75)
+    assert [name for name, change in found.items() if change.beyond] == [
+        ("torque_zero", "offset_nm"),
+        ("soil", "tan_phi"),
+    ]
+    assert (last.driven, found["soil", "tan_phi"].unit) == ("2 May 2026", "")
+    assert found["soil", "tan_phi"].difference == pytest.approx(0.06)
+    assert found["soil", "tan_phi"].last_half95 == pytest.approx(0.02)
+    assert found["pull_at_slip_0.2",].difference == pytest.approx(20.0)
+    assert found["error", "t", "calibrated_soil"].difference == pytest.approx(3.0)
+    assert found["used_share",].difference == pytest.approx(0.7 - 0.75)
     assert len(found) == 5  # a usable share of the samples in motion is not in a store
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, TRANSDUCER_ROLES
 from model.diagnosis import Diagnosis, Scores
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from model.wheel_soil import Reading, Soil, Wheel
 from wheelsoil.report.content import Contents, Links, section
 from wheelsoil.report.inputs import ReportInputs
@@ -72,8 +72,8 @@ def answers(inputs: ReportInputs) -> Contents:
 def _wrong(found: Diagnosis) -> str:
     """Return the headline, and what each of its causes is."""
     causes = () if several_terrains(found) else found.causes[:_MOST_CAUSES]
-    meant = [f"{upper(plain_name(c.name))}: {EFFECTS[c.key].summary}" for c in causes if c.key in EFFECTS]
-    return " ".join([headline_of(found), *meant])
+    said = ((c.name, EFFECTS.get(c.key, Effect).summary) for c in causes)
+    return " ".join([headline_of(found), *(f"{upper(plain_name(name))}: {text}" for name, text in said if text)])
 
 
 def _sure(found: Diagnosis) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import isfinite
 
 from model.diagnosis import Candidate, Cause, Diagnosis
-from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import NOT_JUDGED, form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
 from wheelsoil.wording.grounds_text import adequacy_words
-from wheelsoil.wording.names import chance, parameter_name, plain_name
+from wheelsoil.wording.names import chance, meaning, parameter_name, plain_name, upper
 from wheelsoil.wording.verdict import refusal_words, several_terrains
 
 _SHOWN = 10
@@ -33,10 +32,11 @@ def candidates(inputs: ReportInputs) -> Contents:
     elif found.candidates:
         blocks.append(Panels([_figure(found)], _READING))
     if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
-        rows = [[name, f"{share:.1f} %"] for name, _, share in set_shares(found.sets)]
+        rows = [[share.name, f"{share.percent:.1f} %"] for share in set_shares(found.sets)]
         blocks.append(Table("Causes that act together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
-        blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
+        meant = [f"{upper(plain_name(cause.name))}: {said}" for cause in found.causes if (said := meaning(cause.key))]
+        blocks += [_table(found), *map(Text, dict.fromkeys(meant))]
     blocks += _adequacy(found)
     for heading, texts in not_named(found.not_identifiable, found.minimum_detectable).items():
         rows = [[plain_name(name), why] for name, why in texts.items()]
@@ -98,11 +98,6 @@ def _rows(cause: Cause) -> list[list[str]]:
         ]
         for i, parameter in enumerate(cause.parameters)
     ]
-
-
-def _meaning(cause: Cause) -> str:
-    effect = EFFECTS.get(cause.key)
-    return f"{plain_name(cause.name).capitalize()}: {effect.summary} ({effect.source})" if effect else cause.key
 
 
 def _adequacy(found: Diagnosis) -> list[Block]:

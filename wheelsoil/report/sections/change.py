@@ -55,7 +55,10 @@ def against(inputs: ReportInputs) -> Contents:
     rows = [change_row(change) for change in changes]
     blocks.append(Table("Last time and now", CHANGE_HEAD, rows, note, words=CHANGE_HEAD[4:]))
     return blocks, {
-        "changes": [vars(change) | {"difference": change.difference, "beyond": change.beyond} for change in changes],
+        "changes": [
+            vars(change) | {"name": ".".join(change.name), "difference": change.difference, "beyond": change.beyond}
+            for change in changes
+        ],
         "differing": differing(changes),
         "another_thing": of_another_thing(inputs.last, dict(inputs.facts)),
         "last": inputs.last.made_at,

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from daq import OUTPUTS
-from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, line, marked_line, style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
 from wheelsoil.wording.fit_text import criteria_json, reason_text
+from wheelsoil.wording.names import meaning
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import model_as_json
 
@@ -195,8 +195,7 @@ def _pair(model: ModelFit) -> Figure | None:
 
 
 def _meaning(model: ModelFit) -> str:
-    formulas = " ".join(f"{EFFECTS[name].summary} ({EFFECTS[name].source})" for name in model.effects)
-    return f"{style(model.name).label}: {formulas}"
+    return f"{style(model.name).label}: {' '.join(map(meaning, model.effects))}"
 
 
 def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:

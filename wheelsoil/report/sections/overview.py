@@ -354,7 +354,8 @@ def causes(inputs: ReportInputs) -> Contents:
         return _refused(inputs, found)
     sets = set_shares(found.sets)
     bars = [
-        Bar(_alone(share.name), share.percent / 100, f"{share.percent:.1f} %", i == 0) for i, share in enumerate(sets)
+        Bar(f"{share.name}{' alone' * (share.causes == 1)}", share.percent / 100, f"{share.percent:.1f} %", i == 0)
+        for i, share in enumerate(sets)
     ]
     if bars:
         as_if = f"{NOT_JUDGED} As if of one soil: " if several_terrains(found) is not None else ""
@@ -389,10 +390,6 @@ def causes(inputs: ReportInputs) -> Contents:
     }
     barred = [cause.name for cause, why in found.stated if why is not None]
     return blocks, numbers | ({"barred": barred} if barred else {})
-
-
-def _alone(name: str) -> str:
-    return name if " + " in name or name in ("no cause", "all other sets") else f"{name} alone"
 
 
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
@@ -449,12 +446,14 @@ def runs(inputs: ReportInputs) -> Contents:
         decision = _OTHER_SOIL if run.run.id in others else _DECISIONS[grade.level]
         traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
-        dated = run.start_ns > 631_152_000 * 10**9
+        start = (
+            f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if run.start_ns > 631_152_000 * 10**9 else None
+        )
         rows.append(
             [
                 run.run.id,
                 decision,
-                f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else "–",
+                start or "–",
                 f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
@@ -464,7 +463,7 @@ def runs(inputs: ReportInputs) -> Contents:
             ]
         )
         numbers[run.run.id] = {
-            "start_utc": rows[-1][2],
+            "start_utc": start,
             "load_n": float(np.median(load)) if len(load) else None,
             "highest_slip": grade.highest_slip,
             "usable_share": grade.usable_share,
