@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fault_support import recording
-from referee_study import base_world, is_right, ruling_of
+from referee_study import base_world, is_right, partly_mistaken, ruling_of
 from referee_world import WAYS, Way, World, firm, mistaken, sound_world
 
 from daq import ROLES, Severity, VehicleConfig, find_unit
@@ -199,6 +199,21 @@ def test_a_mass_in_pounds_is_noted(sound, factor: float, axles: int | None, said
     run = changed_world(sound, {"vehicle": vehicle, "wheel": wheel}).processed()
     told = [note_text(note) for note in run.quality.notes if note.code == RunCode.OVERLOADED]
     assert len(told) == bool(said) and all(said in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "first"),
+    [("ground_speed", "km/h", False), ("wheel_speed", "rpm", True), ("wheel_speed", "deg/s", False)],
+)
+def test_a_unit_that_changes_within_the_run_is_found(role: str, unit: str, first: bool) -> None:
+    """A wheel speed in rpm for a while passes as slip: no factor of a unit is taken up at once."""
+    right = base_world("sandy", quiet=False, seed=101)
+    run = partly_mistaken(right, f"unit:{role}={unit}", share=0.6, first=first).processed()
+    [note] = [note for note in run.quality.notes if note.code in (RunCode.IMPLAUSIBLE, RunCode.WRONG_SIZE)]
+    assert is_refused(run) and (note.values["role"], note.values["why"]) == (role, "changed")
+    assert note.values["size"] == pytest.approx(0.6 * run.time_s[-1], abs=0.3)
+    assert f"{role} changes to or from {unit} after 2" in note_text(note) and "export the run anew" in note_text(note)
+    assert not is_refused(right.processed())
 
 
 @pytest.mark.parametrize(
