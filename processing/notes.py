@@ -73,7 +73,8 @@ class RunCode(StrEnum):
     """load_n (median), weight_n, mass_kg, added_kg (of the vehicle)"""
     WRONG_SIZE = "wrong_size"
     """role, size (90 % of the values are below), least, most (of what is possible), units (that would make it
-    possible), why ("": only that; "turned", "radians" of positions, "sigma" of the sensor), signal"""
+    possible), why ("": only that; "turned", "radians" of positions, "sigma" of the sensor, "changed" after `size` in
+    s), signal"""
     ZERO_TAKEN_OFF = "zero_taken_off"
     """roles, source, methods, ages_s"""
     ZERO_OLD = "zero_old"

@@ -12,7 +12,7 @@ import numpy as np
 from referee_world import WAYS, sound_world
 
 from processing.referee import densities, evidence_of
-from processing.referee.judgement import _effective_samples, _odds, _rows, _wheel_ratios
+from processing.referee.judgement import _LEAST_QUANTILE, _effective_samples, _odds, _rows, _wheel_ratios
 
 FIRST_SEED = 100_000
 
@@ -23,7 +23,8 @@ def main(count: int) -> None:
     shape = tuple(map(len, grid))
     posterior = np.zeros(shape)
     weights = np.exp(densities.ground_weights()).reshape(shape)
-    residuals: dict[str, list[float]] = {"traction": [], "resistance": [], "track": [], "share": []}
+    names = ("traction", "resistance", "track", "share", "least slip", "least sliding")
+    residuals: dict[str, list[float]] = {name: [] for name in names}
     curve, _, resistance = densities.grounds()
     for number in range(count):
         world = sound_world(np.random.default_rng(FIRST_SEED + number), way=WAYS[number % len(WAYS)])
@@ -41,6 +42,8 @@ def main(count: int) -> None:
         steady = np.abs(wheel.slip[0]) > 0.3
         residuals["traction"] += list((wheel.traction[0] - curve[best, node])[steady])
         residuals["resistance"] += list((wheel.traction - wheel.pull)[0][wheel.slip[0] < 0.1] - resistance[best])
+        for name, size in ("least slip", wheel.slip), ("least sliding", wheel.slip * wheel.faster):
+            residuals[name].append(np.quantile(np.abs(size), _LEAST_QUANTILE))
         residuals["track"].append(np.log(evidence.against_track.get("ground_speed", np.nan)))
         if evidence.mass_kg:
             residuals["share"].append(np.log(np.median(rows[2]) / evidence.mass_kg / 9.80665))
@@ -51,7 +54,10 @@ def main(count: int) -> None:
     for name, found in residuals.items():
         known = np.array(found)[np.isfinite(found)]
         middle = float(np.median(known))
-        print(f"{name}: median {middle:.3f}, scale {1.4826 * np.median(np.abs(known - middle)):.3f}, n {len(known)}")
+        print(
+            f"{name}: median {middle:.3f}, scale {1.4826 * np.median(np.abs(known - middle)):.3f}, n {len(known)}, "
+            f"1 and 99 % quantiles {np.round(np.quantile(known, [0.01, 0.99]), 3).tolist()}"
+        )
 
 
 if __name__ == "__main__":

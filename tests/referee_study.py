@@ -1,7 +1,8 @@
 """Study of the physics referee: listed mistakes, sound runs, runs with a measurement cause; by hand.
 
 ``python tests/referee_study.py`` prints counts with Clopper-Pearson bounds, and every case that is lost. Its result is
-in docs/referee.md. Seeds are 0 to n - 1 of each part; the densities were fitted on others (`fit_referee.py`).
+in docs/referee.md. Seeds are 0 to n - 1 of each part, or from `--first` on; the densities were fitted on others
+(`fit_referee.py`, from 100,000 on), and the scales of a run as a whole chosen on seeds 100 to 180.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 import time
 from collections import Counter
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from referee_world import WAYS, World, cycles, firm, loaded, mistaken, sound_world
@@ -18,12 +20,13 @@ from scipy.stats import beta
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Soil, Wheel
 from processing import is_refused
-from processing.referee import LISTED, Ruling, evidence_of, judge
+from processing.referee import BY_KEY, LISTED, Ruling, evidence_of, judge
 from wheelsoil.simulation.campaign import simulated_run, simulated_setup
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import vehicle_config
 
 SOIL_NAMES = ("clay", "sandy", "firm")
+CHANGES = ("unit:ground_speed=km/h", "unit:wheel_speed=rpm", "unit:wheel_speed=deg/s")
 _EQUAL_SHARE = 0.05
 
 
@@ -103,11 +106,34 @@ def study_mistakes(seed: int) -> None:
     )
 
 
-def study_sound(count: int) -> None:
+def partly_mistaken(world: World, key: str, *, share: float, first: bool) -> World:
+    """Return a run of which the first share, or the rest, has a mistake of a unit."""
+    wrong, channels = mistaken(world, key).channels, dict(world.channels)
+    for role in BY_KEY[key].roles:
+        right = channels[role]
+        there = (np.arange(len(right)) < share * len(right)) == first
+        channels[role] = replace(right, values=np.where(there, wrong[role].values, right.values))
+    return World(channels, world.vehicle)
+
+
+def study_changes(seed: int) -> None:
+    """Print in how many runs a unit of speed that changes after 60 % is refused, and named with its time."""
+    cases = named = refused = 0
+    for soil, quiet in product(SOIL_NAMES, (True, False)):
+        world = base_world(soil, quiet=quiet, seed=seed)
+        for key, first in product(CHANGES, (True, False)):
+            run = partly_mistaken(world, key, share=0.6, first=first).processed()
+            notes = [note.values for note in run.quality.notes if note.values.get("why") == "changed"]
+            units = [f"unit:{v['role']}={v['units'][0]}" for v in notes if abs(v["size"] / run.time_s[-1] - 0.6) < 0.02]
+            cases, refused, named = cases + 1, refused + is_refused(run), named + (units == [key])
+    print(f"seed {seed}: units that change: refused {bounds(refused, cases)}, named {bounds(named, cases)}", flush=True)
+
+
+def study_sound(seeds: range) -> None:
     """Print how many sound runs are refused or noted."""
     refused = noted = 0
     spent_s = 0.0
-    for seed in range(count):
+    for seed in seeds:
         way = WAYS[seed % len(WAYS)]
         world = sound_world(np.random.default_rng(seed), way=way)
         run = world.processed()
@@ -118,15 +144,15 @@ def study_sound(count: int) -> None:
         refused, noted = refused + is_refused(run), noted + (ruling.doubted and not ruling.refused)
         if ruling.doubted or is_refused(run):
             print(f"  sound {seed}, {way.__name__}: {ruling.sound:.2g}, {[m.key for m in ruling.named]}", flush=True)
-    each_ms = 1e3 * spent_s / max(count, 1)
+    each_ms, count = 1e3 * spent_s / max(len(seeds), 1), len(seeds)
     print(f"sound runs: refused {bounds(refused, count)}, noted {bounds(noted, count)}, {each_ms:.1f} ms each")
 
 
-def study_causes(count: int) -> None:
+def study_causes(seeds: range) -> None:
     """Print how many runs with a measurement cause of up to three prior scales are refused."""
     causes = [effect for effect in EFFECTS.values() if effect.kind == "measurement" and not effect.needs.roles]
     refused = noted = 0
-    for seed in range(count):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         effect = causes[seed % len(causes)]
         sizes = {
@@ -139,16 +165,23 @@ def study_causes(count: int) -> None:
         refused, noted = refused + is_refused(run), noted + (ruling.doubted and not ruling.refused)
         if ruling.doubted:
             print(f"  cause {seed}, {name} {sizes}: {ruling.sound:.2g}, {[m.key for m in ruling.named]}", flush=True)
-    print(f"measurement causes: refused {bounds(refused, count)}, noted {bounds(noted, count)}")
+    print(f"measurement causes: refused {bounds(refused, len(seeds))}, noted {bounds(noted, len(seeds))}")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--mistakes", type=int, default=1, help="seeds of the 180 cases")
+    parser.add_argument("--changes", type=int, default=0, help="seeds of the 36 runs in which a unit changes")
     parser.add_argument("--sound", type=int, default=200)
     parser.add_argument("--causes", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="first seed of each part")
     given = parser.parse_args()
-    for number in range(given.mistakes):
+    mistakes, changes, sound, causes = (
+        range(given.first, given.first + count) for count in (given.mistakes, given.changes, given.sound, given.causes)
+    )
+    for number in mistakes:
         study_mistakes(number)
-    study_sound(given.sound)
-    study_causes(given.causes)
+    for number in changes:
+        study_changes(number)
+    study_sound(sound)
+    study_causes(causes)

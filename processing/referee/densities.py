@@ -50,12 +50,18 @@ EXCESS_SIGMA = 0.1
 FREE_SLIP = ((0.0, 0.1, 0.1), (-3.0, 0.3, 0.8))
 """Log weight and scales of braking and driving slip where no force is measured: of a rolling and of a slipping run."""
 
-LOG_SPEED = (log(3.0), 1.0)
-LOG_LOAD = (log(3000.0), 2.5)
-LOG_RADIUS = (log(0.4), 0.7)
-LOG_SHARE = (log(0.25), 0.25)
-LOG_TRACK = (0.0, 0.02)
-"""Median and scale of ln of the speed in m/s, load in N, radius in m, load in weights, ground speed in track speeds."""
+LOG_SPEED = (log(3.0), 1.0, TAIL)
+LOG_LOAD = (log(3000.0), 2.5, TAIL)
+LOG_RADIUS = (log(0.4), 0.7, TAIL)
+LOG_SHARE = (log(0.25), 0.18, 8.0)
+LOG_TRACK = (0.0, 0.02, 8.0)
+"""Median, scale and degrees of freedom of ln of the speed in m/s, load in N, radius in m, load in weights, ground speed
+in track speeds."""
+OF_WRONG_REFERENCE = -12.0
+"""Log density of these at the least: the mass or the positions may be wrong themselves."""
+LEAST_SLIP, LEAST_SLIDING_MPS, AXIS_SIGMA = 0.25, 2.0, 0.07
+"""Scales of a run as a whole: 10 % quantiles of slip and of rim less ground speed, as no wheel spins fast all the time;
+angle in rad between pull over traction and one to one, by gains and sinkage."""
 MEND_PRIOR = 1e-3
 """Of each mend against sound."""
 UNLISTED = -1.0
@@ -63,9 +69,9 @@ UNLISTED = -1.0
 measurement cause of three prior scales -0.9, with a wrong mend -1.3 and less."""
 
 
-def student(residual: FloatArray | NDArray[np.float32], sigma: FloatArray | float) -> FloatArray:
+def student(residual: FloatArray | NDArray[np.float32], sigma: FloatArray | float, freedom: float = TAIL) -> FloatArray:
     """Return the log density of residuals, 0 at its peak."""
-    return np.asarray(-(TAIL + 1) / 2 * np.log1p((residual / sigma) ** 2 / TAIL))
+    return np.asarray(-(freedom + 1) / 2 * np.log1p((residual / sigma) ** 2 / freedom))
 
 
 @lru_cache(maxsize=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from math import inf, isfinite, nan
+from math import inf, isfinite, log, nan
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from daq import (
 )
 from processing import ProcessedRun, RunCode
 from processing.referee.judgement import Evidence, Ruling, is_judged, judge
-from processing.referee.mends import JUDGED_ROLES
+from processing.referee.mends import BY_KEY, JUDGED_ROLES
 
 _WINDOW_S = 2.0
 _LEAST_CHORD_M = 2.0
@@ -33,6 +33,10 @@ _LEAST_WINDOWS = 3
 _ABOVE_GROUND_M, _LIGHT, _LIKE = 0.02, 0.48, 0.2
 """A sinkage this far above ground is turned; a wheel carries less than half of its share of a mass in pounds."""
 _PIECES, _LEAST_MOVED_M, _NEAR = 40, 5.0, 3.0  # of a run; for positions; within this factor distances are alike
+_AT_ONCE = ((0, "ground_speed", "km/h", 0.06), (1, "wheel_speed", "rpm", 0.25), (1, "wheel_speed", "deg/s", 0.25))
+_EDGE, _EXACT, _CRAWL_MPS = 0.8, 0.06, 0.2
+"""Units so large that no vehicle takes up their factor at once, and by how much ln of the speeds may change before and
+after (a receiver of 1 Hz has steps). Within so many periods of the filter's frequency, how exactly; slower stands."""
 _HELD_S, _LEAST_LEFT = 2.0, 0.1
 _ALIKE, _AT_REST = 1e-9, 0.001
 """Shares of a value within which the next is the same, and of the largest, below which one is at rest."""
@@ -44,6 +48,8 @@ def plausibility_of(run: ProcessedRun, vehicle: VehicleConfig) -> tuple[list[Not
     The note is a fault where the run is impossible. A channel that keeps one value for seconds is what is impossible
     where the run is sound without them: then there is no note, but their rows, shape (n,), by role.
     """
+    if changed := _changed(run):
+        return changed, {}
     evidence = evidence_of(run, vehicle)
     ruling = judge(evidence)
     sized = [*_of_wrong_size(run, vehicle), *_stretched(run)]
@@ -89,6 +95,23 @@ def _stretched(run: ProcessedRun) -> list[Note]:
         )
         for unit, factor in (("ms", 1e3), ("us", 1e6))
         if 1 / _NEAR < ratio / factor < _NEAR
+    ]
+
+
+def _changed(run: ProcessedRun) -> list[Note]:
+    """Return a fault where one speed jumps by the factor of a unit and the other does not, both steady around it."""
+    reach = round(_EDGE * run.rate_hz / run.cutoff_hz)
+    logs = np.log(np.where((size := np.abs([run.ground_speed_mps, run.rim_speed_mps])) > _CRAWL_MPS, size, nan))
+    steps = logs[:, reach:] - logs[:, :-reach]
+    jumps = steps[:, reach:-reach] - (steps[:, : -2 * reach] + steps[:, 2 * reach :]) / 2
+    unsteady = np.abs([steps[:, : -2 * reach], steps[:, 2 * reach :]]).max(axis=(0, 1))
+    return [
+        Note(RunCode.WRONG_SIZE, Severity.FAULT, {"role": role, "size": time_s, "units": (unit,), "why": "changed"})
+        for row, role, unit, most in _AT_ONCE
+        for jump in [np.abs(jumps[row]) + log(BY_KEY[f"unit:{role}={unit}"].factors[role])]
+        for at in [np.flatnonzero((unsteady < most) & (np.abs([jump, jumps[1 - row]]) < _EXACT).all(axis=0))]
+        if len(at) and reach <= run.rate_hz
+        for time_s in [float(run.time_s[at[len(at) // 2] + reach * 3 // 2])]
     ]
 
 

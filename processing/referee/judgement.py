@@ -9,7 +9,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import STANDARD_GRAVITY_MPS2, FloatArray
+from daq import STANDARD_GRAVITY_MPS2, BoolArray, FloatArray
 from processing.referee import densities as known
 from processing.referee.mends import JUDGED_ROLES, MENDS, RADIUS, UNLISTED, Kind, Mend
 
@@ -21,8 +21,8 @@ _ROWS = 40
 _ROUGH = 5
 """Every so many samples are looked at to find the mends that are hopeless."""
 _HOPELESS = 40.0
-_MOVING_SHARE = 0.1
-_FAST_QUANTILE = 0.9
+_MOVING_SHARE, _MOVING_SHARES = 0.1, np.array([0.1, 0.25])
+_FAST_QUANTILE, _LEAST_QUANTILE = 0.9, 0.1
 _LEAST_ROWS = 10
 _LEAST_LOAD = 0.2
 _CELLS = 4
@@ -81,14 +81,9 @@ class Ruling:
     @property
     def named(self) -> tuple[Mend, ...]:
         """The mistake that is nearly certain, or the fewest that together are."""
-        found: list[Mend] = []
-        total = self.sound
-        for mend, probability in self.mends:
-            if found and total - self.sound > NAMED_ABOVE * (1 - self.sound):
-                break
-            found.append(mend)
-            total += probability
-        return tuple(found)
+        together = np.cumsum([probability for _, probability in self.mends])
+        before = int(np.searchsorted(together, NAMED_ABOVE * (1 - self.sound), side="right"))
+        return tuple(mend for mend, _ in self.mends[: before + 1])
 
 
 def is_judged(evidence: Evidence) -> bool:
@@ -125,19 +120,18 @@ def _rows(evidence: Evidence) -> FloatArray | None:
     stack = np.array([evidence.channels[role] for role in JUDGED_ROLES if role in evidence.channels])
     whole = np.flatnonzero(np.isfinite(stack).all(axis=0))
     moving = np.zeros(len(whole), np.bool_)
-    for role in JUDGED_ROLES[:2]:
-        if role in evidence.channels:
+    for role, noise in zip(
+        JUDGED_ROLES, (known.SPEED_SIGMA_MPS, known.SPEED_SIGMA_MPS / evidence.radius_m), strict=False
+    ):
+        if role in evidence.channels and len(whole):
             size = np.abs(evidence.channels[role][whole])
-            moving |= size > _MOVING_SHARE * np.quantile(size, _FAST_QUANTILE) if len(size) else False
+            moving |= size > np.clip(noise, *np.quantile(size, _FAST_QUANTILE) * _MOVING_SHARES)
     whole = whole[moving]
     if len(whole) < _LEAST_ROWS:
         return None
     chosen = whole[np.unique(np.linspace(0, len(whole) - 1, _ROWS).astype(np.int64))]
-    rows = np.full((len(JUDGED_ROLES), len(chosen)), np.nan)
-    for number, role in enumerate(JUDGED_ROLES):
-        if role in evidence.channels:
-            rows[number] = evidence.channels[role][chosen]
-    return rows
+    unknown = np.full(stack.shape[1], np.nan)
+    return np.array([evidence.channels.get(role, unknown)[chosen] for role in JUDGED_ROLES])
 
 
 def _scores(evidence: Evidence, rows: FloatArray, mends: Sequence[Mend], samples: float) -> FloatArray:
@@ -185,15 +179,15 @@ def _of_sizes(values: FloatArray, radius: FloatArray, track: FloatArray, mass_kg
         (track, known.LOG_TRACK),
     ]
     with np.errstate(divide="ignore"):
-        scores = [known.student(np.log(np.maximum(size, 1e-9)) - middle, scale) for size, (middle, scale) in found]
-    return np.asarray(np.nansum(scores, axis=0))
+        scores = [known.student(np.log(np.maximum(size, 1e-9)) - middle, *shape) for size, (middle, *shape) in found]
+    return np.asarray(np.nansum(np.maximum(scores, known.OF_WRONG_REFERENCE), axis=0))
 
 
 def _of_samples(values: FloatArray, radius: FloatArray, samples: float) -> FloatArray:
     """Return the log score of slip, traction and resistance over all grounds, shape (h,)."""
     wheel = _wheel_ratios(values, radius)
     score = known.student(np.maximum(np.abs(wheel.slip) - 1, 0), known.EXCESS_SIGMA) + wheel.of_load
-    if not (wheel.has_torque or wheel.has_pull):
+    if not wheel.measured[[_T, _D]].any():
         score = score + np.array(
             [known.student(wheel.slip, np.where(wheel.slip < 0, *two)) for _, *two in known.FREE_SLIP]
         )
@@ -203,7 +197,23 @@ def _of_samples(values: FloatArray, radius: FloatArray, samples: float) -> Float
         weight = known.ground_weights()[:, np.newaxis]
     each = samples * (score * wheel.weight).sum(axis=2) + weight
     best = each.max(axis=0)
-    return np.asarray(best + np.log(np.exp(each - best).sum(axis=0)), np.float64)
+    return np.asarray(_of_whole(wheel) + best + np.log(np.exp(each - best).sum(axis=0)), np.float64)
+
+
+def _of_whole(wheel: _Ratios) -> FloatArray:
+    """Return the log score of the least slip and sliding, and of how the pull follows the traction, shape (h,)."""
+    score = np.zeros(len(wheel.slip))
+    if wheel.measured[[_V, _OMEGA]].all():
+        for size, scale in (wheel.slip, known.LEAST_SLIP), (wheel.slip * wheel.faster, known.LEAST_SLIDING_MPS):
+            score += known.student(np.quantile(np.abs(size), _LEAST_QUANTILE, axis=1), scale)
+    if wheel.measured[[_T, _D]].all():
+        both = np.array([wheel.traction, wheel.pull], np.float64)
+        both -= (wheel.weight * both).sum(axis=2, keepdims=True)
+        (of_traction, shared), (_, of_pull) = np.einsum("hn,ahn,bhn->abh", wheel.weight, both, both)
+        most = (of_traction + of_pull + np.hypot(of_traction - of_pull, 2 * shared)) / 2
+        by_resistance = known.RESISTANCE_SIGMA**2 / 2 / np.maximum(most, 1e-12)  # which varies along the track
+        score += known.student(np.arctan2(of_traction - of_pull, 2 * shared) / 2, known.AXIS_SIGMA + by_resistance)
+    return score
 
 
 def _odds(wheel: _Ratios) -> NDArray[np.float32]:
@@ -211,35 +221,35 @@ def _odds(wheel: _Ratios) -> NDArray[np.float32]:
     curve, slope, resistance = known.grounds()
     level = resistance[:, np.newaxis, np.newaxis]
     odds: NDArray[np.float32] = np.ones((len(level), *wheel.slip.shape), np.float32)
-    if wheel.has_slip:
+    if wheel.measured[[_V, _OMEGA]].all():
         node = np.rint((np.clip(wheel.slip, -1, 1) + 1) * (len(known.NODES) - 1) / 2).astype(np.int64)
         expected = curve[:, node]
-        steep = slope[:, node] * wheel.slip_sigma
+        steep = slope[:, node] * (known.SLIP_SIGMA + known.SPEED_SIGMA_MPS / wheel.faster)
         variance = known.TRACTION_SIGMA**2 + (known.TRACTION_GAIN * expected) ** 2 + steep**2
-        measured = wheel.traction if wheel.has_torque else wheel.pull + level
+        measured = wheel.traction if wheel.measured[_T] else wheel.pull + level
         odds += (measured - expected) ** 2 / (known.TAIL * variance)
-    if wheel.has_torque and wheel.has_pull:
+    if wheel.measured[[_T, _D]].all():
         lost = wheel.traction - wheel.pull - level
-        sigma = wheel.balance_sigma + np.where(lost > 0, wheel.sinking, 0)
+        sigma = wheel.balance_sigma + np.where(lost > 0, known.SINKAGE_SIGMA * np.clip(wheel.slip, 0, 1), 0)
         odds *= 1 + (lost / sigma) ** 2 / known.TAIL
     return odds
 
 
 @dataclass(frozen=True)
 class _Ratios:
-    """Samples without a unit, arrays of shape (h, n): slip and forces over the load; 0 where not measured."""
+    """Samples, arrays of shape (h, n): slip, the faster of rim and ground, forces over the load; 0 if not measured.
+
+    `measured` is of the channels, shape (5,).
+    """
 
     weight: NDArray[np.float32]
     slip: NDArray[np.float32]
-    slip_sigma: NDArray[np.float32]
+    faster: NDArray[np.float32]
     traction: NDArray[np.float32]
     pull: NDArray[np.float32]
     balance_sigma: NDArray[np.float32]
-    sinking: NDArray[np.float32]
     of_load: NDArray[np.float32]
-    has_slip: bool
-    has_torque: bool
-    has_pull: bool
+    measured: BoolArray
 
 
 def _wheel_ratios(values: FloatArray, radius: FloatArray) -> _Ratios:
@@ -264,15 +274,12 @@ def _wheel_ratios(values: FloatArray, radius: FloatArray) -> _Ratios:
     return _Ratios(
         weight=_single(weight / np.maximum(weight.sum(axis=1), 1)[:, np.newaxis]),
         slip=_single(slip),
-        slip_sigma=_single(known.SLIP_SIGMA + known.SPEED_SIGMA_MPS / faster),
+        faster=_single(faster),
         traction=_single(traction),
         pull=_single(pull),
         balance_sigma=_single(known.RESISTANCE_SIGMA + known.RESISTANCE_GAIN * gain),
-        sinking=_single(known.SINKAGE_SIGMA * np.clip(slip, 0, 1)),
         of_load=_single(np.where(load < 0, known.OF_LIFTED_LOAD, 0.0)),
-        has_slip=has_slip,
-        has_torque=bool(measured[_T]),
-        has_pull=bool(measured[_D]),
+        measured=measured,
     )
 
 

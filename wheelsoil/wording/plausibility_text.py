@@ -22,6 +22,8 @@ _WHY = {
     'write unit = "rad" for latitude and longitude under [signals] of vehicle.toml',
     "time": "the vehicle drives {size:.3g} times as far as the positions move, so that time seems to be in {units[0]} "
     'and taken for seconds: write time_unit = "{units[0]}" under [series] of vehicle.toml',
+    "changed": "{role} changes to or from {units[0]} after {size:.1f} s, at once, and the other speed goes on: "
+    "export the run anew, or leave that part out by keep in choice.toml and go on",
     "sigma": "sigma = {size:g} under [sensors.{role}] of vehicle.toml, where one sample differs from the next by "
     "{least:.3g}, and the largest are {most:.3g}: give it in {units[0]}",
 }
