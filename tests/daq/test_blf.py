@@ -180,11 +180,14 @@ def test_a_damaged_length_costs_only_its_container(size: int, level: int) -> Non
     assert f"byte {start} of the file" in (report.first_bad + "".join(report.lost))
 
 
-def test_no_frame_is_put_together_over_a_missing_container() -> None:
+@pytest.mark.parametrize("group_bytes", [1, 3000, 1 << 20])
+def test_no_frame_is_put_together_over_a_missing_container(monkeypatch: pytest.MonkeyPatch, group_bytes: int) -> None:
+    """Wherever that is in what is unpacked together."""
+    monkeypatch.setattr(blf, "_GROUP_BYTES", group_bytes)
     batch = numbered(300)
     whole = written(batch, max_container_size=2000)
     places = container_places(whole)
-    for start, end in places[1:-2]:
+    for start, end in places[1:-1]:
         back, report = parsed(whole[:start] + whole[end:])
         assert never_recorded(back, batch) == 0
         assert 300 - len(back) <= 2000 // 48 + 3
@@ -199,11 +202,16 @@ def with_container(unpacked: int, packed: bytes) -> bytes:
 
 def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_memory() -> None:
     bomb = zlib.compress(bytes(15 << 20))
-    for stated, why in ((100, "holds 100 bytes, and holds more"), (4 << 30 - 1, ""), ((16 << 20), "holds 15728640")):
-        back, report = parsed(with_container(min(stated, 2**32 - 1), bomb))
+    for stated, packed, why in (
+        (100, bomb, "this container states that it holds 100 bytes, and holds more"),
+        (2**32 - 1, bomb, "this container states that it holds 4294967295 bytes;"),
+        (16 << 20, bomb, "this container states that it holds 16777216 bytes, and holds 15728640;"),
+        (15 << 20, bomb[:-9], "this container breaks off after"),
+    ):
+        back, report = parsed(with_container(stated, packed))
         assert len(back) == 0
         assert why in report.lost[0]
-        assert f"its {len(bomb):,} bytes are lost" in report.lost[0]
+        assert f"its {len(packed):,} bytes are lost" in report.lost[0]
     other = bytearray(with_container(8, bytes(8)))
     other[160] = 7
     assert "this container has an unknown compression method, 7" in parsed(bytes(other))[1].lost[0]

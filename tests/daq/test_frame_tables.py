@@ -212,6 +212,7 @@ _CELLS = st.tuples(
     rows=st.lists(_CELLS, min_size=2, max_size=12), program=st.sampled_from(["python-can", "SavvyCAN", "Kvaser", "CSS"])
 )
 @example(rows=[(1, True, b"\x01", 0, "")] * 2, program="CSS")
+@example(rows=[(2, True, b"\x01", 0, "")] * 2, program="python-can")
 def test_a_table_by_columns_is_the_table_line_by_line(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, bool, bytes, int, str]], program: str
 ) -> None:
@@ -238,7 +239,8 @@ def _line(program: str, i: int, can_id: int, odd: bool, data: bytes, length: int
     """Return a row whose length is the data's unless `odd`; `wrong` is put before the data of the third row."""
     length, wrong = length if odd else len(data), wrong if i == 2 else ""
     if program == "python-can":
-        return f"{i}.5,{can_id:#x},0,{int(odd)},0,{length},{wrong}{base64.b64encode(data).decode()}"
+        remote = int(odd and can_id % 2)
+        return f"{i}.5,{can_id:#x},0,{remote},0,{length},{wrong}{base64.b64encode(data).decode()}"
     if program == "CSS":
         return f"{i}.5,1,{can_id:X},0,{length},0,{int(length > 8)},0,0,0,{wrong}{data.hex()}"
     base = "02X" if program == "SavvyCAN" else "d"

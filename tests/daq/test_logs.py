@@ -116,6 +116,7 @@ def test_the_share_that_is_read_grows_to_the_whole(tmp_path: Path, name: str) ->
         if name.endswith(".gz"):
             (tmp_path / name).write_bytes(gzip.compress((tmp_path / "drive.log").read_bytes(), 1))
     reading = read_log(tmp_path / name)
+    assert reading.report.share == 0
     shares = [reading.report.share for _ in reading]
     assert shares == sorted(shares) and shares[0] < 0.9 and shares[-1] == 1
 
@@ -273,6 +274,14 @@ def test_a_reading_that_is_not_started_or_not_finished_leaves_nothing_open(tmp_p
     assert len(next(half)) == 100
     del half
     gc.collect()  # an open file would warn here, and warnings are errors
+
+
+@pytest.mark.parametrize(("count", "more"), [(8, []), (10, ["lost: 2 more parts, to byte 9: no container"])])
+def test_of_many_lost_parts_eight_and_the_last_are_listed(count: int, more: list[str]) -> None:
+    report = formats.LogReport("run.blf", "BLF")
+    for i in range(count):
+        report.note_lost(f"byte {i}", "no container")
+    assert report.remarks() == [*(f"lost: byte {i}: no container" for i in range(8)), *more]
 
 
 def test_reports_say_whether_times_have_a_date(tmp_path: Path) -> None:

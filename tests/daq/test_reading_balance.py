@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from frames_support import content
 from fuzz.mutators import mutated
 from fuzz.readers import FORMATS, whole_file
 
 from daq.balance import UNACCOUNTED, Balance
+from daq.can.frames import concatenate
 from daq.errors import WheelsoilError
-from daq.logs import LogReport, read_log
+from daq.logs import LogReport, read_log, shapes
 from daq.series import SeriesReport
 from daq.series.formats import read_series
 
@@ -55,6 +58,33 @@ def test_a_whole_file_loses_nothing_and_a_damaged_one_nothing_without_a_name(nam
         if name in TEXTS:
             text = path.read_bytes()
             assert (balance.came or 0) >= text.count(b"\n")
+
+
+def content_of(path: Path, batch_frames: int) -> tuple[object, list[str]]:
+    """Return the frames of a log and what is said of it, its first bad line being where it is said to be."""
+    reading = read_log(path, batch_frames=batch_frames)
+    frames = content(concatenate(list(reading)))
+    if reading.report.bad:
+        place = re.match(r"line (\d+): (?:no time: )?([!-\[\]-~]*)", reading.report.first_bad)
+        assert place is not None and place[2] in path.read_bytes().split(b"\n")[int(place[1]) - 1].decode("latin1")
+    return frames, [remark.partition("; the first is ")[0] for remark in reading.report.remarks()]
+
+
+@pytest.mark.parametrize("name", [name for name in TEXTS if name in LOGS])
+def test_the_pieces_that_a_log_is_read_in_change_nothing(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However damaged it is: every frame and count, and the places of what is bad."""
+    whole, path = whole_file(name, tmp_path), tmp_path / f"run{FORMATS[name].suffix}"
+    for seed in range(12):
+        path.write_bytes(whole if seed == 0 else mutated(whole, np.random.default_rng(seed)))
+        try:
+            at_once = content_of(path, 1000)
+        except WheelsoilError:
+            continue
+        with monkeypatch.context() as patched:
+            patched.setattr(shapes, "BLOCK_BYTES", 1000)
+            assert content_of(path, 100) == at_once
 
 
 @pytest.mark.parametrize("name", [*LOGS, *SERIES])
