@@ -134,6 +134,21 @@ def test_named_columns_come_back(
     assert not reading.report.bad
 
 
+@given(st.lists(st.lists(st.sampled_from(["", "0A", "7f", "G"]), min_size=3, max_size=3), min_size=1, max_size=6))
+@example([["0A", "", "7f"]] * 3)
+def test_of_bytes_in_columns_those_that_are_there_count(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]]
+) -> None:
+    text = "\n".join(
+        ["t,id,a,b,c", *(",".join([f"{i}.5", "12", *cells]) for i, cells in enumerate([["1"] * 3, *rows]))]
+    )
+    columns = parse_columns("time=t:s,id=id:hex,data=a:hex+b:hex+c:hex")
+    batch, reading = read(tmp_path_factory.mktemp("table") / "log.csv", text + "\n", columns=columns)
+    whole = ["".join(cells) for cells in rows if "G" not in cells]
+    assert [data[:length].hex() for *_, length, data in content(batch)] == ["010101", *(one.lower() for one in whole)]
+    assert reading.report.bad == len(rows) - len(whole)
+
+
 @pytest.mark.parametrize(
     "row",
     [

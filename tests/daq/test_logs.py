@@ -15,6 +15,7 @@ import can
 import numpy as np
 import pytest
 from frames_support import START_NS, classical, content, some_frames
+from fuzz.readers import FORMATS, whole_file
 from support import data_dir
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
@@ -260,10 +261,14 @@ def test_formats_may_share_a_suffix(monkeypatch: pytest.MonkeyPatch) -> None:
         formats.chosen_format(Path("a.blf"), b"***ANOTHER 1.0\n")
 
 
-def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path) -> None:
-    frames = classical(some_frames(np.random.default_rng(2), 20))
-    write_candump([frames], tmp_path / "run.txt")
-    assert content(concatenate(list(read_log(tmp_path / "run.txt")))) == content(frames)
+@pytest.mark.parametrize("name", ["candump", "asc", "trc", "blf", "frames in csv", "busmaster"])
+def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path, name: str) -> None:
+    known, nothing = tmp_path / f"run{FORMATS[name].suffix}", tmp_path / "run.data"
+    known.write_bytes(whole_file(name, tmp_path))
+    nothing.write_bytes(known.read_bytes())
+    one, other = read_log(known), read_log(nothing)
+    assert content(concatenate(list(one))) == content(concatenate(list(other)))
+    assert one.report.format == other.report.format
 
 
 def test_a_reading_that_is_not_started_or_not_finished_leaves_nothing_open(tmp_path: Path) -> None:

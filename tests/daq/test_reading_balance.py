@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frames_support import content
+from frames_support import content, some_frames
 from fuzz.mutators import mutated
 from fuzz.readers import FORMATS, whole_file
 
@@ -16,6 +16,7 @@ from daq.balance import UNACCOUNTED, Balance
 from daq.can.frames import concatenate
 from daq.errors import WheelsoilError
 from daq.logs import LogReport, read_log, shapes
+from daq.logs.candump import candump_text
 from daq.series import SeriesReport
 from daq.series.formats import read_series
 
@@ -85,6 +86,17 @@ def test_the_pieces_that_a_log_is_read_in_change_nothing(
         with monkeypatch.context() as patched:
             patched.setattr(shapes, "BLOCK_BYTES", 1000)
             assert content_of(path, 100) == at_once
+
+
+def test_of_a_packed_log_the_bytes_behind_damage_are_counted(tmp_path: Path) -> None:
+    path, text = tmp_path / "run.log.gz", candump_text(some_frames(np.random.default_rng(0), 5000))
+    packed = bytearray(gzip.compress(text))
+    packed[len(packed) // 2 : len(packed) // 2 + 40] = bytes(40)
+    path.write_bytes(packed)
+    reading = read_log(path)
+    assert sum(map(len, reading)) > 10
+    balance = reading.report.file_bytes
+    assert balance.came == balance.lost("of the packed file behind the damage") > 0 == balance.open
 
 
 @pytest.mark.parametrize("name", [*LOGS, *SERIES])

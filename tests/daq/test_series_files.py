@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsFile, TdmsWriter
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -306,6 +308,15 @@ def test_decimals_and_truth_values_of_a_parquet_file_are_numbers(tmp_path: Path)
     np.testing.assert_array_equal(found["on"][1], [np.nan, *[1, 0] * 24, 1])
 
 
+@pytest.mark.parametrize("zone", [None, "UTC", "+02:00"])
+def test_stamps_of_a_parquet_file_are_utc_where_they_have_no_zone(tmp_path: Path, zone: str | None) -> None:
+    stamps = pa.array(TIME_NS, pa.int64()).cast(pa.timestamp("ns", zone))
+    pq.write_table(pa.table({"stamp": stamps, "Fz": VALUES}), tmp_path / "run.parquet")
+    series = read(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(columns(series)["Fz"][0], TIME_NS)
+    assert series.report.remarks() == ["dates have no time zone: they are taken for UTC"] * (zone is None)
+
+
 def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: Path) -> None:
     both = np.stack([VALUES, 2 * VALUES])
     savemat(tmp_path / "run.mat", {"time": TIME_NS / 1e9, "F": both.T, "G": both})
@@ -415,12 +426,11 @@ def test_what_no_column_takes_is_listed_with_its_reason(tmp_path: Path) -> None:
     assert series.topics == {"table": {"rack/Fz": ""}} and series.report.skipped == {"rack/name": "no numbers"}
 
 
-@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
-def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin | None) -> None:
+def bag(folder: Path, storage: StoragePlugin | None) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE if storage else Stores.ROS1_NOETIC)
     joint, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
     stamp_of = store.types["builtin_interfaces/msg/Time"]
-    path = tmp_path / ("bag" if storage else "run.bag")
+    path = folder / ("bag" if storage else "run.bag")
     extra = {} if storage else {"seq": 0}
     with Writer2(path, version=9, storage_plugin=storage) if storage else Writer1(path) as writer:
         connection = writer.add_connection("/wheel_states", joint.__msgtype__, typestore=store)
@@ -430,6 +440,12 @@ def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin
             message = joint(header=header(stamp=stamp, frame_id="", **extra), name=["a", "b", "c"], **parts)
             pack = store.serialize_cdr if storage else store.serialize_ros1
             writer.write(connection, time_ns + 5_000_000, pack(message, joint.__msgtype__))
+    return path
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
+def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin | None) -> None:
+    path = bag(tmp_path, storage)
     series = read(path)
     assert series.topics.keys() == {"/wheel_states"}
     time_ns, values, _ = columns(series)["velocity[2]"]
@@ -438,6 +454,28 @@ def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin
     if storage is StoragePlugin.MCAP:
         (inner,) = path.glob("*.mcap")
         np.testing.assert_array_equal(columns(read(inner))["velocity[2]"][1], VALUES)
+
+
+def test_a_bag_that_breaks_off_keeps_what_was_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, messages = bag(tmp_path, None), AnyReader.messages
+    series = read(path)
+
+    def some(reader: AnyReader, connections: object = ()) -> Iterator[object]:
+        yield from islice(messages(reader, connections), 20)  # type: ignore[arg-type]
+        raise ValueError("a bad chunk")
+
+    monkeypatch.setattr(AnyReader, "messages", some)
+    assert columns(series)["velocity[2]"][1].tolist() == VALUES[:20].tolist()
+    assert series.report.damage == "after 20 messages the bag cannot be read: a bad chunk"
+    assert series.report.balance.lost("behind the damage") == 30
+    with pytest.raises(RecordingError, match=r"the bag cannot be read\n.*run\.bag\n.*a bad chunk"):
+        read(path)
+
+
+def test_signs_in_a_text_do_not_part_a_table(tmp_path: Path) -> None:
+    rows = [f"{i / 100},{i},{';' * (1 + i % 3)}" for i in range(60)]
+    found = columns(read(text(tmp_path / "run.csv", "time [s],a,note", *rows)))
+    assert found["a"][1].tolist() == list(range(60))
 
 
 @pytest.mark.parametrize(
