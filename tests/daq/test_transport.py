@@ -118,6 +118,14 @@ def test_a_message_of_several_iso_tp_frames_is_longer_than_one_holds(size: int, 
     assert [len(one.data) for one in received(frames)[0]] == [size] * whole
 
 
+@pytest.mark.parametrize(("followed_by", "counted"), [(0, 0), (1, 1), (2, 1)])
+def test_a_transfer_that_went_on_is_counted_when_another_begins(followed_by: int, counted: int) -> None:
+    """A first frame that nothing follows may be no ISO-TP."""
+    frames = by_iso_tp(ISO_ID, bytes(30))
+    found, transport = received([*frames[: 1 + followed_by], frames[0]])
+    assert not found and transport.interrupted()["can0"] == counted
+
+
 def test_a_short_message_comes_back_once_a_long_one_has_shown_what_is_spoken() -> None:
     messages = [bytes(range(size)) for size in (5, 9, 1, 2, 7)]
     found, transport = received([frame for one in messages for frame in by_iso_tp(ISO_ID, one)])
