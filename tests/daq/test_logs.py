@@ -208,6 +208,8 @@ BAD: list[tuple[str, bytes | None, str, str]] = [
     ("missing.log", None, "no such file", "there.log"),
     ("empty.blf", b"", "the log is empty", ""),
     ("empty.log.gz", gzip.compress(b""), "the log is empty", ""),
+    ("cut.log.gz", gzip.compress(b"(1.0) can0 123#00\n")[:10], "the gzipped file is cut off", "copy it again"),
+    ("bad.log.gz", gzip.compress(b"(1.0) can0 123#00\n")[:10] + bytes(30), "the gzipped file is damaged", "copy"),
     ("header.asc", an_asc().encode(), "no frame could be read as Vector ASC", ""),
     ("header.blf", b"LOGG".ljust(144, b"\0"), "no frame could be read as Vector BLF", ""),
     ("cut.blf", b"LOGG" + bytes(30), "ends within its header", "copy it again"),
