@@ -19,9 +19,11 @@ from fuzz.readers import FORMATS, whole_file
 from support import data_dir
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
+from daq.config import RunInfo
 from daq.errors import ConfigError, RecordingError
-from daq.logs import formats, read_log, write_candump
+from daq.logs import formats, import_logs, read_log, write_candump
 from daq.logs.mf4 import merged
+from daq.runs.run import Configuration
 
 READERS: dict[str, Callable[[Path], Iterable[can.Message]]] = {
     ".asc": lambda path: can.ASCReader(path, relative_timestamp=True),
@@ -120,6 +122,20 @@ def test_the_share_that_is_read_grows_to_the_whole(tmp_path: Path, name: str) ->
     assert reading.report.share == 0
     shares = [reading.report.share for _ in reading]
     assert shares == sorted(shares) and shares[0] < 0.9 and shares[-1] == 1
+
+
+def test_an_import_says_how_many_frames_and_what_share_it_has_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.logs.convert._BATCH_FRAMES", 100)
+    logs, said = [tmp_path / "1.log", tmp_path / "2.log"], []
+    for number, log in enumerate(logs):
+        write_candump([classical(some_frames(np.random.default_rng(number), 500))[:300]], log)
+    target, watch = tmp_path / "run.mcap", lambda *now: said.append(now)
+    import_logs(logs, target, Configuration(), run=RunInfo(), watch=watch, view_rate_hz=None)
+    frames, shares = zip(*said, strict=True)
+    assert frames == (*[300] * 3, *[600] * 3), "as they are read, block by block"
+    assert list(shares) == sorted(shares) and 0 < shares[0] < 0.6 and shares[-1] == 1
 
 
 def test_mf4_without_asammdf_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
