@@ -217,6 +217,17 @@ def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_me
     assert "this container has an unknown compression method, 7" in parsed(bytes(other))[1].lost[0]
 
 
+def test_what_a_damaged_container_held_is_estimated_from_all_that_was_read() -> None:
+    """Also from half an object that does not go on in the next container."""
+    one = struct.pack("<4sHHLLLHHQHBBL8s", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, 7, 1, 0, 8, 0x123, b"abcdefgh")
+    held = [(120, zlib.compress(one * 2 + one[:24])), (144, zlib.compress(one * 3)), (48_000, b"?" * 96)]
+    files = [with_container(size, packed) for size, packed in held]
+    whole = files[0][:144] + b"".join(file[144:] + bytes(len(file) % 4) for file in files)
+    back, report = parsed(whole)
+    assert len(back) == 5
+    assert f"about {round(48_000 * 5 / (120 + 144)):,} frames are lost" in report.lost[0]
+
+
 @pytest.mark.parametrize("when", [(3079, 1), (65535, 1), (2262, 1), (1000, 1), (2023, 13)])
 def test_a_date_that_cannot_be_is_a_remark(when: tuple[int, int]) -> None:
     whole = bytearray(written(usable(6, 20)))

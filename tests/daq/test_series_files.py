@@ -444,7 +444,10 @@ def bag(folder: Path, storage: StoragePlugin | None) -> Path:
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
-def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin | None) -> None:
+def test_bags_come_back_by_topic_and_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: StoragePlugin | None
+) -> None:
+    monkeypatch.setattr("daq.series.readers.bags._ROWS_TOGETHER", 20)
     path = bag(tmp_path, storage)
     series = read(path)
     assert series.topics.keys() == {"/wheel_states"}
