@@ -329,13 +329,14 @@ def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: 
 def test_what_is_no_series_in_an_hdf5_file_says_why(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["time"], file["F"], file["mass"], file["cube"] = TIME_NS / 1e9, VALUES, [1.0], np.zeros((3, 4, 5))
-        file["G"] = np.stack([VALUES, 2 * VALUES])
+        file["G"], file["row"], file["column"] = np.stack([VALUES, 2 * VALUES]), VALUES[None], VALUES[:, None]
     series = read(tmp_path / "run.h5")
     skipped = {"mass": "less than two values", "cube": "an array of 3 dimensions"}
     assert series.report.skipped == skipped, "before a row is read"
     found = columns(series)
-    assert set(found) == {"F", "G[0]", "G[1]"}
-    np.testing.assert_array_equal(found["G[1]"][1], 2 * VALUES)
+    assert set(found) == {"F", "G[0]", "G[1]", "row", "column"}
+    for name, factor in (("G[1]", 2), ("row", 1), ("column", 1)):
+        np.testing.assert_array_equal(found[name][1], factor * VALUES)
     assert series.report.skipped == skipped
 
 
