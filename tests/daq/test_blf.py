@@ -217,15 +217,31 @@ def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_me
     assert "this container has an unknown compression method, 7" in parsed(bytes(other))[1].lost[0]
 
 
+ONE = struct.pack("<4sHHLLLHHQHBBL8s", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, 7, 1, 0, 8, 0x123, b"abcdefgh")
+
+
+def with_containers(*contents: bytes) -> bytes:
+    """Return a file whose last container is damaged and states 48,000 bytes."""
+    held = [*((len(content), zlib.compress(content)) for content in contents), (48_000, b"?" * 96)]
+    files = [with_container(size, packed) for size, packed in held]
+    return files[0][:144] + b"".join(file[144:] + bytes(len(file) % 4) for file in files)
+
+
 def test_what_a_damaged_container_held_is_estimated_from_all_that_was_read() -> None:
     """Also from half an object that does not go on in the next container."""
-    one = struct.pack("<4sHHLLLHHQHBBL8s", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, 7, 1, 0, 8, 0x123, b"abcdefgh")
-    held = [(120, zlib.compress(one * 2 + one[:24])), (144, zlib.compress(one * 3)), (48_000, b"?" * 96)]
-    files = [with_container(size, packed) for size, packed in held]
-    whole = files[0][:144] + b"".join(file[144:] + bytes(len(file) % 4) for file in files)
-    back, report = parsed(whole)
+    back, report = parsed(with_containers(ONE * 2 + ONE[:24], ONE * 3))
     assert len(back) == 5
     assert f"about {round(48_000 * 5 / (120 + 144)):,} frames are lost" in report.lost[0]
+
+
+def test_an_object_longer_than_any_container_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blf, "LARGEST_BLF_CONTAINER_BYTES", 50_000)
+    monkeypatch.setattr(blf, "_GROUP_BYTES", 1)
+    endless = b"LOBJ" + struct.pack("<HHLL", 32, 1, 1_000_000, 1)
+    back, report = parsed(with_containers(ONE * 2 + endless, bytes(30_000), bytes(30_000), ONE * 3))
+    assert len(back) == 5
+    assert report.first_bad == "byte 96 of the uncompressed data: no object ends within 60016 bytes"
+    assert f"about {round(48_000 * 5 / (240 + 60_016))} frames are lost" in report.lost[0]
 
 
 @pytest.mark.parametrize("when", [(3079, 1), (65535, 1), (2262, 1), (1000, 1), (2023, 13)])
