@@ -238,6 +238,7 @@ def test_a_table_by_columns_is_the_table_line_by_line(
     folder = tmp_path_factory.mktemp("table")
     one, other = (read(folder / "a.csv", "\n".join([_HEADERS[program], *body, ""])) for body in (lines, quoted))
     assert content(one[0]) == content(other[0])
+    assert all(not any(data[length:]) for *_, length, data in content(one[0])), "the bytes behind are zero"
     assert np.array_equal(one[0].frames["time_ns"], other[0].frames["time_ns"])
     assert one[1].report.bad == other[1].report.bad
 
