@@ -40,6 +40,7 @@ from daq.series.formats import read_series, series_format
 from daq.series.readers import matlab
 from daq.series.readers.bags import _numbers
 from daq.series.readers.groups import Clock, Column, array_column, series_of
+from daq.series.readers.tdms import _OpenFile
 from daq.series.time_stamps import TimeStamps, time_columns
 
 START_NS = 1_700_000_000_000_000_000
@@ -588,6 +589,18 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
             if channel.name != "note":
                 for found in (whole, again):
                     assert np.array_equal(found[f"{group.name}/{channel.name}"][1], channel[:])
+
+
+@pytest.mark.parametrize(("megabytes", "at_once"), [(1, True), (65, False)])
+def test_a_tdms_file_that_may_take_256_mb_as_numbers_is_not_read_at_once(
+    tmp_path: Path, megabytes: int, at_once: bool
+) -> None:
+    path = tmp_path / "run.tdms"
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("g", "x", np.zeros(megabytes << 19, np.int16), {"wf_increment": 0.001})])
+    opened = _OpenFile(path)
+    opened.close()
+    assert opened.whole == at_once
 
 
 def test_a_tdms_file_that_is_written_again_is_read_as_it_is_now(tmp_path: Path) -> None:
