@@ -173,6 +173,14 @@ def test_a_rate_beside_times_is_refused_with_the_first_of_them() -> None:
         series_of(held, SeriesSection(rate_hz=10.0), SeriesReport("run.mat", "MATLAB"))
 
 
+@pytest.mark.parametrize(("unit", "in_ns"), [("s", 10**9), ("ms", 10**6), ("us", 1000), ("ns", 1), ("min", 6 * 10**10)])
+@pytest.mark.parametrize("kind", [np.int64, np.uint64, np.int32, np.uint8, np.float32, np.float64])
+def test_whole_numbers_are_stamps_in_any_unit(unit: str, in_ns: int, kind: type[np.generic]) -> None:
+    stamps = TimeStamps("time", unit, SeriesSection(), SeriesReport("run.parquet", ""))
+    time_ns, usable = stamps.of(np.array([0, 1, 7, 200], kind))
+    assert usable.all() and time_ns.dtype == np.int64 and time_ns.tolist() == [0, in_ns, 7 * in_ns, 200 * in_ns]
+
+
 def test_stamps_beyond_what_nanoseconds_hold_are_not_used() -> None:
     stamps = TimeStamps("time [s]", "", SeriesSection(), SeriesReport("run.csv", ""))
     time_ns, usable = stamps.of(np.array([1.5, 4.6e9, 4.7e9, -4.7e9, np.nan]))
