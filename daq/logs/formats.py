@@ -128,9 +128,13 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
         ) from None
     try:
         if not head:
-            raise RecordingError.of("the log is empty", path, next_step="record it again")
-        table = LogFormat("CSV", (".csv",), partial(read_frame_table, columns=columns))
-        known = chosen_format(path, head) if columns is None else table
+            what = (isinstance(file.raw, Gunzip) and file.raw.damage) or "the log is empty"
+            raise RecordingError.of(what, path, next_step="copy it again, or record it again")
+        known = (
+            LogFormat("CSV", (".csv",), partial(read_frame_table, columns=columns))
+            if columns is not None
+            else chosen_format(path, head)
+        )
         if isinstance(file.raw, Gunzip) and known is _MF4:
             raise RecordingError.of("a gzipped MF4 file", path, next_step="unpack it with gunzip")
     except RecordingError:

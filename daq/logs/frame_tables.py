@@ -401,8 +401,9 @@ class _Rows:
             return bytes(int(cell, base) for cell in (own[:length] if length >= 0 else own))
         cell = cells[self._data[0]].strip()
         if self._form == "base64":
-            return binascii.a2b_base64(cell, strict_mode=True)
-        data = bytes.fromhex(cell.removeprefix("0x")) if self._form == "hex" else bytes(map(int, cell.split()))
+            data = binascii.a2b_base64(cell, strict_mode=True)
+        else:
+            data = bytes.fromhex(cell.removeprefix("0x")) if self._form == "hex" else bytes(map(int, cell.split()))
         return data[:length] if length >= 0 else data
 
     def _batch(self, found: list[_Frame]) -> Iterator[FrameBatch]:
@@ -461,8 +462,8 @@ class _Rows:
         if self._form == "dec":
             return None
         data = bytes_of_text(cells[0], self._form, each["has_data"], _MOST_BYTES)
-        if data is None or self._form == "base64":
-            return data
+        if data is None:
+            return None
         return data.up_to(np.where(each["length"] < 0, data.lengths, each["length"]))
 
     def _usable(self, frames: np.ndarray, times: Any, lines: np.ndarray) -> Iterator[FrameBatch]:

@@ -5,10 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support import data_dir
 
 from daq.errors import ConfigError, DataError
-from daq.series.single_wheel_tables import read_plate_tests, read_shear_tests, read_wheel_table
+from daq.series.single_wheel_tables import (
+    read_plate_tests,
+    read_shear_tests,
+    read_wheel_table,
+    read_wheel_tables,
+)
 from daq.series.tables import parse_rename, parse_where
 
 
@@ -42,6 +49,17 @@ def test_a_bare_wheel_table_is_one_group_without_torque(tmp_path: Path) -> None:
     assert np.isnan(table.sinkage_m).all()
     assert table.group_names == ("",)
     assert table.sigma == {}
+
+
+@given(st.lists(st.sampled_from(["0.1", "0.2", "0.3"]), min_size=1, max_size=8))
+def test_each_wheel_has_its_own_rows(tmp_path_factory: pytest.TempPathFactory, radii: list[str]) -> None:
+    rows = [f"0.1,{100 + i},5,{radius}" for i, radius in enumerate(radii)]
+    text = "\n".join(["slip,vertical_load_n,drawbar_pull_n,radius_m", *rows, ""])
+    tables = read_wheel_tables(_write(tmp_path_factory.mktemp("table"), text))
+    assert [table.sizes["radius_m"] for table in tables] == list(map(float, dict.fromkeys(radii)))
+    for table in tables:
+        own = [i for i, radius in enumerate(radii) if float(radius) == table.sizes["radius_m"]]
+        assert list(table.lines) == [i + 2 for i in own] and table.vertical_load_n.tolist() == [i + 100 for i in own]
 
 
 @pytest.mark.parametrize(

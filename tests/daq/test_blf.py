@@ -180,11 +180,14 @@ def test_a_damaged_length_costs_only_its_container(size: int, level: int) -> Non
     assert f"byte {start} of the file" in (report.first_bad + "".join(report.lost))
 
 
-def test_no_frame_is_put_together_over_a_missing_container() -> None:
+@pytest.mark.parametrize("group_bytes", [1, 3000, 1 << 20])
+def test_no_frame_is_put_together_over_a_missing_container(monkeypatch: pytest.MonkeyPatch, group_bytes: int) -> None:
+    """Wherever that is in what is unpacked together."""
+    monkeypatch.setattr(blf, "_GROUP_BYTES", group_bytes)
     batch = numbered(300)
     whole = written(batch, max_container_size=2000)
     places = container_places(whole)
-    for start, end in places[1:-2]:
+    for start, end in places[1:-1]:
         back, report = parsed(whole[:start] + whole[end:])
         assert never_recorded(back, batch) == 0
         assert 300 - len(back) <= 2000 // 48 + 3
@@ -199,14 +202,46 @@ def with_container(unpacked: int, packed: bytes) -> bytes:
 
 def test_a_container_that_unpacks_to_more_than_it_states_is_dropped_in_little_memory() -> None:
     bomb = zlib.compress(bytes(15 << 20))
-    for stated, why in ((100, "holds 100 bytes, and holds more"), (4 << 30 - 1, ""), ((16 << 20), "holds 15728640")):
-        back, report = parsed(with_container(min(stated, 2**32 - 1), bomb))
+    for stated, packed, why in (
+        (100, bomb, "this container states that it holds 100 bytes, and holds more"),
+        (2**32 - 1, bomb, "this container states that it holds 4294967295 bytes;"),
+        (16 << 20, bomb, "this container states that it holds 16777216 bytes, and holds 15728640;"),
+        (15 << 20, bomb[:-9], "this container breaks off after"),
+    ):
+        back, report = parsed(with_container(stated, packed))
         assert len(back) == 0
         assert why in report.lost[0]
-        assert f"its {len(bomb):,} bytes are lost" in report.lost[0]
+        assert f"its {len(packed):,} bytes are lost" in report.lost[0]
     other = bytearray(with_container(8, bytes(8)))
     other[160] = 7
     assert "this container has an unknown compression method, 7" in parsed(bytes(other))[1].lost[0]
+
+
+ONE = struct.pack("<4sHHLLLHHQHBBL8s", b"LOBJ", 32, 1, 48, 1, 2, 0, 0, 7, 1, 0, 8, 0x123, b"abcdefgh")
+
+
+def with_containers(*contents: bytes) -> bytes:
+    """Return a file whose last container is damaged and states 48,000 bytes."""
+    held = [*((len(content), zlib.compress(content)) for content in contents), (48_000, b"?" * 96)]
+    files = [with_container(size, packed) for size, packed in held]
+    return files[0][:144] + b"".join(file[144:] + bytes(len(file) % 4) for file in files)
+
+
+def test_what_a_damaged_container_held_is_estimated_from_all_that_was_read() -> None:
+    """Also from half an object that does not go on in the next container."""
+    back, report = parsed(with_containers(ONE * 2 + ONE[:24], ONE * 3))
+    assert len(back) == 5
+    assert f"about {round(48_000 * 5 / (120 + 144)):,} frames are lost" in report.lost[0]
+
+
+def test_an_object_longer_than_any_container_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blf, "LARGEST_BLF_CONTAINER_BYTES", 50_000)
+    monkeypatch.setattr(blf, "_GROUP_BYTES", 1)
+    endless = b"LOBJ" + struct.pack("<HHLL", 32, 1, 1_000_000, 1)
+    back, report = parsed(with_containers(ONE * 2 + endless, bytes(30_000), bytes(30_000), ONE * 3))
+    assert len(back) == 5
+    assert report.first_bad == "byte 96 of the uncompressed data: no object ends within 60016 bytes"
+    assert f"about {round(48_000 * 5 / (240 + 60_016))} frames are lost" in report.lost[0]
 
 
 @pytest.mark.parametrize("when", [(3079, 1), (65535, 1), (2262, 1), (1000, 1), (2023, 13)])

@@ -11,7 +11,7 @@ import can
 import numpy as np
 import pytest
 from frames_support import START_NS, classical, content, same, some_frames
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from property_settings import examples
 
@@ -138,6 +138,14 @@ def test_times_that_go_back_are_counted_and_kept() -> None:
     assert report.out_of_order == 2
     assert report.first_out_of_order == "line 3: 0.500000 s earlier than the frame before it"
     assert report.absolute_time is False
+
+
+@given(st.lists(st.tuples(st.sampled_from("abcdefghijklmnopqrstuvwxyz"), st.booleans()), min_size=1, max_size=80))
+@example([*((letter, False) for letter in "abcdefghijklmnopqrstuvwxyz"), ("a", True), ("b", True)] * 2)
+def test_lines_of_one_length_and_many_shapes_are_all_read(lines: list[tuple[str, bool]]) -> None:
+    batch, report = parsed("\n".join(f"(1.0) {bus} 1{'?' if bad else '2'}3#00" for bus, bad in lines).encode())
+    assert [batch.buses[bus] for bus in batch.frames["bus"]] == [bus for bus, bad in lines if not bad]
+    assert report.bad == sum(bad for _, bad in lines) and report.balance.open == 0
 
 
 def test_blocks_of_any_size_read_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

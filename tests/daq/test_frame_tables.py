@@ -134,6 +134,21 @@ def test_named_columns_come_back(
     assert not reading.report.bad
 
 
+@given(st.lists(st.lists(st.sampled_from(["", "0A", "7f", "G"]), min_size=3, max_size=3), min_size=1, max_size=6))
+@example([["0A", "", "7f"]] * 3)
+def test_of_bytes_in_columns_those_that_are_there_count(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]]
+) -> None:
+    text = "\n".join(
+        ["t,id,a,b,c", *(",".join([f"{i}.5", "12", *cells]) for i, cells in enumerate([["1"] * 3, *rows]))]
+    )
+    columns = parse_columns("time=t:s,id=id:hex,data=a:hex+b:hex+c:hex")
+    batch, reading = read(tmp_path_factory.mktemp("table") / "log.csv", text + "\n", columns=columns)
+    whole = ["".join(cells) for cells in rows if "G" not in cells]
+    assert [data[:length].hex() for *_, length, data in content(batch)] == ["010101", *(one.lower() for one in whole)]
+    assert reading.report.bad == len(rows) - len(whole)
+
+
 @pytest.mark.parametrize(
     "row",
     [
@@ -212,6 +227,7 @@ _CELLS = st.tuples(
     rows=st.lists(_CELLS, min_size=2, max_size=12), program=st.sampled_from(["python-can", "SavvyCAN", "Kvaser", "CSS"])
 )
 @example(rows=[(1, True, b"\x01", 0, "")] * 2, program="CSS")
+@example(rows=[(2, True, b"\x01", 0, "")] * 2, program="python-can")
 def test_a_table_by_columns_is_the_table_line_by_line(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, bool, bytes, int, str]], program: str
 ) -> None:
@@ -222,6 +238,7 @@ def test_a_table_by_columns_is_the_table_line_by_line(
     folder = tmp_path_factory.mktemp("table")
     one, other = (read(folder / "a.csv", "\n".join([_HEADERS[program], *body, ""])) for body in (lines, quoted))
     assert content(one[0]) == content(other[0])
+    assert all(not any(data[length:]) for *_, length, data in content(one[0])), "the bytes behind are zero"
     assert np.array_equal(one[0].frames["time_ns"], other[0].frames["time_ns"])
     assert one[1].report.bad == other[1].report.bad
 
@@ -238,7 +255,8 @@ def _line(program: str, i: int, can_id: int, odd: bool, data: bytes, length: int
     """Return a row whose length is the data's unless `odd`; `wrong` is put before the data of the third row."""
     length, wrong = length if odd else len(data), wrong if i == 2 else ""
     if program == "python-can":
-        return f"{i}.5,{can_id:#x},0,{int(odd)},0,{length},{wrong}{base64.b64encode(data).decode()}"
+        remote = int(odd and can_id % 2)
+        return f"{i}.5,{can_id:#x},0,{remote},0,{length},{wrong}{base64.b64encode(data).decode()}"
     if program == "CSS":
         return f"{i}.5,1,{can_id:X},0,{length},0,{int(length > 8)},0,0,0,{wrong}{data.hex()}"
     base = "02X" if program == "SavvyCAN" else "d"

@@ -15,12 +15,15 @@ import can
 import numpy as np
 import pytest
 from frames_support import START_NS, classical, content, some_frames
+from fuzz.readers import FORMATS, whole_file
 from support import data_dir
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
+from daq.config import RunInfo
 from daq.errors import ConfigError, RecordingError
-from daq.logs import formats, read_log, write_candump
+from daq.logs import formats, import_logs, read_log, write_candump
 from daq.logs.mf4 import merged
+from daq.runs.run import Configuration
 
 READERS: dict[str, Callable[[Path], Iterable[can.Message]]] = {
     ".asc": lambda path: can.ASCReader(path, relative_timestamp=True),
@@ -116,8 +119,23 @@ def test_the_share_that_is_read_grows_to_the_whole(tmp_path: Path, name: str) ->
         if name.endswith(".gz"):
             (tmp_path / name).write_bytes(gzip.compress((tmp_path / "drive.log").read_bytes(), 1))
     reading = read_log(tmp_path / name)
+    assert reading.report.share == 0
     shares = [reading.report.share for _ in reading]
     assert shares == sorted(shares) and shares[0] < 0.9 and shares[-1] == 1
+
+
+def test_an_import_says_how_many_frames_and_what_share_it_has_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.logs.convert._BATCH_FRAMES", 100)
+    logs, said = [tmp_path / "1.log", tmp_path / "2.log"], []
+    for number, log in enumerate(logs):
+        write_candump([classical(some_frames(np.random.default_rng(number), 500))[:300]], log)
+    target, watch = tmp_path / "run.mcap", lambda *now: said.append(now)
+    import_logs(logs, target, Configuration(), run=RunInfo(), watch=watch, view_rate_hz=None)
+    frames, shares = zip(*said, strict=True)
+    assert frames == (*[300] * 3, *[600] * 3), "as they are read, block by block"
+    assert list(shares) == sorted(shares) and 0 < shares[0] < 0.6 and shares[-1] == 1
 
 
 def test_mf4_without_asammdf_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,6 +224,8 @@ BAD: list[tuple[str, bytes | None, str, str]] = [
     ("missing.log", None, "no such file", "there.log"),
     ("empty.blf", b"", "the log is empty", ""),
     ("empty.log.gz", gzip.compress(b""), "the log is empty", ""),
+    ("cut.log.gz", gzip.compress(b"(1.0) can0 123#00\n")[:10], "the gzipped file is cut off", "copy it again"),
+    ("bad.log.gz", gzip.compress(b"(1.0) can0 123#00\n")[:10] + bytes(30), "the gzipped file is damaged", "copy"),
     ("header.asc", an_asc().encode(), "no frame could be read as Vector ASC", ""),
     ("header.blf", b"LOGG".ljust(144, b"\0"), "no frame could be read as Vector BLF", ""),
     ("cut.blf", b"LOGG" + bytes(30), "ends within its header", "copy it again"),
@@ -259,10 +279,14 @@ def test_formats_may_share_a_suffix(monkeypatch: pytest.MonkeyPatch) -> None:
         formats.chosen_format(Path("a.blf"), b"***ANOTHER 1.0\n")
 
 
-def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path) -> None:
-    frames = classical(some_frames(np.random.default_rng(2), 20))
-    write_candump([frames], tmp_path / "run.txt")
-    assert content(concatenate(list(read_log(tmp_path / "run.txt")))) == content(frames)
+@pytest.mark.parametrize("name", ["candump", "asc", "trc", "blf", "frames in csv", "busmaster"])
+def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path, name: str) -> None:
+    known, nothing = tmp_path / f"run{FORMATS[name].suffix}", tmp_path / "run.data"
+    known.write_bytes(whole_file(name, tmp_path))
+    nothing.write_bytes(known.read_bytes())
+    one, other = read_log(known), read_log(nothing)
+    assert content(concatenate(list(one))) == content(concatenate(list(other)))
+    assert one.report.format == other.report.format
 
 
 def test_a_reading_that_is_not_started_or_not_finished_leaves_nothing_open(tmp_path: Path) -> None:
@@ -273,6 +297,14 @@ def test_a_reading_that_is_not_started_or_not_finished_leaves_nothing_open(tmp_p
     assert len(next(half)) == 100
     del half
     gc.collect()  # an open file would warn here, and warnings are errors
+
+
+@pytest.mark.parametrize(("count", "more"), [(8, []), (10, ["lost: 2 more parts, to byte 9: no container"])])
+def test_of_many_lost_parts_eight_and_the_last_are_listed(count: int, more: list[str]) -> None:
+    report = formats.LogReport("run.blf", "BLF")
+    for i in range(count):
+        report.note_lost(f"byte {i}", "no container")
+    assert report.remarks() == [*(f"lost: byte {i}: no container" for i in range(8)), *more]
 
 
 def test_reports_say_whether_times_have_a_date(tmp_path: Path) -> None:

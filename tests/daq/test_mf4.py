@@ -19,7 +19,7 @@ import daq.child_process
 from daq.can.frames import FrameBatch, FrameFlag, joined
 from daq.config import SeriesSection
 from daq.errors import RecordingError
-from daq.logs import read_log
+from daq.logs import LogReport, read_log
 from daq.logs.mf4 import _kind, frames_apart
 from daq.series.blocks import SeriesReport
 from daq.series.readers.mdf import read_mdf
@@ -63,14 +63,17 @@ def test_whatever_asammdf_does_is_an_error_with_the_file(
 START_NS = 1_714_564_800_250_000_000
 
 
-def mdf_of(groups: list[tuple[str, bool, dict[str, Any]]]) -> Any:
-    """Stand-in for the module: groups by name, whether they hold frames, with the signals of their channels."""
+def mdf_of(groups: list[tuple[str, bool, dict[str, Any]]], missing: int = 0) -> Any:
+    """Stand-in for the module: groups by name, whether they hold frames, with the signals of their channels.
+
+    Each states so many records more than there are.
+    """
 
     def channel(name: str) -> Any:
         return SimpleNamespace(name=name, unit="kN", channel_type=0, conversion=None)
 
     def group(name: str, frames: bool, signals: dict[str, Any]) -> Any:
-        cycles = max(len(signal.timestamps) for signal in signals.values())
+        cycles = max(len(signal.timestamps) for signal in signals.values()) + missing
         source = SimpleNamespace(bus_type=2)
         head = SimpleNamespace(flags=2 * frames, acq_source=source, cycles_nr=cycles, acq_name=name)
         return SimpleNamespace(channel_group=head, channels=[channel(name) for name in signals])
@@ -165,3 +168,31 @@ def test_channels_have_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     ((block,),) = series.blocks()
     assert (block.time_ns - START_NS - np.arange(4) * 20_000_000 == 0).all()
     assert block.columns["FZ"].tolist() == [1.0, 2.0, 4.0, 8.0]
+
+
+@pytest.mark.parametrize("missing", [0, 3])
+@pytest.mark.parametrize("frames", [True, False])
+def test_records_that_are_stated_and_not_there_are_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: int, frames: bool
+) -> None:
+    sent = bus_signal("CAN_DataFrame", [0.5, 1.0, 1.5], ID=[1, 2, 3], DataLength=[1, 2, 3], BusChannel=[1, 1, 1])
+    signal = SimpleNamespace(timestamps=np.arange(3) / 50, samples=np.arange(3.0))
+    groups = [("bus", True, {"CAN_DataFrame": sent})] if frames else [("wheel", False, {"FZ": signal})]
+    monkeypatch.setitem(sys.modules, "asammdf", mdf_of(groups, missing))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: object())
+    monkeypatch.setattr("daq.logs.mf4.answers", lambda _, path, **__: frames_apart(str(path)))
+    path = tmp_path / "drive.mf4"
+    path.write_bytes(b"MDF     4.11    CE      ".ljust(4096, b"\0"))
+    report: LogReport | SeriesReport = SeriesReport(str(path), "MF4")
+    if frames:
+        reading = read_log(path)
+        assert [len(batch) for batch in reading] == [3]
+        report = reading.report
+        assert report.share == pytest.approx(3 / (3 + missing))
+        assert ("the file states 6 frames; the other 3 are lost" in report.damage) == (missing > 0)
+    else:
+        list(read_mdf(path, SeriesSection(), report).blocks())
+    assert (report.balance.came, report.balance.out) == (3 + missing, 3)
+    assert {kind: loss.count for kind, loss in report.balance.losses.items()} == (
+        {"stated, and not in the file": missing} if missing else {}
+    )

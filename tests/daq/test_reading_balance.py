@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from frames_support import content, some_frames
 from fuzz.mutators import mutated
 from fuzz.readers import FORMATS, whole_file
 
 from daq.balance import UNACCOUNTED, Balance
+from daq.can.frames import concatenate
 from daq.errors import WheelsoilError
-from daq.logs import LogReport, read_log
+from daq.logs import LogReport, read_log, shapes
+from daq.logs.candump import candump_text
 from daq.series import SeriesReport
 from daq.series.formats import read_series
 
@@ -55,6 +59,44 @@ def test_a_whole_file_loses_nothing_and_a_damaged_one_nothing_without_a_name(nam
         if name in TEXTS:
             text = path.read_bytes()
             assert (balance.came or 0) >= text.count(b"\n")
+
+
+def content_of(path: Path, batch_frames: int) -> tuple[object, list[str]]:
+    """Return the frames of a log and what is said of it, its first bad line being where it is said to be."""
+    reading = read_log(path, batch_frames=batch_frames)
+    frames = content(concatenate(list(reading)))
+    if reading.report.bad:
+        place = re.match(r"line (\d+): (?:no time: )?([!-\[\]-~]*)", reading.report.first_bad)
+        assert place is not None and place[2] in path.read_bytes().split(b"\n")[int(place[1]) - 1].decode("latin1")
+    return frames, [remark.partition("; the first is ")[0] for remark in reading.report.remarks()]
+
+
+@pytest.mark.parametrize("name", [name for name in TEXTS if name in LOGS])
+def test_the_pieces_that_a_log_is_read_in_change_nothing(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However damaged it is: every frame and count, and the places of what is bad."""
+    whole, path = whole_file(name, tmp_path), tmp_path / f"run{FORMATS[name].suffix}"
+    for seed in range(12):
+        path.write_bytes(whole if seed == 0 else mutated(whole, np.random.default_rng(seed)))
+        try:
+            at_once = content_of(path, 1000)
+        except WheelsoilError:
+            continue
+        with monkeypatch.context() as patched:
+            patched.setattr(shapes, "BLOCK_BYTES", 1000)
+            assert content_of(path, 100) == at_once
+
+
+def test_of_a_packed_log_the_bytes_behind_damage_are_counted(tmp_path: Path) -> None:
+    path, text = tmp_path / "run.log.gz", candump_text(some_frames(np.random.default_rng(0), 5000))
+    packed = bytearray(gzip.compress(text))
+    packed[len(packed) // 2 : len(packed) // 2 + 40] = bytes(40)
+    path.write_bytes(packed)
+    reading = read_log(path)
+    assert sum(map(len, reading)) > 10
+    balance = reading.report.file_bytes
+    assert balance.came == balance.lost("of the packed file behind the damage") > 0 == balance.open
 
 
 @pytest.mark.parametrize("name", [*LOGS, *SERIES])

@@ -103,6 +103,18 @@ def test_every_cut_keeps_all_whole_chunks(whole, tmp_path):
         assert kept == whole_frames(path, sum(end <= cut for end in ends))
 
 
+def test_a_summary_that_breaks_off_is_a_loss(whole, tmp_path):
+    """It has no checksum that would tell."""
+    _, data, expected = whole
+    start = int.from_bytes(data[-28:-20], "little")
+    broken = data[: start + 1] + (1 << 40).to_bytes(8, "little") + data[start + 9 : -12] + bytes(4) + data[-8:]
+    (tmp_path / "run.mcap").write_bytes(broken)
+    [loss] = read_contents(tmp_path / "run.mcap").losses
+    assert loss.what == "the summary is damaged: a record is cut off"
+    assert (loss.at_byte, loss.byte_count) == (start, len(data) - 37 - start)
+    check_damaged(tmp_path / "run.mcap", expected)
+
+
 def whole_frames(path: Path, chunk_count: int) -> int:
     """Count the frames in the first chunks of a whole file."""
     recording = Recording.open(path)
@@ -154,8 +166,8 @@ def test_messages_in_no_chunk_are_taken_run_by_run(tmp_path):
         writer.start()
         schema = writer.register_schema("Fz", "jsonschema", b"{}")
         channel = writer.register_channel("/fz", "json", schema)
-        for i in range(5):
-            writer.add_message(channel, log_time=i, publish_time=i, data=b"{}")
+        for i, data in enumerate((b"{}", b"", b"{}", b"", b"{}")):
+            writer.add_message(channel, log_time=i, publish_time=i, data=data)
     contents = read_contents(path)  # without its end, as after a power cut
     assert contents.message_counts == {channel: 5}
     assert [(chunk.bare, chunk.start_ns, chunk.end_ns) for chunk in contents.chunks] == [(True, 0, 4)]

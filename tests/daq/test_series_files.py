@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 import tempfile
-from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from datetime import UTC, date, datetime
 from decimal import Decimal
+from itertools import islice
 from pathlib import Path
 
 import h5py
@@ -18,6 +22,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsFile, TdmsWriter
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -28,13 +33,15 @@ import daq.child_process
 from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
 from daq.balance import UNACCOUNTED
 from daq.config import SeriesSection
+from daq.limits import LAST_TIME_NS
 from daq.series.apart import apart
-from daq.series.blocks import Series, SeriesReport
+from daq.series.blocks import Series, SeriesBlock, SeriesReport
 from daq.series.formats import read_series, series_format
 from daq.series.readers import matlab
 from daq.series.readers.bags import _numbers
-from daq.series.readers.groups import Column, array_column, series_of
-from daq.series.time_stamps import time_columns
+from daq.series.readers.groups import Clock, Column, array_column, series_of
+from daq.series.readers.tdms import _OpenFile
+from daq.series.time_stamps import TimeStamps, time_columns
 
 START_NS = 1_700_000_000_000_000_000
 TIME_NS = START_NS + np.arange(50) * 10_000_000
@@ -131,6 +138,21 @@ def test_dates_are_understood(
     assert series.report.absolute_time and series.report.unzoned is unzoned
 
 
+@given(st.lists(st.dates(date(1990, 1, 1), date(2099, 1, 1)), min_size=1, max_size=5), st.sampled_from("dm"))
+@example([date(2024, 12, 13)], "m")
+@example([date(2024, 12, 12)], "d")
+def test_of_day_and_month_the_day_is_the_one_that_is_above_12(days: list[date], first: str) -> None:
+    form = "%d/%m/%Y 01:00:00" if first == "d" else "%m/%d/%Y 01:00:00"
+    report = SeriesReport("run.csv", "")
+    stamps, cells = TimeStamps("date", "", SeriesSection(), report), np.array([f"{day:{form}}" for day in days], object)
+    if max(day.day for day in days) > 12:
+        expected = [int(datetime(day.year, day.month, day.day, 1, tzinfo=UTC).timestamp()) * 10**9 for day in days]
+        assert stamps.of(cells)[0].tolist() == expected and len(report.readings) == 1
+    else:
+        with pytest.raises(ConfigError, match="day or month may come first"):
+            stamps.of(cells)
+
+
 def test_each_column_belongs_to_the_time_before_it(tmp_path: Path) -> None:
     rows = [f"{i},{VALUES[i]},{10 * i if i < 5 else ''},{SLOW[i] if i < 5 else ''}" for i in range(50)]
     path = text(tmp_path / "run.csv", "t_fast [ms],Fz [N],t_slow [ms],v [m/s]", *rows)
@@ -149,6 +171,36 @@ def test_a_rate_beside_times_is_refused_with_the_first_of_them() -> None:
     held = [array_column(name, np.arange(3.0), "s" if name != "Fz" else "N", "") for name in ("t", "time", "Fz")]
     with pytest.raises(ConfigError, match=r"times of its own \(t\)"):
         series_of(held, SeriesSection(rate_hz=10.0), SeriesReport("run.mat", "MATLAB"))
+
+
+@pytest.mark.parametrize(("unit", "in_ns"), [("s", 10**9), ("ms", 10**6), ("us", 1000), ("ns", 1), ("min", 6 * 10**10)])
+@pytest.mark.parametrize("kind", [np.int64, np.uint64, np.int32, np.uint8, np.float32, np.float64])
+def test_whole_numbers_are_stamps_in_any_unit(unit: str, in_ns: int, kind: type[np.generic]) -> None:
+    stamps = TimeStamps("time", unit, SeriesSection(), SeriesReport("run.parquet", ""))
+    time_ns, usable = stamps.of(np.array([0, 1, 7, 200], kind))
+    assert usable.all() and time_ns.dtype == np.int64 and time_ns.tolist() == [0, in_ns, 7 * in_ns, 200 * in_ns]
+
+
+def test_stamps_beyond_what_nanoseconds_hold_are_not_used() -> None:
+    stamps = TimeStamps("time [s]", "", SeriesSection(), SeriesReport("run.csv", ""))
+    time_ns, usable = stamps.of(np.array([1.5, 4.6e9, 4.7e9, -4.7e9, np.nan]))
+    assert usable.tolist() == [True, True, False, False, False] and time_ns[:2].tolist() == [15 * 10**8, 46 * 10**17]
+
+
+@pytest.mark.parametrize(("seconds_left", "fits"), [(5.1, True), (5.0, False), (-1.0, False)])
+def test_a_clock_ends_where_nanoseconds_do(seconds_left: float, fits: bool) -> None:
+    held = [replace(array_column("Fz", VALUES), time="rack")]
+    clock = {"rack": Clock(LAST_TIME_NS - round(seconds_left * 1e9), 10.0)}
+    with nullcontext() if fits else pytest.raises(DataError, match=r"beyond the year 2116.*\n.*rack"):
+        series_of(held, SeriesSection(), SeriesReport("run.tdms", "TDMS"), clock)
+
+
+@pytest.mark.parametrize(("filled", "refused"), [(0, False), (1, False), (100, False), (101, True)])
+def test_a_cell_without_a_name_is_refused_where_most_rows_fill_it(tmp_path: Path, filled: int, refused: bool) -> None:
+    rows = [f"{i / 100},{i}," + "7" * (i < filled) for i in range(200)]
+    path = text(tmp_path / "run.csv", "time [s],a", *rows)
+    with pytest.raises(ConfigError, match="2 names, 3 cells") if refused else nullcontext():
+        assert columns(read(path))["a"][1].tolist() == list(range(200))
 
 
 def test_every_row_is_accounted_for(tmp_path: Path) -> None:
@@ -241,6 +293,7 @@ def test_the_formats_of_other_programs_come_back(
 ) -> None:
     write(tmp_path / name)
     series = read(tmp_path / name)
+    assert series.report.share == 0
     time_ns, values, unit = columns(series)[column]
     np.testing.assert_allclose(time_ns, TIME_NS, rtol=0, atol=1000)  # float seconds hold a date to 0.24 us
     np.testing.assert_array_equal(values, VALUES)
@@ -264,6 +317,15 @@ def test_decimals_and_truth_values_of_a_parquet_file_are_numbers(tmp_path: Path)
     np.testing.assert_array_equal(found["on"][1], [np.nan, *[1, 0] * 24, 1])
 
 
+@pytest.mark.parametrize("zone", [None, "UTC", "+02:00"])
+def test_stamps_of_a_parquet_file_are_utc_where_they_have_no_zone(tmp_path: Path, zone: str | None) -> None:
+    stamps = pa.array(TIME_NS, pa.int64()).cast(pa.timestamp("ns", zone))
+    pq.write_table(pa.table({"stamp": stamps, "Fz": VALUES}), tmp_path / "run.parquet")
+    series = read(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(columns(series)["Fz"][0], TIME_NS)
+    assert series.report.remarks() == ["dates have no time zone: they are taken for UTC"] * (zone is None)
+
+
 def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: Path) -> None:
     both = np.stack([VALUES, 2 * VALUES])
     savemat(tmp_path / "run.mat", {"time": TIME_NS / 1e9, "F": both.T, "G": both})
@@ -276,12 +338,15 @@ def test_a_matrix_of_a_mat_file_is_as_many_columns_as_it_has_channels(tmp_path: 
 def test_what_is_no_series_in_an_hdf5_file_says_why(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["time"], file["F"], file["mass"], file["cube"] = TIME_NS / 1e9, VALUES, [1.0], np.zeros((3, 4, 5))
-        file["G"] = np.stack([VALUES, 2 * VALUES])
+        file["G"], file["row"], file["column"] = np.stack([VALUES, 2 * VALUES]), VALUES[None], VALUES[:, None]
     series = read(tmp_path / "run.h5")
+    skipped = {"mass": "less than two values", "cube": "an array of 3 dimensions"}
+    assert series.report.skipped == skipped, "before a row is read"
     found = columns(series)
-    assert set(found) == {"F", "G[0]", "G[1]"}
-    np.testing.assert_array_equal(found["G[1]"][1], 2 * VALUES)
-    assert series.report.skipped == {"mass": "less than two values", "cube": "an array of 3 dimensions"}
+    assert set(found) == {"F", "G[0]", "G[1]", "row", "column"}
+    for name, factor in (("G[1]", 2), ("row", 1), ("column", 1)):
+        np.testing.assert_array_equal(found[name][1], factor * VALUES)
+    assert series.report.skipped == skipped
 
 
 def rpc3(path: Path, values: Sequence[FloatArray], scales: Sequence[float], points: int = 16) -> None:
@@ -312,12 +377,19 @@ def test_rpc_iii_comes_back_to_its_resolution(tmp_path: Path) -> None:
     assert unit == "kN" and (values[50:] == 0).all()
 
 
-@pytest.mark.parametrize("key", ["CHANNELS", "DELTA_T", "SCALE.CHAN_1"])
-def test_a_number_of_an_rpc_iii_header_that_is_none_is_named(tmp_path: Path, key: str) -> None:
-    rpc3(tmp_path / "run.rsp", [VALUES], [0.01])
+@pytest.mark.parametrize(
+    ("key", "value", "what"),
+    [
+        *((key, "many", f"no number {key}") for key in ("CHANNELS", "DELTA_T", "SCALE.CHAN_1")),
+        ("CHANNELS", "512", "no number SCALE.CHAN_2"),
+        ("CHANNELS", "513", "CHANNELS = 513"),
+    ],
+)
+def test_a_number_of_an_rpc_iii_header_that_is_none_is_named(tmp_path: Path, key: str, value: str, what: str) -> None:
+    rpc3(tmp_path / "run.rsp", [np.resize(VALUES, 9000)], [0.01])
     before, name, behind = (tmp_path / "run.rsp").read_bytes().partition(key.encode().ljust(32, b"\0"))
-    (tmp_path / "run.rsp").write_bytes(before + name + b"many".ljust(96, b"\0") + behind[96:])
-    with pytest.raises(RecordingError, match=f"the RPC III header has no number {key}"):
+    (tmp_path / "run.rsp").write_bytes(before + name + value.encode().ljust(96, b"\0") + behind[96:])
+    with pytest.raises(RecordingError, match=f"the RPC III header has {what}"):
         read(tmp_path / "run.rsp")
 
 
@@ -328,6 +400,18 @@ def test_a_cut_rpc_iii_file_gives_its_whole_groups(tmp_path: Path) -> None:
     series = read(path)
     assert len(columns(series)["F1"][1]) == 48
     assert "48 of 64 points" in "\n".join(series.report.remarks())
+
+
+@pytest.mark.parametrize("more", [0, 1, 31])
+def test_what_is_behind_the_last_group_of_an_rpc_iii_file_is_noted(tmp_path: Path, more: int) -> None:
+    path = tmp_path / "run.rsp"
+    rpc3(path, [VALUES], [0.01])
+    path.write_bytes(path.read_bytes() + bytes(more))
+    series = read(path)
+    assert len(columns(series)["F1"][1]) == 64
+    assert series.report.known == (
+        [f"{more} bytes behind the last whole group of samples are not read"] if more else []
+    )
 
 
 def test_what_no_column_takes_is_listed_with_its_reason(tmp_path: Path) -> None:
@@ -352,12 +436,11 @@ def test_what_no_column_takes_is_listed_with_its_reason(tmp_path: Path) -> None:
     assert series.topics == {"table": {"rack/Fz": ""}} and series.report.skipped == {"rack/name": "no numbers"}
 
 
-@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
-def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin | None) -> None:
+def bag(folder: Path, storage: StoragePlugin | None) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE if storage else Stores.ROS1_NOETIC)
     joint, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
     stamp_of = store.types["builtin_interfaces/msg/Time"]
-    path = tmp_path / ("bag" if storage else "run.bag")
+    path = folder / ("bag" if storage else "run.bag")
     extra = {} if storage else {"seq": 0}
     with Writer2(path, version=9, storage_plugin=storage) if storage else Writer1(path) as writer:
         connection = writer.add_connection("/wheel_states", joint.__msgtype__, typestore=store)
@@ -367,6 +450,15 @@ def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin
             message = joint(header=header(stamp=stamp, frame_id="", **extra), name=["a", "b", "c"], **parts)
             pack = store.serialize_cdr if storage else store.serialize_ros1
             writer.write(connection, time_ns + 5_000_000, pack(message, joint.__msgtype__))
+    return path
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, None])
+def test_bags_come_back_by_topic_and_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: StoragePlugin | None
+) -> None:
+    monkeypatch.setattr("daq.series.readers.bags._ROWS_TOGETHER", 20)
+    path = bag(tmp_path, storage)
     series = read(path)
     assert series.topics.keys() == {"/wheel_states"}
     time_ns, values, _ = columns(series)["velocity[2]"]
@@ -375,6 +467,28 @@ def test_bags_come_back_by_topic_and_path(tmp_path: Path, storage: StoragePlugin
     if storage is StoragePlugin.MCAP:
         (inner,) = path.glob("*.mcap")
         np.testing.assert_array_equal(columns(read(inner))["velocity[2]"][1], VALUES)
+
+
+def test_a_bag_that_breaks_off_keeps_what_was_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, messages = bag(tmp_path, None), AnyReader.messages
+    series = read(path)
+
+    def some(reader: AnyReader, connections: object = ()) -> Iterator[object]:
+        yield from islice(messages(reader, connections), 20)  # type: ignore[arg-type]
+        raise ValueError("a bad chunk")
+
+    monkeypatch.setattr(AnyReader, "messages", some)
+    assert columns(series)["velocity[2]"][1].tolist() == VALUES[:20].tolist()
+    assert series.report.damage == "after 20 messages the bag cannot be read: a bad chunk"
+    assert series.report.balance.lost("behind the damage") == 30
+    with pytest.raises(RecordingError, match=r"the bag cannot be read\n.*run\.bag\n.*a bad chunk"):
+        read(path)
+
+
+def test_signs_in_a_text_do_not_part_a_table(tmp_path: Path) -> None:
+    rows = [f"{i / 100},{i},{';' * (1 + i % 3)}" for i in range(60)]
+    found = columns(read(text(tmp_path / "run.csv", "time [s],a,note", *rows)))
+    assert found["a"][1].tolist() == list(range(60))
 
 
 @pytest.mark.parametrize(
@@ -452,12 +566,16 @@ def test_a_cut_file_is_our_error_or_a_remark(tmp_path: Path, write: Callable[[Pa
         assert all(len(values) <= len(VALUES) for _, values, _ in found.values())
 
 
-@pytest.mark.parametrize(("waiting", "times"), [(1 << 28, 0), (4 << 20, 3), (220_000, 3), (0, 0)])
+@pytest.mark.parametrize(
+    ("waiting", "times", "rows"),
+    [(1 << 28, 0, 1 << 16), (4 << 20, 3, 1 << 16), (4 << 20, 3, 1000), (220_000, 3, 1 << 16), (0, 0, 1 << 16)],
+)
 def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int, times: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int, times: int, rows: int
 ) -> None:
     """At once, in the order of the file or, where too much would wait, each by itself; again after half a reading."""
     monkeypatch.setattr("daq.series.readers.tdms._MOST_WAITING_BYTES", waiting)
+    monkeypatch.setattr("daq.series.readers.groups.BLOCK_ROWS", rows)
     in_order, data_chunks = [], TdmsFile.data_chunks
     monkeypatch.setattr(TdmsFile, "data_chunks", lambda file: in_order.append(file) or data_chunks(file))
     path, rng, clock = tmp_path / "run.tdms", np.random.default_rng(1), {"wf_increment": 0.001}
@@ -472,11 +590,36 @@ def test_channels_of_a_tdms_file_come_as_its_library_reads_them(
     next(series.blocks())
     again = columns(series)
     assert len(in_order) == times
+    handles = Path("/proc/self/fd")
+    assert not handles.is_dir() or str(path) not in {os.path.realpath(one) for one in handles.iterdir()}, "it is closed"
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             if channel.name != "note":
                 for found in (whole, again):
                     assert np.array_equal(found[f"{group.name}/{channel.name}"][1], channel[:])
+
+
+@pytest.mark.parametrize(("megabytes", "at_once"), [(1, True), (65, False)])
+def test_a_tdms_file_that_may_take_256_mb_as_numbers_is_not_read_at_once(
+    tmp_path: Path, megabytes: int, at_once: bool
+) -> None:
+    path = tmp_path / "run.tdms"
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("g", "x", np.zeros(megabytes << 19, np.int16), {"wf_increment": 0.001})])
+    opened = _OpenFile(path)
+    opened.close()
+    assert opened.whole == at_once
+
+
+def test_a_tdms_file_that_is_written_again_is_read_as_it_is_now(tmp_path: Path) -> None:
+    path, clock = tmp_path / "run.tdms", {"wf_increment": 0.001}
+    opened = []
+    for factor in (1.0, 2.0):
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", "x", factor * VALUES, clock)])
+        os.utime(path, (factor, factor))
+        opened += [] if opened else [read(path)]
+    assert columns(opened[0])["g/x"][1].tolist() == (2 * VALUES).tolist()
 
 
 def test_a_damaged_tdms_file_that_its_library_cannot_read_at_once_is_read_in_parts(tmp_path: Path) -> None:
@@ -538,6 +681,30 @@ def test_logs_of_frames_are_no_series(tmp_path: Path) -> None:
     assert series_format(log) is None
     assert series_format(tmp_path / "missing.csv") is None
     assert series_format(tmp_path) is None
+
+
+def test_an_error_on_the_way_says_after_which_row() -> None:
+    def rows() -> Iterator[tuple[SeriesBlock, ...]]:
+        yield (series.report.taken(SeriesBlock("a", np.arange(3), {}), np.ones(3, np.bool_)),)
+        raise OSError("it is gone")
+
+    series = Series({"a": {}}, rows, SeriesReport("run.x", "X"))
+    with pytest.raises(RecordingError, match=r"run\.x, after row 3"):
+        list(series.blocks())
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EIO])
+def test_a_table_that_cannot_be_opened_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    path = text(tmp_path / "run.csv", "time [s],a", "0.0,1", "0.5,2")
+    series = read(path)
+
+    def refused(*_: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    monkeypatch.setattr("daq.series.readers.delimited.unpacked", refused)
+    with pytest.raises(RecordingError) as caught:
+        list(series.blocks())
+    assert caught.value.faults[0].found == os.strerror(number)
 
 
 def test_a_parquet_file_with_a_broken_name_is_our_error(tmp_path: Path) -> None:

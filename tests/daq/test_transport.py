@@ -111,6 +111,27 @@ def test_short_frames_of_a_long_message_are_no_pieces() -> None:
     assert np.isnan(decoded["can0", "Long.Last"].values).all()
 
 
+@pytest.mark.parametrize(("size", "whole"), [(7, False), (8, True), (4095, True)])
+def test_a_message_of_several_iso_tp_frames_is_longer_than_one_holds(size: int, whole: bool) -> None:
+    first, *rest = by_iso_tp(ISO_ID, bytes(max(size, 9)))
+    frames = [(ISO_ID, False, bytes([0x10 | size >> 8, size & 255]) + first[2][2:]), *rest]
+    assert [len(one.data) for one in received(frames)[0]] == [size] * whole
+
+
+@pytest.mark.parametrize(("followed_by", "counted"), [(0, 0), (1, 1), (2, 1)])
+def test_a_transfer_that_went_on_is_counted_when_another_begins(followed_by: int, counted: int) -> None:
+    """A first frame that nothing follows may be no ISO-TP."""
+    frames = by_iso_tp(ISO_ID, bytes(30))
+    found, transport = received([*frames[: 1 + followed_by], frames[0]])
+    assert not found and transport.interrupted()["can0"] == counted
+
+
+def test_a_short_message_comes_back_once_a_long_one_has_shown_what_is_spoken() -> None:
+    messages = [bytes(range(size)) for size in (5, 9, 1, 2, 7)]
+    found, transport = received([frame for one in messages for frame in by_iso_tp(ISO_ID, one)])
+    assert [one.data for one in found] == messages[1:] and not transport.interrupted()
+
+
 def test_a_message_that_stalls_is_dropped() -> None:
     found, transport = received(by_bam(1, GROUP, bytes(20)), step_ns=2_000_000_000)
     assert not found and transport.interrupted()["can0"] == 1

@@ -230,6 +230,7 @@ FRAMES = "Stamp,MsgId,Payload\n" + "".join(
     [
         (FRAMES, 201, "MsgId read as decimal, because none of"),
         (FRAMES.replace("773", "30A"), 0x201, ""),
+        (FRAMES.replace(",201,", ",2F1,"), 0x2F1, ""),
         (FRAMES.replace("1537", "201").replace("1024", "201").replace("2015", "201"), None, "hexadecimal or decimal"),
     ],
 )

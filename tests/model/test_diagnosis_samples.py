@@ -13,7 +13,7 @@ from daq.errors import DataError
 from daq.notes import Note
 from model.diagnosis.core.campaign import Campaign, considered, not_identifiable
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
-from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
+from model.diagnosis.time_series.samples import STENCIL, _calmed, coverage_of, samples_of
 from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
 from model.wheel_soil.run_conditions import campaign_times, conditions_of, line_positions
@@ -40,6 +40,12 @@ def changed(campaign: Campaign, **fields: object) -> Campaign:
 def with_info(campaign: Campaign, *infos: RunInfo) -> Campaign:
     runs = [replace(run, run=info) for run, info in zip(campaign.runs, infos, strict=True)]
     return replace(campaign, runs=tuple(runs))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.7])
+def test_a_history_that_is_constant_where_it_is_known_stays_so(value: float) -> None:
+    history = np.where(np.arange(200) % 7 < 5, value, np.nan)
+    np.testing.assert_allclose(_calmed(history, 10.0), history, atol=1e-12)
 
 
 def test_samples_are_means_over_a_fifth_of_a_second(campaign: Campaign) -> None:

@@ -14,7 +14,7 @@ from daq import ROLES, Severity, VehicleConfig, find_unit
 from model.wheel_soil import SOILS
 from processing import LOOK, ProcessOptions, RunCode, is_refused
 from processing.pipeline import process
-from processing.referee import BY_KEY, LISTED, MENDS, Evidence, Kind, Ruling, evidence_of, judge
+from processing.referee import BY_KEY, LISTED, MENDS, Evidence, Kind, Ruling, densities, evidence_of, judge
 from wheelsoil.wording.notes import note_text
 
 UNLISTED_SEED = 9000
@@ -372,3 +372,13 @@ def test_every_density_counts(
     found = {mend.key: np.log(probability) for mend, probability in ruling.mends}
     assert {key: found.get(key) for key in log_probabilities} == pytest.approx(log_probabilities, abs=5e-3)
     assert ruling.sound + sum(probability for _, probability in ruling.mends) == pytest.approx(1.0)
+
+
+def test_half_the_prior_is_half_the_odds_of_every_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
+    def odds() -> dict[str, float]:
+        ruling = judge(drive(0.5, 0.1, 0.15, ()))
+        return {mend.key: probability / ruling.sound for mend, probability in ruling.mends}
+
+    whole = odds()
+    monkeypatch.setattr(densities, "MEND_PRIOR", densities.MEND_PRIOR / 2)
+    assert odds() == pytest.approx({key: one / 2 for key, one in whole.items()}, rel=1e-9, abs=0)

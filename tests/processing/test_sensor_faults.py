@@ -126,15 +126,19 @@ def test_faults_are_found_and_sound_samples_kept(kind: str, damage: Damage, role
     assert share >= 0.95 and lost <= 0.01
 
 
-def frozen_for(seconds: float, role: str, step: float = 0.0) -> ProcessedRun:
-    """Return a run of 40 s in which a channel, in steps of so much, keeps one value for some seconds."""
-    run, channels = recording("sandy", 1)
-    one = channels[role]
+def held_for(seconds: float, one: Channel, begin_s: float, step: float) -> Channel:
+    """Return a channel, in steps of so much, that keeps one value for some seconds."""
     at = (one.time_ns - one.time_ns[0]) * 1e-9
     values = np.round(one.values / step) * step if step else one.values
-    first = int(np.searchsorted(at, min(14.0, 39.9 - seconds)))
-    values = np.where((at >= at[first]) & (at < at[first] + seconds), values[first], values)
-    return process(channels | {role: replace(one, values=values)}, run.vehicle, run.info)
+    first = int(np.searchsorted(at, begin_s))
+    return replace(one, values=np.where((at >= at[first]) & (at < at[first] + seconds), values[first], values))
+
+
+def frozen_for(seconds: float, role: str, step: float = 0.0) -> ProcessedRun:
+    """Return a run of 40 s in which a channel is frozen."""
+    run, channels = recording("sandy", 1)
+    held = held_for(seconds, channels[role], min(14.0, 39.9 - seconds), step)
+    return process(channels | {role: held}, run.vehicle, run.info)
 
 
 @pytest.mark.parametrize("seconds", [3.0, 8.0, 15.0, 26.0])
@@ -153,6 +157,18 @@ def test_a_coarse_torque_that_makes_a_run_impossible_is_frozen() -> None:
     assert facts_of(run)["driving_torque", "frozen"]["time_s"] == pytest.approx(26.0, abs=1.0)
     assert RunCode.IMPLAUSIBLE not in {note.code for note in run.quality.notes}
     assert not run.used[(run.time_s > 15) & (run.time_s < 39)].any()
+
+
+@pytest.mark.parametrize(
+    "steps", [{"ground_speed": 0.5, "wheel_speed": 1.0}, {"drawbar_pull": 600.0, "driving_torque": 300.0}]
+)
+def test_two_coarse_channels_that_only_together_make_a_run_impossible_are_frozen(steps: dict[str, float]) -> None:
+    run, channels = recording("sandy", 1)
+    (first, second), (one, other) = steps, steps.values()
+    held = {first: held_for(15.0, channels[first], 5.0, one), second: held_for(17.0, channels[second], 22.0, other)}
+    processed = process(channels | held, run.vehicle, run.info)
+    assert list(facts_of(processed)) == [(first, "frozen"), (second, "frozen")]
+    assert RunCode.IMPLAUSIBLE not in {note.code for note in processed.quality.notes}
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 1.8])

@@ -53,6 +53,11 @@ def text_of(found: Diagnosis, width: int = 96, *, verbose: bool = True) -> str:
     return "\n".join(diagnosis_lines(found, VehicleConfig(), width, verbose=verbose))
 
 
+def test_the_next_runs_are_numbered_from_the_best_on() -> None:
+    _, _, shown = text_of(diagnosis()).partition("Next run, best first\n")
+    assert re.findall(r"(?m)^  (\d+)\. (.{12})", shown) == [("1", "a run with m"), ("2", "a run with b")]
+
+
 @pytest.mark.parametrize("several", [False, True])
 def test_a_soil_is_of_a_campaign_where_there_are_several(several: bool) -> None:
     found = diagnosis()

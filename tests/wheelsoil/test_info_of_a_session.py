@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,6 +22,9 @@ from daq.logger.recorder import Recorder, RecorderOptions
 from daq.logger.run_files import RunFiles, folder_lock, is_being_recorded
 from daq.recording import PartWriter, Recording
 from daq.recording.part_writer import part_path
+from daq.runs.signals import MessageFacts
+from wheelsoil.cli.recordings import _print_messages
+from wheelsoil.workflows.recordings import FileFacts
 
 
 def frames_at(time_ns: int, count: int = 50) -> FrameBatch:
@@ -108,3 +114,14 @@ def test_a_clock_that_was_set_is_reported(tmp_path):
     assert [round(float(text.removesuffix(" s"))) for text in told.values()] == [3600]
     (line,) = (line for line in ok("info", tmp_path / "run.mcap").out.splitlines() if line.startswith("clock steps"))
     assert "+3600.00" in line or "+3599.99" in line
+
+
+@pytest.mark.parametrize(("limit", "shown"), [(None, "abc"), (2, "ac"), (1, "c")])
+def test_the_messages_that_are_listed_have_most_samples(
+    capsys: pytest.CaptureFixture[str], limit: int | None, shown: str
+) -> None:
+    counts = {"a": 20, "b": 10, "c": 30}
+    messages = [MessageFacts("can0", name, count, 10.0, 0.0, 0.1, 0.0, ()) for name, count in counts.items()]
+    _print_messages(cast(FileFacts, SimpleNamespace(messages=messages, frames={"can0": 60})), limit)
+    listed = re.findall(r"(?m)^ *can0 +(\w) +(\d+) ", capsys.readouterr().out)
+    assert listed == [(name, str(counts[name])) for name in shown]

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 from cli_support import ok
@@ -17,6 +18,7 @@ from fleet_support import rows_of
 from model.diagnosis.pooling import Passport, Point, Trend
 from wheelsoil.fleet import Change, Store, holdings_of, open_store, overview_of, pool
 from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet.overview import _map
 from wheelsoil.fleet.pooled import _observations
 from wheelsoil.fleet.tables import schema_of
 from wheelsoil.fleet.trend_figures import averaged
@@ -164,3 +166,16 @@ def test_a_passport_says_what_is_shared_and_who_disagrees(probability: float, sa
     one = Passport("7", ("a", "b"), "nothing", (), 0.2, (), {}, 0.0, {"b": 0.001}, shared)  # type: ignore[arg-type]
     expected = f"7: 2 campaigns, May to June: nothing detectable{said}; not as the others: b"
     assert passport_line(one, "May", "June") == expected
+
+
+@pytest.mark.parametrize(("east_deg", "north_deg"), [(0.05, 0.0), (0.0, 0.02), (0.03, -0.01)])
+def test_places_are_as_far_apart_on_the_map_as_its_scale_says(east_deg: float, north_deg: float) -> None:
+    latitude, longitude = [52.0, 52.0 + north_deg], [13.0, 13.0 + east_deg]
+    campaigns = pd.DataFrame({"campaign": ["a", "b"], "latitude_deg": latitude, "longitude_deg": longitude})
+    shown = _map(campaigns.assign(pull_at_slip_0_2_n=[100.0, 200.0])) or {}
+    (x, y, *_), (other_x, other_y, *_) = shown["places"]
+    pixels, text = shown["scale"]
+    km = float(text.split()[0]) / (1000 if text.endswith(" m") else 1)
+    expected = np.hypot(np.radians(east_deg) * np.cos(np.radians(52.0)), np.radians(north_deg)) * 6371
+    assert np.hypot(other_x - x, other_y - y) * km / pixels == pytest.approx(expected, rel=0.01)
+    assert np.sign([other_x - x, y - other_y]).tolist() == np.sign([east_deg, north_deg]).tolist()
