@@ -42,6 +42,8 @@ class LackCode(StrEnum):
     """nats, least"""
     CHANNEL_WORSE = "channel_worse"
     """channel, percent, low, high: by how much its held-out error grows"""
+    AGAINST_STATIC = "against_static"
+    """sigmas: of a static test from what the runs say"""
     PARTS_CANCEL = "parts_cancel"
     """families, without: the family that the set does as well without"""
     PEAK_MAY_SHIFT = "peak_may_shift"

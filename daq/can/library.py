@@ -31,10 +31,10 @@ def __getattr__(name: str) -> Any:
     if name != "can" and "cantools" not in sys.modules:
         with _stand_in(_TESTER, ModuleType(_TESTER)):
             names = vars(import_module("cantools"))
-        del names["tester"]
+        names.pop("tester", None)
         names["__getattr__"] = _tester
     with _stand_in("asammdf", None):
-        return import_module(_PLACES[name])
+        return globals().setdefault(name, import_module(_PLACES[name]))
 
 
 def _tester(name: str) -> ModuleType:

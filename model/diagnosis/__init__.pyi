@@ -45,6 +45,7 @@ from .planning import usual_runs as usual_runs
 from .single_wheel import WheelPair as WheelPair
 from .single_wheel import compare_wheels as compare_wheels
 from .single_wheel import diagnose_bench as diagnose_bench
+from .time_series import ROLLING_RADIUS_SHARE as ROLLING_RADIUS_SHARE
 from .time_series import coasted as coasted
 from .time_series import diagnose as diagnose
 from .time_series import samples_of as samples_of

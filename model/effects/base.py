@@ -155,6 +155,11 @@ class Remedy:
     paste: str = ""
     scales: bool = False
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of vehicle.toml that it corrects."""
+        return tuple(correction.key for correction in self.corrections)
+
 
 @dataclass(frozen=True)
 class Signals:
@@ -215,6 +220,8 @@ class Effect:
     remedy : Remedy, optional
         How it is mended by hand. A zero (`Needs.zero_of`) is determined anew and needs none.
     like_radius : its parameter by which a larger wheel radius looks the same, unless the tyre is declared; or ""
+    of_radius : int
+        Power of the wheel's true over its declared radius that 1 plus its only parameter then is; 0 where it is none.
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes, tilts and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
@@ -239,6 +246,7 @@ class Effect:
     of_tables: ClassVar[bool] = False
     remedy: ClassVar[Remedy | None] = None
     like_radius: ClassVar[str] = ""
+    of_radius: ClassVar[int] = 0
     stage: ClassVar[int] = 0
 
     @classmethod

@@ -41,6 +41,7 @@ class DrawbarPullGain(_Gain):
     shows = ("drawbar_pull",)
     parameters = (_relative(start=0.05, scale=0.08),)
     needs = Needs(channels=("drawbar_pull",))
+    of_radius = -1
     stage = 1
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
@@ -59,6 +60,7 @@ class TorqueGain(_Gain):
     shows = ("driving_torque",)
     parameters = (_relative(start=0.04, scale=0.06),)
     needs = Needs(channels=("driving_torque",))
+    of_radius = 1
     stage = 1
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:

@@ -19,7 +19,7 @@ from model.diagnosis.findings.agreement import static_disputes
 from model.diagnosis.planning.static_tests import hard_ground
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
-from model.notes import DiagnosisCode
+from model.notes import DiagnosisCode, LackCode
 from processing.processed_run import AppliedZero
 from wheelsoil.wording.notes import note_text
 
@@ -120,6 +120,25 @@ def test_a_static_test_that_contradicts_the_runs_is_named_with_both_values(gain:
             and "by the runs it would read" in text
             and "repeat" in text
         )
+
+
+def test_no_cause_is_named_against_a_static_test() -> None:
+    """A gain of the pull was named of a right torque: the declared radius was wrong."""
+    campaign = lifted(driven("torque_gain:relative=-0.05"), 0.0)
+    options = DiagnosisOptions(effects=("torque_zero", "torque_gain", "drawbar_pull_gain"))
+    readings = [TORQUE | {"driving_torque_nm": 9500.0}, TORQUE | {"driving_torque_nm": 10000.0}]
+    tested = [replace(campaign, static=(StaticTest.model_validate(reading),)) for reading in readings]
+    right, wrong = (diagnose([each], options, [noise_of(campaign)]) for each in tested)
+    assert right.verdict == "named" and [cause.name for cause in right.causes] == ["torque_gain"]
+    assert wrong.verdict == "one_of" and wrong.grounds.barred is not None
+    assert wrong.grounds.barred.code == LackCode.AGAINST_STATIC and wrong.grounds.barred.values["sigmas"] > 4.0
+
+
+@pytest.mark.parametrize(("spin", "contradicts"), [(5.45, True), (6.37, False)])
+def test_a_coasting_wheel_that_contradicts_the_runs_is_said(spin: float, contradicts: bool) -> None:
+    reading = StaticTest.model_validate({"test": "coasting", **ROLLING, "wheel_speed_radps": spin})
+    notes = list(static_disputes(looked(firm(driven(), reading), "wheel_radius", "torque_gain")))
+    assert [note.values["channel"] for note in notes] == ["slip"] * contradicts
 
 
 def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> None:

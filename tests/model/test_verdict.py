@@ -138,7 +138,7 @@ def test_or_a_held_out_error_that_falls_for_certain(
 def test_parts_that_cancel_are_not_named(grams: Grams) -> None:
     why = Note(LackCode.PARTS_CANCEL, values={"families": ("a", "b"), "without": "b"})
     found = made(grams, {("a", "b"): 0.99, (): 0.01})
-    assert judgement(found, FINE, gain(9.0), cancelling=why) == Judgement("one_of", ("a", "b"), barred=why)
+    assert judgement(found, FINE, gain(9.0), contradiction=why) == Judgement("one_of", ("a", "b"), barred=why)
 
 
 def test_a_lone_family_that_is_not_named_stands_beside_its_nearest_rival(grams: Grams) -> None:

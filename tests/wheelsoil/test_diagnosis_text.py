@@ -13,6 +13,7 @@ import pytest
 from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
+from short_campaign import driven
 
 from daq import Note, VehicleConfig, WheelSection
 from model.diagnosis import OfVehicle
@@ -44,7 +45,7 @@ from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 from wheelsoil.workflows.choice import parse_choice
-from wheelsoil.workflows.diagnosis import _like_radius
+from wheelsoil.workflows.diagnosis import _like_radius, _rolling_alike
 
 VERDICTS = tuple(SENTENCES)
 
@@ -170,6 +171,51 @@ def test_lugs_are_said_with_the_wheel_radius_that_looks_the_same(verdict: Verdic
     for line in ("radius_m = 0.4890", 'tyre = "lugged"', 'tyre = "smooth"'):
         assert f"[wheel]  # add to the one in the file\n{line}" in step.paste
     assert "radius" not in headline_of(declared) and "like_radius" not in diagnosis_json(declared)
+
+
+GAIN = ParameterEstimate("relative", "1", -0.0404, (-0.0455, -0.0352), 0.003)
+ROLLS = ParameterEstimate("relative", "1", -0.0434, (-0.051, -0.0358), 0.004)
+
+
+@pytest.mark.parametrize(
+    ("family", "size", "rolling_m", "rolls", "smaller_mm"),
+    [
+        ("torque_gain", GAIN, 0.49, ROLLS, 20),
+        ("torque_gain", GAIN, 0.469, None, 20),
+        ("drawbar_pull_gain", replace(GAIN, value=0.05, interval95=(0.041, 0.059)), 0.469, None, 23),
+        ("torque_gain", GAIN, 0.49, None, 0),  # it rolls on the declared radius: the gain is one
+        ("torque_gain", replace(GAIN, value=0.04, interval95=(0.035, 0.045)), 0.469, None, 0),
+        ("load_gain", GAIN, 0.469, None, 0),
+    ],
+)
+def test_a_gain_is_said_with_the_radius_that_looks_the_same_where_the_wheel_rolls_on_it(
+    family: str, size: ParameterEstimate, rolling_m: float, rolls: ParameterEstimate | None, smaller_mm: int
+) -> None:
+    """A radius of 0.49 m for 0.47 m was named as a torque gain of -4 %, to be calibrated away."""
+    causes = [Cause(family, "", "measurement", family, 0.99, 1.0, (size,))]
+    causes += [Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 1.0, (rolls,))] if rolls else []
+    found = replace(diagnosis("named"), causes=tuple(causes), next_run=(), not_identifiable={})
+    campaign = replace(driven(), wheel=Wheel(0.49, 0.318), tyre="smooth")
+    runs = tuple(replace(run, wheel_radius_m=0.49, rolling_radius_m=rolling_m) for run in campaign.runs)
+    found = replace(found, grounds=Grounds(cautions=tuple(_rolling_alike(found, [replace(campaign, runs=runs)]))))
+    said = f"(or a wheel radius smaller by {smaller_mm} mm)"
+    assert (said in headline_of(found)) == bool(smaller_mm)
+    steps = next_steps(found, VehicleConfig())
+    assert not smaller_mm or steps[0].paste.endswith(f"radius_m = {0.49 - size_m(found):.4f}")
+    assert not smaller_mm or "calibrat" not in "".join(step.what for step in steps)
+
+
+def size_m(found: Diagnosis) -> float:
+    return -float(found.grounds.cautions[0].values["larger_m"])
+
+
+def test_a_static_test_that_the_runs_contradict_is_repeated_first() -> None:
+    values = {"channel": "slip", "reading": 0.0, "sigma": 0.005, "runs": -0.036, "runs_sigma": 0.002, "sigmas": 6.0}
+    note = Note(DiagnosisCode.STATIC_CONTRADICTS, values=values | {"radius_m": 0.47, "applied": 0.0, "zeroed": False})
+    found = replace(diagnosis("one_of"), grounds=Grounds(cautions=(note,)))
+    step = next_steps(found, VehicleConfig())[0]
+    assert step.what.startswith("Repeat the static test, or take it out") and "6 sigma apart" in step.why
+    assert "rolls on 0.470 ± 0.002 m, but by the runs it would roll on 0.487 ± 0.001 m" in step.why
 
 
 def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:

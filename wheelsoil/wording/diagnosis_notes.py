@@ -88,6 +88,14 @@ def _disagreement(v: Values) -> str:
 
 
 def _static_contradicts(v: Values) -> str:
+    if radius := v.get("radius_m"):
+        (rolls, own), (runs, of_runs) = (
+            (radius * (1.0 - v[name]), radius * v[of]) for name, of in (("reading", "sigma"), ("runs", "runs_sigma"))
+        )
+        return (
+            f"a coasting wheel rolls on {rolls:.3f} ± {own:.3f} m, but by the runs it would roll on {runs:.3f} ± "
+            f"{of_runs:.3f} m ({v['sigmas']:.0f} sigma apart): check both speeds, repeat the test, or take it out"
+        )
     channel = OUTPUTS[v["channel"]]
     (reading, sigma), (runs, own) = ((v[name], v[of]) for name, of in (("reading", "sigma"), ("runs", "runs_sigma")))
     known = f" under {v['applied']:.4g} {channel.unit_text}" if v["applied"] else ""
@@ -253,6 +261,7 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.NOT_SETTLED: "the iterated linearisation of the model did not converge, so that no cause can be judged",
     LackCode.NOTHING_JUDGED: "the model has no answer for these samples, so that there is nothing to judge a cause by",
     LackCode.MORE_THAN_NOISE: _more_than_noise,
+    LackCode.AGAINST_STATIC: lambda v: f"the runs contradict a static test by {v['sigmas']:.0f} sigma",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
         f"its probability by these runs as they are is {chance(v['probability'])}, and a name needs more than "

@@ -16,6 +16,7 @@ from wheelsoil.wording.grounds_text import findings_text
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
+    against_tests,
     deciding_runs,
     groups_of_runs,
     like_radius,
@@ -30,6 +31,7 @@ _LIFTED = (
 )
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
 _BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
+_REPEAT = "Repeat the static test, or take it out of runs.toml; diagnose again."
 _PROBABLE = 0.5
 _MOST_FILES = 12
 """Files that a command names."""
@@ -62,7 +64,8 @@ def next_steps(
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
     at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
-    steps = [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
+    steps = [(Step(_REPEAT, f"{upper(note_text(note))}."), vehicle) for note in against_tests(found)]
+    steps += [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
     steps += [
         (
             Step(_BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
@@ -70,13 +73,14 @@ def next_steps(
         )
         for each in (found.causes if found.verdict == "one_of" and not alike else ())
         if (remedy := EFFECTS.get(each.key, Effect).remedy) and each.probability > _PROBABLE
-        if "rolling_radius_m" in [correction.key for correction in remedy.corrections]
+        if "rolling_radius_m" in remedy.keys
     ]
     steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
     at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
     steps += [
         (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
         for cause in named
+        if cause.name not in [note.values["family"] for note in alike]
         if cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
@@ -115,15 +119,16 @@ def parting_step(found: Diagnosis) -> Step:
 
 
 def _radius_or_lugs(note: Note) -> Step:
-    """Return what decides between a cause and a larger wheel radius, with the lines for each outcome."""
+    """Return what decides between a cause and another wheel radius, with the lines for each outcome."""
     declared, larger = note.values["radius_m"], note.values["radius_m"] + note.values["larger_m"]
+    of_tyre = any(effect.like_radius for effect in EFFECTS.values() if effect.name == parted(note.values["family"])[0])
     lines = (
         f"# if the radius is about {larger:.3f} m: the measured value\n[wheel]\nradius_m = {larger:.4f}",
         f'# if it is {declared:g} m, and the tyre has lugs\n[wheel]\ntyre = "lugged"',
         f'# if it is {declared:g} m, and the tyre has none\n[wheel]\ntyre = "smooth"',
     )
-    what = "Measure the wheel's radius from hub to ground, declare the tyre, and diagnose again."
-    return Step(what, f"{upper(note_text(note))}.", "\n".join(lines))
+    what = f"Measure the wheel's radius from hub to ground{', declare the tyre,' * of_tyre} and diagnose again."
+    return Step(what, f"{upper(note_text(note))}.", "\n".join(lines if of_tyre else lines[:1]))
 
 
 def _apart_step(note: Note) -> Step:

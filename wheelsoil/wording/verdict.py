@@ -234,10 +234,16 @@ def like_radius(found: Diagnosis) -> tuple[Note, ...]:
     return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.LIKE_RADIUS)
 
 
+def against_tests(found: Diagnosis) -> tuple[Note, ...]:
+    """Return the notes on static tests that the runs contradict."""
+    return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.STATIC_CONTRADICTS)
+
+
 def _name_of(cause: Cause, found: Diagnosis) -> str:
     """Return the name of a cause, with the wheel radius that looks the same."""
     larger = next((note.values["larger_m"] for note in like_radius(found) if note.values["family"] == cause.name), None)
-    same = f" (or a wheel radius larger by {1e3 * larger:.2g} mm)" if larger else ""
+    than = "larger" if larger and larger > 0 else "smaller"
+    same = f" (or a wheel radius {than} by {1e3 * abs(larger):.2g} mm)" if larger else ""
     return f"{plain_name(cause.name)}{same}"
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, combinations
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,8 +30,8 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
-from model.effects import EFFECTS, parted
+from model.diagnosis import ROLLING_RADIUS_SHARE, Bench, Campaign, Cause, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
+from model.effects import EFFECTS, Effect, Remedy, parted
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept, known
@@ -61,6 +62,7 @@ _MOST_RUNS = 40
 _LARGEST_FORM = 50.0
 _MOST_OFF = 0.2
 """Share by which a wheel may coast on another rolling radius than declared; it is as far as a cause may go."""
+_ROLLS_AS_DECLARED = (-2.0 * ROLLING_RADIUS_SHARE, 2.0 * ROLLING_RADIUS_SHARE)
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
@@ -239,6 +241,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     soil = known_soil(soil_name, terrain)
     declared = first.vehicle.wheel
     _check_static(first, [run for _, run in members])
+    _check_rolled(first)
     return Campaign(
         name=Path(folder).resolve().name if folder else soil.name or _UNNAMED,
         runs=tuple(run for _, run in members),
@@ -286,6 +289,26 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
                     "the same within five sigmas",
                     "take out the wrong one; beside a zero_file a lifted reading adds nothing",
                 )
+
+
+def _check_rolled(run: Run) -> None:
+    """Refuse tests of a coasting wheel that roll on different radii."""
+    rolled = {
+        test.run or f"test {i}": (speed / spin, hypot(sigma / spin, ROLLING_RADIUS_SHARE * speed / spin))
+        for i, test in enumerate(run.static)
+        if (speed := test.ground_speed_mps)
+        and (spin := test.wheel_speed_radps)
+        and (sigma := test.ground_speed_sigma_mps)
+    }
+    for name, other in combinations(rolled, 2):
+        if contradict(*rolled[name], *rolled[other]):
+            raise ConfigError.of(
+                f"{name} and {other} contradict each other: a coasting wheel rolls on one radius",
+                f"{run.path.parent / RUNS_FILE}",
+                f"{rolled[name][0]:.4g} and {rolled[other][0]:.4g} m",
+                "the same within five sigmas",
+                "take out the wrong one, or switch the run off in choice.toml",
+            )
 
 
 def _with_unique_names(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
@@ -404,7 +427,8 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
     guessed = [campaign.name for campaign in given if campaign.soil_prior.assumed]
     assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
     mixed = [note for campaign in given for note in _mixed(campaign, diagnosis, alone=len(given) == 1)]
-    alike = _like_radius(diagnosis, given) if diagnosis.verdict != "nothing_detectable" else []
+    some = diagnosis.verdict != "nothing_detectable"
+    alike = [*_like_radius(diagnosis, given), *_rolling_alike(diagnosis, given)] if some else []
     cautions = (*diagnosis.grounds.cautions, *mixed, *alike)
     grounds = replace(diagnosis.grounds, cautions=cautions)
     return replace(diagnosis, grounds=grounds, notes=(*notes, *([assumed] if guessed else [])))
@@ -427,6 +451,31 @@ def _like_radius(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> lis
         for name, size in larger.items()
         for radius, at in {radius: at for radius, at in radii if parted(name)[1] in ("", at)}.items()
     ]
+
+
+def _rolling_alike(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> list[Note]:
+    """Return a caution for each gain of a force that is as far off as the radius that a wheel rolls on, of each wheel.
+
+    A wheel whose radius is another one than declared rolls on it, and its torque acts there.
+    """
+    found = []
+    for each in (each for each in given if isinstance(each, Campaign)):
+        radius, at = each.wheel.radius_m, each.of_vehicle.wheel if each.of_vehicle else ""
+        own = [cause for cause in diagnosis.causes if parted(cause.name)[1] in ("", at)]
+        rolled = [size for cause in own if "rolling_radius_m" in _remedy(cause).keys for size in cause.parameters]
+        ends = [end for size in rolled for end in size.interval95] or _ROLLS_AS_DECLARED
+        rolls = [each.runs[0].rolling_m / radius * (1.0 + end) for end in ends]
+        for cause, power in ((cause, EFFECTS.get(cause.key, Effect).of_radius) for cause in own):
+            for size in cause.parameters if power and not min(rolls) <= 1.0 <= max(rolls) else ():
+                shown, *reach = ((1.0 + x) ** (1.0 / power) for x in (size.value, *size.interval95))
+                if min(reach) <= max(rolls) and min(rolls) <= max(reach):
+                    values = {"family": cause.name, "radius_m": radius, "larger_m": radius * (shown - 1.0), "wheel": at}
+                    found.append(Note(DiagnosisCode.LIKE_RADIUS, values=values))
+    return found
+
+
+def _remedy(cause: Cause) -> Remedy:
+    return EFFECTS.get(cause.key, Effect).remedy or Remedy()
 
 
 def _mixed(campaign: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:

@@ -102,7 +102,7 @@ def judgement(
     not_identifiable: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     converged: bool = True,
-    cancelling: Note | None = None,
+    contradiction: Note | None = None,
     sure_at: float = 0.0,
 ) -> Judgement:
     """Return the verdict.
@@ -117,8 +117,8 @@ def judgement(
         On held-out runs, the causes chosen anew in each fold.
     converged : bool
         Whether the linearisation converged.
-    cancelling : Note or None
-        Which of the most probable causes cancel each other.
+    contradiction : Note or None
+        Which of the most probable causes cancel each other, or which static test the runs contradict.
     sure_at : float
         Probability without averaging from which on a family is named.
     """
@@ -136,7 +136,7 @@ def judgement(
         [x for x in likely if x not in sure],
         Note(LackCode.UNLISTED_MAY_ACT, values={"probability": 1.0 - judged.listed}),
     )
-    barred = _barred(found, gain) or cancelling
+    barred = _barred(found, gain) or contradiction
     if barred:
         return one_of(found, barred if sure else None, likely, (*_each(sure, barred), *doubted))
     unsure = _unsure(found, sure, sure_at) | dict(not_identifiable or {})

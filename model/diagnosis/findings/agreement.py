@@ -22,8 +22,8 @@ of two terrains explains nothing well.
 deleted residual, Student's with two degrees of freedom less than there are runs (Grubbs 1969, Technometrics 11:1). The
 noise model takes such a run for scatter between runs, so that nothing else tells of it.
 
-**Static tests**: each reading of the lifted wheel against what the runs alone say of the gain and the zeros in it,
-beside their own most probable causes. With m and v mean and variance of the reading after the runs, and u before them,
+**Static tests**: each reading of the lifted or coasting wheel against what the runs alone say of the causes in it,
+beside their own most probable ones. With m and v mean and variance of the reading after the runs, and u before them,
 the runs' own part is m v'/v with v' = 1/(1/v - 1/u): a prior that is narrow contradicts nothing.
 """
 
@@ -49,7 +49,7 @@ from model.diagnosis.time_series.joining import runs_of as joined_runs
 from model.diagnosis.time_series.linearise import SENSORS, coordinate_of
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import rest_variance
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.standstills import READ
 from model.effects.catalogue import EFFECTS, parted
 from model.notes import DiagnosisCode
 
@@ -245,7 +245,7 @@ def disagreement_notes(
 
 
 def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
-    """Yield the forces of static tests that contradict the runs driven; of several wheels each says its own."""
+    """Yield the readings of static tests that contradict the runs driven; of several wheels each says its own."""
     if linearised.of_vehicles or not np.any(linearised.grams.static):
         return
     driven = replace(linearised.grams, static=0.0)
@@ -255,7 +255,7 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
         rests, start = data.samples.rests, 1 + len(data.columns.soil)
         variance = rest_variance(data.linear, data.samples, data.noise.values)
         causes = data.columns.rests[..., start : start + len(data.columns.causes)]
-        for row, i in np.argwhere((data.columns.rests_present & rests.lifted & causes.any(axis=-1))[: len(AT_REST)]):
+        for row, i in np.argwhere(data.columns.rests_present & rests.lifted & causes.any(axis=-1)):
             shown = {
                 (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True)
             }
@@ -263,9 +263,12 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
             runs, of_runs = _of_runs(driven, best, {key: x for key, x in shown.items() if x})
             sigmas = abs(off - runs) / float(np.hypot(sigma, of_runs))
             if sigmas > _STATIC_SIGMAS:
-                reading, applied = (float(x[AT_REST[row]][i]) for x in (rests.measured, rests.applied))
-                values = {"channel": AT_REST[row], "reading": reading, "sigma": sigma, "applied": applied}
+                channel = READ[row]
+                reading, applied = float(rests.measured[channel][i]), rests.applied.get(channel)
+                values = {"channel": channel, "reading": reading, "sigma": sigma}
+                values |= {"applied": 0.0 if applied is None else float(applied[i])}
                 values |= {"runs": reading - off + runs, "runs_sigma": of_runs, "sigmas": sigmas}
+                values |= {"radius_m": data.campaign.runs[0].rolling_m} if channel == "slip" else {}
                 zeroed = any(run.quality.zeros for run in data.campaign.runs)
                 yield Note(DiagnosisCode.STATIC_CONTRADICTS, Severity.FAULT, {**values, "zeroed": zeroed})
 

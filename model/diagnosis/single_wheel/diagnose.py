@@ -204,7 +204,7 @@ def _verdict(
     found: Posterior, weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
 ) -> Judgement:
     lacking, cancel = known.not_identifiable, cancelling(weighing)
-    plain = judgement(found, _adequacy(weighing), gain, lacking, options.name_at, cancelling=cancel)
+    plain = judgement(found, _adequacy(weighing), gain, lacking, options.name_at, contradiction=cancel)
     return with_more_probable(plain, found)
 
 

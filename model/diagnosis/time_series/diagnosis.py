@@ -285,10 +285,13 @@ def _weighed(
             fits.fit((), linearised.best.keys)
             gain, remarks = held_out(linearised, fits.known)
 
+    against = next((note.values["sigmas"] for note in static_disputes(linearised)), None)
+    contradiction = Note(LackCode.AGAINST_STATIC, values={"sigmas": against}) if against else cancelling(linearised)
+
     def judge(other: Posterior) -> Judgement:
         lacking = unshown(linearised.not_identifiable, other, judged)
         rules = (other, judged, gain, lacking, name_at, linearised.converged)
-        return judgement(*rules, cancelling(linearised), sure_at=SURE_AT)
+        return judgement(*rules, contradiction, sure_at=SURE_AT)
 
     verdict = judge(found)
     shifts = prior_shifts(found, verdict, judge)
