@@ -438,8 +438,8 @@ class StaticTest(OfWheel):
         given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
         if self.test == "coasting":
             return self._of_coasting()
-        if self.drag_nm is not None or self.wheel_speed_radps is not None:
-            raise ValueError('drag_nm and wheel_speed_radps are of a wheel that coasts: test = "coasting"')
+        if odd := [key for key, x in self if key.startswith(("drag_", "ground_", "wheel_speed_")) and x is not None]:
+            raise ValueError(f'{odd[0]} is of a wheel that coasts: test = "coasting"')
         if not self.readings:
             raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
         if self.test == "lifted" and given:
