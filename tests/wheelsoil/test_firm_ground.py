@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -69,6 +70,9 @@ def test_it_counts_for_the_same_vehicle_in_another_folder_and_for_no_other(
         shutil.copy(with_road / name, tmp_path / name)
     (tmp_path / "runs.toml").write_text('[[run]]\nfile = "road.mcap"\nid = "road"\nground = "firm"\n')
     assert "run road: on firm ground" in ok("fit", campaign, tmp_path).err
+    soil = (tmp_path / "terrain.toml").read_text()
+    (tmp_path / "terrain.toml").write_text(re.sub(r'(?m)^name = ".*"', 'name = "asphalt"', soil))
+    assert "run road: on firm ground" in ok("fit", campaign, tmp_path).err, "it has no soil to differ by"
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text(vehicle.read_text().replace("radius_m = 0.47", "radius_m = 0.49"))
     refused = invoke("diagnose", campaign, tmp_path)
