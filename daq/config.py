@@ -438,8 +438,8 @@ class StaticTest(OfWheel):
         given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
         if self.test == "coasting":
             return self._of_coasting()
-        if self.drag_nm is not None or self.wheel_speed_radps is not None:
-            raise ValueError('drag_nm and wheel_speed_radps are of a wheel that coasts: test = "coasting"')
+        if odd := [key for key, x in self if key.startswith(("drag_", "ground_", "wheel_speed_")) and x is not None]:
+            raise ValueError(f'{odd[0]} is of a wheel that coasts: test = "coasting"')
         if not self.readings:
             raise ValueError("give a reading: drawbar_pull_n or driving_torque_nm, each with its one-sigma")
         if self.test == "lifted" and given:
@@ -574,11 +574,12 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
 
 def _twice(text: str, error: str) -> str:
     """Return where a table or key stands that is there twice, and what to do; empty where it is another error."""
-    lines = [re.split("[=#]", line)[0].strip(" \t[]") for line in text.splitlines()]
+    stated = re.compile(r"\s*(\[[^=]*\]|[^=\[\]]+=)")  # no line within a value
+    lines = [re.split("[=#]", each)[0].strip(" \t[]") if stated.match(each) else "" for each in text.splitlines()]
     at = next((int(number) for number in re.findall(r"(?:twice|value) \(at line (\d+)", error)), 0)
     first = next((i for i in range(at - 1, 0, -1) if lines[i - 1] == lines[at - 1]), 0)
     step = "move what is new to the first, and delete the second"
-    return f"{lines[at - 1]} is given in line {first} and in line {at}: {step}" if first else ""
+    return f"{lines[at - 1]} is given in line {first} and in line {at}: {step}" if first and lines[at - 1] else ""
 
 
 def _with_point(text: str, step: str) -> str:

@@ -252,6 +252,12 @@ def test_a_run_on_firm_ground_that_hardly_coasts_is_refused() -> None:
         coasted(road(seconds=17.0))
 
 
+def test_a_wheel_without_torque_signal_is_not_known_to_coast() -> None:
+    unmeasured = replace(road(), driving_torque_nm=np.full(len(road()), np.nan))
+    with pytest.raises(DataError, match=r"hardly coasts(.|\n)*0 s with(.|\n)*measure driving_torque"):
+        coasted(unmeasured)
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
@@ -263,6 +269,8 @@ def test_a_run_on_firm_ground_that_hardly_coasts_is_refused() -> None:
         (ROLLING | {"test": "coasting", "applied_n": 5.0}, "applied_n is not of a wheel that coasts"),
         (ROLLING | {"test": "coasting", "drawbar_pull_n": 5.0, "drawbar_pull_sigma_n": 1.0}, "its pull is a rolling"),
         ({"test": "lifted", "driving_torque_nm": 3.0, "driving_torque_sigma_nm": 1.0, "drag_nm": 5.0}, "that coasts"),
+        (TORQUE | {"driving_torque_nm": 10000.0, "drag_sigma_nm": 40.0}, "drag_sigma_nm is of a wheel that coasts"),
+        (PULL | {"drawbar_pull_n": 30000.0, "ground_speed_mps": 1.0}, "ground_speed_mps is of a wheel that coasts"),
         ({"test": "lifted", "driving_torque_nm": 3.0}, "driving_torque_sigma_nm is missing"),
         ({"test": "lifted", "driving_torque_nm": 3.0, "driving_torque_sigma_nm": 1.0, "applied_n": 5.0}, "only lifted"),
         (TORQUE | {"driving_torque_nm": 10000.0, "lever_m": None}, "lever_m is missing"),

@@ -356,6 +356,12 @@ CASES = (
         ("width_m is given in line 7 and in line 9",),
     ),
     Case(
+        "a list over several lines that is given twice",
+        lambda b: ["process", b.respelled("[wheel]", "[list]\n" + "\nx = [\n1,\n2]\n" * 2 + "[wheel]")],
+        2,
+        ("not valid TOML", "correct the line named above"),
+    ),
+    Case(
         "decimal comma", lambda b: ["process", b.respelled("= 0.47", "= 0,47 # m")], 2, ("point, without quotes: 0.47",)
     ),
     Case(

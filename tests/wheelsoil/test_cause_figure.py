@@ -65,6 +65,7 @@ def test_a_cause_over_slip_has_no_figure_of_its_own() -> None:
 
 def test_what_is_to_be_pasted_holds_the_value() -> None:
     assert mending_of(cause("wheel_radius", 0.03), VEHICLE).paste == "[wheel]\nrolling_radius_m = 0.5150"
+    assert mending_of(cause("wheel_radius", 0.03), VehicleConfig()).paste == ""
     assert mending_of(cause("speed_latency", 0.15), VEHICLE).paste.endswith("latency_s = 0.150")
     said = mending_of(cause("wheel_inertia", 0.5), VEHICLE).paste.splitlines()
     assert said[1:] == [f"outboard_mass_kg = {10 + MASS_KG / 2:g}", f"outboard_inertia_kgm2 = {INERTIA_KGM2 / 2:g}"]

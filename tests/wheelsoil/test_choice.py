@@ -178,6 +178,11 @@ def test_no_file_and_no_toml_are_said(tmp_path: Path):
             load_choice(tmp_path / name)
 
 
+def test_a_run_of_which_nothing_is_kept_is_not_written_as_a_whole_one():
+    with pytest.raises(ConfigError, match="keep is empty"):
+        parse_choice(tomllib.loads(Choice(runs=(ChosenRun(id="a", keep=()),)).to_toml()))
+
+
 def test_intervals_are_put_in_order():
     choice = parse_choice({"schema": SCHEMA, "run": [{"id": "a", "keep": [[5, 6], [1, 5]]}]})
     assert choice.runs[0].keep == ((1.0, 5.0), (5.0, 6.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -60,6 +61,29 @@ def test_process_shows_it_and_nothing_else_goes_without_soil(with_road: Path, tm
     (tmp_path / "runs.toml").write_text('[[run]]\nfile = "road.mcap"\nground = "firm"\n')
     refused = invoke("fit", tmp_path)
     assert refused.code == 2 and "every run is on firm ground" in refused.err and "wheelsoil process" in refused.err
+
+
+def test_it_counts_for_the_same_vehicle_in_another_folder_and_for_no_other(
+    campaign: Path, with_road: Path, tmp_path: Path
+) -> None:
+    for name in ("vehicle.toml", "terrain.toml", "road.mcap", *(path.name for path in with_road.glob("*.dbc"))):
+        shutil.copy(with_road / name, tmp_path / name)
+    (tmp_path / "runs.toml").write_text('[[run]]\nfile = "road.mcap"\nid = "road"\nground = "firm"\n')
+    assert "run road: on firm ground" in ok("fit", campaign, tmp_path).err
+    soil = (tmp_path / "terrain.toml").read_text()
+    (tmp_path / "terrain.toml").write_text(re.sub(r'(?m)^name = ".*"', 'name = "asphalt"', soil))
+    assert "run road: on firm ground" in ok("fit", campaign, tmp_path).err, "it has no soil to differ by"
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text(vehicle.read_text().replace("radius_m = 0.47", "radius_m = 0.49"))
+    refused = invoke("diagnose", campaign, tmp_path)
+    assert refused.code == 2 and "another vehicle or wheel than every run on soil" in refused.err
+
+
+def test_speeds_need_no_transducer_in_vehicle_axes(with_road: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(with_road, tmp_path / "clay")
+    vehicle = folder / "vehicle.toml"
+    vehicle.write_text(vehicle.read_text().replace("[transducer]", '[transducer]\nframe = "wheel"'))
+    assert "static tests of a transducer" not in invoke("diagnose", folder, "--accept-implausible").err
 
 
 def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Path) -> None:

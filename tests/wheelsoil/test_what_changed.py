@@ -191,9 +191,10 @@ def test_a_law_is_compared_by_its_sum_and_with_a_name_that_was_kept_back(tmp_pat
         "Slip sinkage, p = m₁ + m₂ went from 0.320 to 0.620 and pull at slip 0.2 went from 822 to 753 N."
     )
     assert said.endswith("Last time: Clay, driven 16 June 2026, 08:00 to 08:53 UTC (report last.json).")
-    last["runs"]["run-1"]["start_utc"] = None
-    path.write_text(json.dumps(dated | {"sections": last, "head": {"facts": [["", "date unknown"]]}}))
-    assert "Last time: Clay, made 2026-05-04 (report" in change_summary(load_last(path), found, {})
+    for undated in (None, "–"):  # a dash in older reports
+        last["runs"]["run-1"]["start_utc"] = undated
+        path.write_text(json.dumps(dated | {"sections": last, "head": {"facts": [["", "date unknown"]]}}))
+        assert "Last time: Clay, made 2026-05-04 (report" in change_summary(load_last(path), found, {})
     rows = {row[0]: row for row in map(change_row, found)}
     assert rows["usable share of the samples in motion"][1:4] == ["90.0", "90.0", "0"]
     assert rows["usable share of the samples in motion"][5] == "%"

@@ -214,7 +214,8 @@ def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> 
     elif effect.needs.zero_of:
         step = Step("Determine the zero with the wheel lifted, and name its file in vehicle.toml.", paste=_LIFTED)
     else:
-        lines = (line for each in remedy.corrections for line in (each.section, each.line(vehicle, size)))
+        known = [each for each in remedy.corrections if vehicle.wheel or not each.share_of]  # no share of nothing
+        lines = (line for each in known for line in (each.section, each.line(vehicle, size)))
         step = Step(remedy.what, paste=remedy.paste or "\n".join(dict.fromkeys(lines)))
     return replace(step, what=f"At wheel {wheel}: {step.what[:1].lower()}{step.what[1:]}") if wheel else step
 

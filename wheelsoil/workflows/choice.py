@@ -213,7 +213,8 @@ class Choice:
 
 
 def _stated(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if value not in (None, (), [], "")}
+    empty: tuple[object, ...] = ((), [])  # no part of a run that is kept is not the whole of it
+    return {name: x for name, x in values.items() if x not in (None, "") and (x not in empty or name == "keep")}
 
 
 def provenance_of(choice: Choice) -> dict[str, Any]:

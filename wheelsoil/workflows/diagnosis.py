@@ -259,7 +259,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
 def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
     """Refuse static tests in wheel axes, of a wheel of another size, and of another zero than was taken off."""
     where = f"{run.path.parent / RUNS_FILE}, [[static]]"
-    if run.static and run.vehicle.transducer.frame == "wheel":
+    if any(test.readings for test in run.static) and run.vehicle.transducer.frame == "wheel":
         raise ConfigError.of(
             "static tests of a transducer that reads in wheel axes",
             where,

@@ -93,18 +93,21 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
 def one_terrain(runs: Sequence[Run]) -> Run:
     """Return the run that stands for all of one terrain and vehicle; wheels with an id may be several of one size.
 
+    A run on firm ground beside others has no soil, and stands for none; see `wheelsoil.workflows.runs.on_soil`.
+
     Raises
     ------
     ConfigError
         The runs are of different soils or wheels.
     """
-    first = runs[0]
-    together = first.vehicle.wheel and first.vehicle.wheel.id and of_one_size(runs)
+    soft = [run for run in runs if run.info.ground == "soft"] or runs
+    first = soft[0]
+    together = first.vehicle.wheel and first.vehicle.wheel.id and of_one_size(soft)
     for what, kinds in (
-        ("soils", [run.terrain and run.terrain.soil for run in runs]),
-        ("wheels", [None if together else run.vehicle.wheel for run in runs]),
+        ("soils", [run.terrain and run.terrain.soil for run in soft]),
+        ("wheels", [None if together else run.vehicle.wheel for run in soft]),
     ):
-        others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
+        others = [run.id for run, kind in zip(soft, kinds, strict=True) if kind != kinds[0]]
         if others:
             raise ConfigError.of(
                 f"the runs are of different {what}",

@@ -169,7 +169,8 @@ def load_last(path: Path, wheel: str = "") -> LastReport:
         stated = tuple(stated_in(raw["sections"]))
         facts = dict((raw["sections"].get("provenance") or {}).get("facts") or ())
         head = (raw.get("head") or {}).get("facts") or ()
-        dated = any(run.get("start_utc") for run in (raw["sections"].get("runs") or {}).values())
+        starts = [run.get("start_utc") for run in (raw["sections"].get("runs") or {}).values()]
+        dated = any(start not in (None, "–") for start in starts)  # a dash in older reports
         driven = next((str(text) for label, text in head if dated and not label), "")
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         found = f"{type(error).__name__}: {error}"[:200]

@@ -22,6 +22,7 @@ from daq import (
     StaticTest,
     TimeUnitError,
     UncertainTimestamps,
+    VehicleConfig,
     WheelsoilError,
 )
 from daq.can import no_bus_in_common
@@ -378,15 +379,20 @@ def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -
     return [pair for pair in processed if not is_refused(pair[1])]
 
 
+def _same_wheel(vehicle: VehicleConfig, other: VehicleConfig) -> bool:
+    return (vehicle.vehicle.name, vehicle.wheel) == (other.vehicle.name, other.wheel)
+
+
 def on_soil(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs on soil: what the others read while coasting on firm ground is a static test of these.
 
-    It counts once: for the runs of its folder or, where all of them are on firm ground, of the first on soil.
+    It counts once: for the runs of its folder or, where all of them are on firm ground, of the first on soil with the
+    same vehicle and wheel.
 
     Raises
     ------
     ConfigError
-        No run is on soil.
+        No run is on soil, or none of the vehicle that was on firm ground.
     DataError
         A run on firm ground hardly coasted.
     """
@@ -403,7 +409,15 @@ def on_soil(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pr
         )
     tests: dict[Path, tuple[StaticTest, ...]] = {run.path.parent: () for run, _ in soft}
     for run, done in (pair for pair in processed if pair[1].run.ground == "firm"):
-        home = run.path.parent if run.path.parent in tests else soft[0][0].path.parent
+        alike = (each.path.parent for each, _ in soft if _same_wheel(each.vehicle, run.vehicle))
+        home = run.path.parent if run.path.parent in tests else next(alike, None)
+        if home is None:
+            raise ConfigError.of(
+                f"run {run.id} is on firm ground, with another vehicle or wheel than every run on soil",
+                run.path,
+                expected="a run on soil of this vehicle and wheel, with the same [vehicle] name and [wheel]",
+                next_step="give the runs of each vehicle by themselves",
+            )
         tests[home] += (coasted(done, wheel_id(run)),)
         say(f"run {run.id}: on firm ground: its rolling is a static test, and no soil is fitted to it")
     return [(replace(run, static=(*run.static, *tests[run.path.parent])), done) for run, done in soft]

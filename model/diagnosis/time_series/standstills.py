@@ -231,20 +231,21 @@ def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
     """Return the speeds of a run on firm ground while hardly any torque acted at the wheel.
 
     The one-sigma is by the scatter of `_PARTS` parts. No torque is read: whether the drive was engaged does not show.
+    Where no torque is measured, a wheel coasts by its slip, which says nothing of its radius: no such part counts.
 
     Raises
     ------
     DataError
-        It hardly coasted.
+        It hardly coasted by its torque.
     """
-    rows = np.flatnonzero((run.segment == Segment.COAST) & run.used)
+    rows = np.flatnonzero((run.segment == Segment.COAST) & run.used & np.isfinite(run.driving_torque_nm))
     if len(rows) < _LEAST_COASTED_S * run.rate_hz:
         raise DataError.of(
             "a run on firm ground that hardly coasts shows no rolling radius",
             f"run {run.run.id}",
-            f"{len(rows) / run.rate_hz:.0f} s without torque at the wheel",
+            f"{len(rows) / run.rate_hz:.0f} s with a measured torque of about zero",
             f"at least {_LEAST_COASTED_S:g} s",
-            "coast longer, or switch the run off in choice.toml",
+            "coast longer, measure driving_torque there, or switch the run off in choice.toml",
         )
     speed, spin, acceleration = (
         float(x[rows].mean()) for x in (run.ground_speed_mps, run.wheel_speed_radps, run.ground_acceleration_mps2)
