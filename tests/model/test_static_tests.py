@@ -12,7 +12,7 @@ from firm_road import DRAG_NM, road
 from short_campaign import driven, looked, noise_of
 
 from daq import ConfigError, DataError, RunsConfig, StaticTest, parse_mapping
-from model.diagnosis import DiagnosisOptions, coasted, diagnose, samples_of
+from model.diagnosis import DiagnosisOptions, OfVehicle, coasted, diagnose, samples_of
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.findings.agreement import static_disputes
@@ -184,6 +184,14 @@ def test_a_drag_that_all_tests_have_in_common_does_not_average_out() -> None:
     once, thrice = (samples_of(firm(driven(), *[reading] * n)).rests.lifted_sigma["t"] for n in (1, 3))
     once, thrice = once[np.isfinite(once)], thrice[np.isfinite(thrice)]
     assert np.sqrt(1.0 / np.sum(thrice**-2.0)) == pytest.approx(once[0], rel=1e-12)
+
+
+def test_wheels_that_coast_together_know_the_receiver_once() -> None:
+    reading = StaticTest.model_validate({"test": "coasting", **ROLLING})
+    alone = firm(driven(), reading)
+    of_four = replace(alone, of_vehicle=OfVehicle("vehicle", "FL", coasted=4))
+    one, four = (samples_of(each).rests.lifted_sigma["slip"] for each in (alone, of_four))
+    np.testing.assert_allclose(four, 2.0 * one)
 
 
 @pytest.mark.parametrize("larger", [0.0, 0.03])

@@ -212,12 +212,16 @@ def vehicles_of(
         replace(
             campaign,
             name=f"{f'{first.name}, ' if len(places) > 1 else ''}wheel {wheel}",
-            of_vehicle=OfVehicle(first.name, wheel),
+            of_vehicle=OfVehicle(first.name, wheel, coasted=max(1, sum(map(_coasted, members)))),
         )
         for first, members in zip(firsts, places.values(), strict=True)
         for wheel, campaign in members
     ]
     return _with_unique_names(found)
+
+
+def _coasted(member: tuple[str, Campaign]) -> bool:
+    return any(test.wheel_speed_radps for test in member[1].static)
 
 
 class Together(NamedTuple):

@@ -38,11 +38,14 @@ class OfVehicle:
         Its id.
     block_s : float
         Least length of a sample.
+    coasted : int
+        Wheels that were tested coasting; they share the receiver and the road.
     """
 
     campaign: str
     wheel: str
     block_s: float = BLOCK_S
+    coasted: int = 1
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,8 @@ def _static(
 ) -> Iterator[dict[str, float]]:
     """Yield each static test, less the zero that was taken off the runs; of the same zero it says nothing more.
 
-    What all tests of a coasting wheel err by, drag or tyre, does not average out: repeated, they count as one.
+    What all tests of a coasting wheel err by, drag or tyre, does not average out: repeated, or of several wheels of a
+    vehicle, they count as one.
     """
     driven = next((i for i, run in enumerate(campaign.runs) if len(run)), None)
     if driven is None:
@@ -215,7 +216,8 @@ def _static(
 def _rolled(test: StaticTest, campaign: Campaign, radius_m: float) -> dict[str, float]:
     """Return the speeds of a wheel that coasted, and the slip that they show; nothing without them."""
     speed, spin, sigma = test.ground_speed_mps, test.wheel_speed_radps, test.ground_speed_sigma_mps
-    alike = sum(other.wheel_speed_radps is not None for other in campaign.static)
+    of_vehicle = campaign.of_vehicle.coasted if campaign.of_vehicle else 1
+    alike = of_vehicle * sum(other.wheel_speed_radps is not None for other in campaign.static)
     if not (speed and spin and sigma):
         return {}
     return {
