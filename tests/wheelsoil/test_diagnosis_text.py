@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from short_campaign import driven
 
-from daq import Note, VehicleConfig, WheelSection
+from daq import Note, StaticTest, VehicleConfig, WheelSection
 from model.diagnosis import OfVehicle
 from model.diagnosis.core.result import (
     Adequacy,
@@ -216,6 +216,18 @@ def test_a_static_test_that_the_runs_contradict_is_repeated_first() -> None:
     step = next_steps(found, VehicleConfig())[0]
     assert step.what.startswith("Repeat the static test, or take it out") and "6 sigma apart" in step.why
     assert "rolls on 0.470 ± 0.002 m, but by the runs it would roll on 0.487 ± 0.001 m" in step.why
+
+
+@pytest.mark.parametrize("verdict", ["named", "one_of"])
+def test_a_radius_that_coasting_showed_is_not_asked_for_again(verdict: Verdict) -> None:
+    radius = Cause("wheel_radius", "", "measurement", "wheel_radius", 0.99, 1.0, (ROLLS,))
+    found = replace(diagnosis(verdict), causes=(radius,), next_run=(), not_identifiable={})
+    vehicle = VehicleConfig(wheel=WheelSection(radius_m=0.49, width_m=0.3))
+    rolled = StaticTest(
+        test="coasting", ground_speed_mps=3.0, ground_speed_sigma_mps=0.01, wheel_speed_radps=6.4, run="road"
+    )
+    before, after = (next_steps(replace(found, static=tests), vehicle)[0] for tests in ((), (rolled,)))
+    assert "on firm ground" in before.what and "on firm ground" not in after.what and before.paste == after.paste
 
 
 def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:

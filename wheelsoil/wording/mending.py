@@ -30,7 +30,9 @@ _LIFTED = (
     '# then:\n[transducer]\nzero_file = "zero.toml"'
 )
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
+_RADIUS = "Measure the wheel's radius from hub to ground; diagnose again."
 _BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
+_ROLLING = "Write the rolling radius into vehicle.toml that the coasting wheel and these runs show."
 _REPEAT = "Repeat the static test, or take it out of runs.toml; diagnose again."
 _PROBABLE = 0.5
 _MOST_FILES = 12
@@ -64,11 +66,12 @@ def next_steps(
         return [parting_step(found)]
     named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
     at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
+    coasted = any(test.wheel_speed_radps for test in found.static)
     steps = [(Step(_REPEAT, f"{upper(note_text(note))}."), vehicle) for note in against_tests(found)]
     steps += [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
     steps += [
         (
-            Step(_BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
+            Step(_RADIUS if coasted else _BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
             vehicle,
         )
         for each in (found.causes if found.verdict == "one_of" and not alike else ())
@@ -85,6 +88,8 @@ def next_steps(
     ]
     if found.verdict == "unexplained" and not found.grounds.table_channels:
         steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
+    if coasted:
+        steps = [(replace(s, what=_ROLLING) if "rolling_radius_m" in s.paste else s, of) for s, of in steps]
     missing = missing_step(found) if steps or not runs else None
     if named and not steps and not runs:
         steps = [(step_of(found), vehicle)]
