@@ -9,6 +9,8 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,6 +106,26 @@ def test_a_source_counts_over_its_reopenings() -> None:
     assert source.status().reconnects == 3
     assert [change.state for change in source.changes()] == ["down", "up"] * 3
     assert source.changes() == []
+    source.close()
+
+
+def test_a_lost_bus_is_opened_again_after_half_a_second_and_then_every_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, tried, opener = [100.0], [], Opener("x")
+
+    def tried_at(bus: BusSection) -> Any:
+        tried.append(now[0])
+        return opener(bus)
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    source = ReconnectingSource(BusSection(channel="x"), tried_at)
+    monkeypatch.setattr("daq.sources.reconnect.time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    opener.source("x").fail()
+    opener.refused["x"] = "it is unplugged"
+    while now[0] < 106.0:
+        source.read(0.25)
+    assert tried == [100.0, 100.5, 102.5, 104.5]
     source.close()
 
 
