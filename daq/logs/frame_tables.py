@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import binascii
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any, BinaryIO, NamedTuple
@@ -325,6 +325,7 @@ class _Rows:
             yield from self._usable(*quick, first_line + np.arange(len(quick[0])))
             return
         found: list[_Frame] = []
+        bad: list[tuple[int, str]] = []
         empty = -block.endswith(b"\n")  # what is behind the last line feed is no line
         for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
             if not line or line.isspace():
@@ -334,10 +335,12 @@ class _Rows:
                 found.append(self._frame(line, number))
             except (ValueError, IndexError, KeyError) as error:
                 text = line.rstrip("\r")
-                self._report.note_bad(f"line {number}", f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN])
+                bad.append((number, f"{text[:_SHOWN]} ({error})" if str(error) else text[:_SHOWN]))
         self._report.balance.put_aside(EMPTY, empty)
         if found:
-            yield from self._batch(found)
+            yield from self._batch(found, bad)
+        else:
+            self._note(bad)
 
     def _frame(self, line: str, number: int) -> _Frame:
         cells = (line.replace('"', "") if '"' in line else line).split(self._delimiter)
@@ -390,9 +393,7 @@ class _Rows:
         return can_id, extended or can_id > 0x7FF
 
     def _is(self, key: str, cells: Cells) -> bool:
-        if key not in self._others:
-            return False
-        return cells[self._others[key]].lower() in ("1", "true", "x", "yes", "e")
+        return key in self._others and cells[self._others[key]].lower() in ("1", "true", "x", "yes", "e")
 
     def _bytes(self, cells: Sequence[str], length: int) -> bytes:
         if len(self._data) > 1:
@@ -406,7 +407,7 @@ class _Rows:
             data = bytes.fromhex(cell.removeprefix("0x")) if self._form == "hex" else bytes(map(int, cell.split()))
         return data[:length] if length >= 0 else data
 
-    def _batch(self, found: list[_Frame]) -> Iterator[FrameBatch]:
+    def _batch(self, found: list[_Frame], bad: list[tuple[int, str]]) -> Iterator[FrameBatch]:
         import pyarrow as pa
 
         times, data, numbers, heads, lengths = zip(*found, strict=True)
@@ -419,7 +420,7 @@ class _Rows:
         frames["length"] = lengths
         joined = b"".join([payload.ljust(room, b"\0") for payload in data])
         frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
-        yield from self._usable(frames, pa.array(times, pa.string()), np.array(numbers))
+        yield from self._usable(frames, pa.array(times, pa.string()), np.array(numbers), bad)
 
     def _by_columns(self, block: bytes) -> tuple[np.ndarray, Any] | None:
         """Return the frames of whole lines without their times, and the cells of these; None if a line is unusual."""
@@ -459,23 +460,28 @@ class _Rows:
         cells = [columns[place] for place in self._data]
         if len(cells) > 1:
             return bytes_of_cells(cells, 16 if self._form == "hex" else 10, each["has_data"], each["length"], room)
-        if self._form == "dec":
-            return None
-        data = bytes_of_text(cells[0], self._form, each["has_data"], _MOST_BYTES)
+        data = None if self._form == "dec" else bytes_of_text(cells[0], self._form, each["has_data"], _MOST_BYTES)
         if data is None:
             return None
         return data.up_to(np.where(each["length"] < 0, data.lengths, each["length"]))
 
-    def _usable(self, frames: np.ndarray, times: Any, lines: np.ndarray) -> Iterator[FrameBatch]:
+    def _usable(
+        self, frames: np.ndarray, times: Any, lines: np.ndarray, bad: Sequence[tuple[int, str]] = ()
+    ) -> Iterator[FrameBatch]:
         """Yield frames with their times, but for those that have none."""
         frames["time_ns"], usable = self._times(times)
-        for i in np.flatnonzero(~usable).tolist():
-            self._report.note_bad(f"line {lines[i]}", f"no time: {times[i].as_py()[:_SHOWN]}")
+        self._note(
+            [*bad, *((lines[i], f"no time: {times[i].as_py()[:_SHOWN]}") for i in np.flatnonzero(~usable).tolist())]
+        )
         frames, lines = frames[usable], lines[usable]
         self._report.local_time |= self._stamps_report.unzoned
         if len(frames):
             self._report.note_frames(frames, lambda i: f"line {lines[i]}")
             yield FrameBatch(frames, tuple(self._report.buses))
+
+    def _note(self, bad: Iterable[tuple[int, str]]) -> None:
+        for line, why in sorted(bad):
+            self._report.note_bad(f"line {line}", why)
 
     def _times(self, cells: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return nanoseconds, and which are usable: numbers where the first one is a number, else dates."""

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from support import data_dir
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate
-from daq.errors import ConfigError
+from daq.errors import ConfigError, RecordingError
 from daq.logs import LogReading, parse_columns, read_log
 from daq.recording import RunRecording
 from daq.series.formats import series_format
@@ -282,6 +282,24 @@ def test_times_are_dates_or_numbers_and_what_is_neither_is_lost(
     times = [time_ns for batch in reading for time_ns in batch.frames["time_ns"].tolist()]
     assert times == [begin_ns, begin_ns + 500_000_000]
     assert (reading.report.bad, reading.report.first_bad) == (1, "line 3: no time: yesterday")
+
+
+@pytest.mark.parametrize(
+    ("rows", "first"),
+    [
+        (["1.5,0x1,0,0,0,1,aA==", "yesterday,0x1,0,0,0,1,aA==", "no frame"], "line 3: no time: yesterday"),
+        (["1.5,0x1,0,0,0,1,aA==", "no frame", "yesterday,0x1,0,0,0,1,aA=="], "line 3: no frame"),
+    ],
+)
+def test_of_lines_that_cannot_be_read_the_earliest_is_named(tmp_path: Path, rows: list[str], first: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["timestamp,arbitration_id,extended,remote,error,dlc,data", *rows, ""]))
+    reading = read_log(path)
+    assert sum(map(len, reading)) == len(rows) - 2 and reading.report.bad == 2
+    assert reading.report.first_bad.startswith(first)
+    path.write_text("\n".join(["timestamp,arbitration_id,extended,remote,error,dlc,data", "no frame", "nor this"]))
+    with pytest.raises(RecordingError, match="2 unreadable, skipped; the first is line 2: no frame"):
+        list(read_log(path))
 
 
 @pytest.mark.parametrize("date", ["", "***START DATE AND TIME 31:2:2014 11:49:7:965***\n"])

@@ -9,6 +9,8 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +32,7 @@ from daq.logger.listener import Arrival, ByteQueue, Listener
 from daq.logger.recorder import RunClock
 from daq.logger.run_files import folder_lock, safe_name
 from daq.logger.session_monitor import Notifier
-from daq.logger.snapshot import Traces
+from daq.logger.snapshot import DiskState, RunState, SessionState, Traces, snapshot
 from daq.sources.reconnect import ReconnectingSource
 
 
@@ -104,6 +106,26 @@ def test_a_source_counts_over_its_reopenings() -> None:
     assert source.status().reconnects == 3
     assert [change.state for change in source.changes()] == ["down", "up"] * 3
     assert source.changes() == []
+    source.close()
+
+
+def test_a_lost_bus_is_opened_again_after_half_a_second_and_then_every_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, tried, opener = [100.0], [], Opener("x")
+
+    def tried_at(bus: BusSection) -> Any:
+        tried.append(now[0])
+        return opener(bus)
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    source = ReconnectingSource(BusSection(channel="x"), tried_at)
+    monkeypatch.setattr("daq.sources.reconnect.time", SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    opener.source("x").fail()
+    opener.refused["x"] = "it is unplugged"
+    while now[0] < 106.0:
+        source.read(0.25)
+    assert tried == [100.0, 100.5, 102.5, 104.5]
     source.close()
 
 
@@ -214,6 +236,17 @@ def test_traces_are_thinned_and_in_si() -> None:
     assert np.all(np.diff(times) > 0)
     assert values == pytest.approx([10.0 * 1852 / 3600] * len(values))
     assert traces.fetch() == {}
+
+
+@pytest.mark.parametrize(("number", "shown"), [(1.5, 1.5), (math.nan, None), (math.inf, None)])
+def test_a_snapshot_has_each_number_but_those_that_are_none(number: float, shown: float | None) -> None:
+    vehicle = VehicleConfig.model_validate({"bus": [{"channel": "x"}]})
+    run, host = RunState("r", "r.mcap", 0.0, 1, 0, 0.0), HostStatus({}, cpu_share=number)
+    disk, traces = DiskState(10**9, 0, number, number, Level.GREEN), {"ground_speed": ([2_000_000_000], [number])}
+    now = snapshot(SessionState(vehicle, "recording", 0, 0, 10**9, run, None, host, disk, traces=traces))
+    assert now["disk"]["minutes"] == shown
+    assert now["cpu_percent"] == (shown and 100.0 * shown)
+    assert now["traces"] == {"ground_speed": {"time_s": [1.0], "value": [shown]}}
 
 
 class SetClock:

@@ -257,6 +257,21 @@ def test_order_is_kept_where_times_go_back() -> None:
     assert isinstance(summary, ReplaySummary)
 
 
+def test_what_is_due_within_20_us_is_sent_in_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+
+    class CountingSink(PromptSink):
+        def send(self, frames: FrameArray, timeout_s: float) -> None:
+            calls.append(len(frames))
+
+    monkeypatch.setattr("daq.sources.player.wait_until", lambda at: at)  # as if never late
+    sent = some_frames(np.random.default_rng(4), 4)
+    sent.frames["flags"] = 0
+    sent.frames["time_ns"] = START_NS + np.array([0, 15_000, 36_000, 60_000])
+    replay_batches([sent], {"can0": CountingSink()}, speed=1.0)
+    assert calls == [2, 1, 1]
+
+
 def test_each_way_to_fail(recording: tuple[Path, FrameBatch], tmp_path: Path) -> None:
     path, sent = recording
     with pytest.raises(ConfigError, match=r"no bus is called 'can9'[\s\S]*can0"):

@@ -1,9 +1,13 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daq import sampling_of
 from daq.errors import DataError
+from processing.pipeline.resampling import interpolated_on_base
 from processing.timebase import as_of, in_order, interpolate, make_time_base, merge_equal_stamps, stretches
 
 MS = 1_000_000
@@ -97,3 +101,11 @@ def test_the_base_covers_everything_on_whole_steps() -> None:
 def test_no_base_without_common_sensible_time(spans: dict[str, tuple[int, int]], words: str) -> None:
     with pytest.raises(DataError, match=words):
         make_time_base(spans, 100.0)
+
+
+def test_one_sample_that_is_late_is_bridged_and_one_that_is_missing_is_not() -> None:
+    for interval_ns, bridged in ((170_000_000, True), (200_000_000, False)):
+        time_ns = np.cumsum([0, *[100_000_000] * 20, interval_ns, *[100_000_000] * 20])
+        samples = SimpleNamespace(time_ns=time_ns, values=np.arange(42.0), sampling=sampling_of(time_ns))
+        between = interpolated_on_base(samples, 0, np.array([2.0, 2.05, 2.1]))[1]  # type: ignore[arg-type]
+        assert np.isfinite(between) == bridged

@@ -28,5 +28,11 @@ def test_a_sentence_is_made_of_the_values() -> None:
     assert noted_of_runs([("a", []), ("b", [gaps])]) == [f"b: {note_text(gaps)}"]
 
 
+def test_of_many_standstills_the_first_four_are_listed() -> None:
+    values = {"role": "driving_torque", "levels": [1.0, 2.0, 3.0, 4.0, 5.0], "sigmas": [0.5] * 5, "brakes": ("held",)}
+    text = note_text(Note(RunCode.ZERO_AT_STANDSTILL, Severity.REMARK, values))
+    assert "reads 1.0 ± 0.5, 2.0 ± 0.5, 3.0 ± 0.5, 4.0 ± 0.5 N" in text
+
+
 def test_severities_are_ordered() -> None:
     assert Severity.REMARK < Severity.DOUBT < Severity.FAULT

@@ -24,6 +24,7 @@ from processing.pipeline.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
 from wheelsoil.simulation.campaign import (
     frames_sha256,
+    lifted_runs,
     simulate_campaign,
     simulated_roles,
     simulated_run,
@@ -217,6 +218,12 @@ def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: py
     assert wheelsoil([*shlex.split(command)[1:], "-o", str(tmp_path / "b")]) == 0
     assert (tmp_path / "a/manifest.toml").read_text() == (tmp_path / "b/manifest.toml").read_text()
     assert capsys.readouterr().out.split() == [str(tmp_path / "a"), str(tmp_path / "b")]
+
+
+def test_the_wheel_is_lifted_ten_minutes_before_and_after_the_campaign() -> None:
+    options = SimulationOptions(runs=3, duration_s=20.0, lifted=True)
+    seconds = [run.start_ns / 1e9 - options.start.timestamp() for run in lifted_runs(options)]
+    assert seconds == pytest.approx([-600.0, 3 * 20.0 + 3 * 600.0])
 
 
 @pytest.mark.parametrize("wheel_axes", [False, True])

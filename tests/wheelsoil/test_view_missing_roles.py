@@ -67,6 +67,7 @@ def test_what_is_there_is_drawn_and_what_is_missing_is_said(view: View, home: Pa
     for path in ("/api/fit", "/api/diagnose"):
         answer = view.tell(path, campaign=key)
         assert answer.status == 400 and answer.faults[0]["what"] == why
+        assert answer.faults[0]["next_step"].startswith("correct vehicle.toml")
     answer = view.ask("GET", f"/api/parameters?campaign={key}")
     if role == "drawbar_pull":
         assert answer.status == 200

@@ -98,6 +98,7 @@ def test_what_changes_afterwards_replaces_the_row_of_the_pack(own: Path, store: 
         for _ in range(2):  # beside the pack, then within one
             said = ask(target, "select content, count(*) over () as n from campaigns where campaign = 'spring/day-3'")
             assert said.rows.to_pylist() == [{"content": content, "n": 1}]
+            assert ask(target, "select count(*) as n from campaigns").rows.to_pylist() == [{"n": 8}]
             assert len(rows_of(own)["campaigns"]) == 8 and len(rows_of(own)["evidence"]) == 4
             assert holdings_of(target).manifests["spring/day-3"].verdict == vehicle
             compact(target)

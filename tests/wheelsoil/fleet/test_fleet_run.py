@@ -16,7 +16,7 @@ import pytest
 from cli_support import invoke, ok
 from fleet_support import contents, differing, in_one_process, killed_at, rows_of
 
-from daq import ConfigError
+from daq import ConfigError, DataError
 from daq.runs import SetAsideRun
 from processing import LOOK
 from wheelsoil.cache import entries
@@ -277,6 +277,22 @@ def test_bad_input_is_said_and_leaves_nothing(fleet: Path, tmp_path: Path) -> No
         result = invoke("fleet", *command)
         assert result.code == 2 and "another schema version" in result.err
     assert invoke("fleet", "status", tmp_path / "nowhere").code == 2
+
+
+@pytest.mark.usefixtures("warm", "one_process")
+def test_a_table_that_cannot_be_fitted_is_diagnosed_and_says_why(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> object:
+        raise DataError.of("no fit", "wheel.csv", "two rows")
+
+    monkeypatch.setattr("wheelsoil.fleet.campaign_task.fit_table", refused)
+    ok("fleet", "run", fleet / "bench", "--store", tmp_path / "s")
+    tables = rows_of(tmp_path / "s", ("notes", "diagnoses"))
+    assert [(note["of"], note["text"]) for note in tables["notes"].to_pylist() if note["severity"] == "remark"] == [
+        ("fit", "no fit, wheel.csv, two rows")
+    ]
+    assert tables["diagnoses"].num_rows == 1
 
 
 def test_a_run_that_is_set_aside_is_a_note_with_its_name(tmp_path: Path) -> None:

@@ -70,6 +70,24 @@ def test_a_campaign_that_names_an_error_of_the_transducer_counts(empty: Store, t
     assert [(one["campaign"], one["value"]) for one in named] == [("b", 12.0), ("a", 12.0), ("d", 12.0)]
 
 
+def test_failures_are_listed_first_then_by_verdict_and_the_larger_error(empty: Store) -> None:
+    for name, state, verdict, error_n in (
+        ("nothing", "done", "nothing_detectable", 900.0),
+        ("one of", "done", "one_of", 500.0),
+        ("named, small", "done", "named", 300.0),
+        ("unexplained", "done", "unexplained", 100.0),
+        ("named, large", "done", "named", 400.0),
+        ("failed", "failed", None, None),
+    ):
+        rows = {"campaigns": {"content": name, "state": state, "path": ""}}
+        if verdict:
+            rows["diagnoses"] = {"content": name, "verdict": verdict, "R0_base": error_n}
+        tables = {table: pa.Table.from_pylist([row], schema_of(table)) for table, row in rows.items()}
+        empty.put(Manifest(name, name, state, verdict=verdict or "", rows=dict.fromkeys(rows, 1)), tables)
+    names = ["failed", "unexplained", "named, large", "named, small", "one of", "nothing"]
+    assert overview_of(empty).campaigns["campaign"].tolist() == names
+
+
 def _changes(store: Store) -> dict[tuple[str, str], Change]:
     return {(one.of, one.name): one for one in pool(store).changes}
 
