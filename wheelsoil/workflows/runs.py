@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -250,7 +250,9 @@ def process_runs(
         places = [place_of(used.run, options, zero) for used in in_use]
         kept = [place.get() if place else None for place in places]
         rows = zip(in_use, places, kept, strict=True)
-        anew = in_parallel(attempt, [(used.run, place) for used, place, kept_run in rows if kept_run is None])
+        todo = [(used.run, place) for used, place, kept_run in rows if kept_run is None]
+        # the first loads what all of them need, before this process is copied
+        anew = chain(map(attempt, todo[:1]), in_parallel(attempt, todo[1:]))
         return (next(anew) if kept_run is None else kept_run for kept_run in kept)
 
     collected = Collected()

@@ -271,7 +271,7 @@ def fit_set(
         return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"))
     others = _others(problem, start) if starts == "several" else ()
     tasks = [(start, _OPTIONS), *((other, _GLANCE) for other in others)]
-    found, *glances = in_parallel(lambda task: _solved(problem, *task), tasks)
+    found, *glances = in_parallel(lambda task: _solved(problem, *task), tasks, rows=linearised.rows)
     for tried in glances:
         if tried.cost < found.cost + _PROMISING:
             found = min(found, _solved(problem, tried.estimate), key=lambda result: result.cost)
@@ -314,7 +314,7 @@ def fit_sets(
     def light(keys: tuple[str, ...]) -> SetFit:
         return _of_data(fit_set(linearised, keys, starts=starts), [None] * len(linearised.campaigns))
 
-    found = in_parallel(light, sets)
+    found = in_parallel(light, sets, rows=linearised.rows)
     return {keys: _of_data(fit, linearised.campaigns) for keys, fit in zip(sets, found, strict=True)}
 
 
