@@ -12,7 +12,7 @@ from daq import Note, VehicleConfig, number, zero_file_name
 from model import LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import EFFECTS, Effect, Remedy, parted
-from wheelsoil.wording.grounds_text import findings_text
+from wheelsoil.wording.grounds_text import findings_text, unsure_words
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
@@ -183,7 +183,8 @@ def step_of(found: Diagnosis) -> Step:
         advice = "Save the recommended model for fit, simulate and report."
         decided = "No further run is needed for the name." if not deciding_runs(found) else ""
         return Step(advice, decided, "" if found.grounds.table_channels else "wheelsoil diagnose FOLDER -o model.toml")
-    return Step("No further run is asked for; see the minimum detectable effect.")
+    more = "Drive another run: these do not decide whether a cause acts."
+    return Step(more if unsure_words(found) else "No further run is asked for; see the minimum detectable effect.")
 
 
 def _step_of_run(run: NextRun, found: Diagnosis) -> Step:

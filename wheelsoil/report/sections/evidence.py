@@ -129,7 +129,7 @@ def _numbers(view: _Shown) -> dict[str, Bins]:
 
 def _nothing(found: Diagnosis) -> str:
     if found.verdict == "nothing_detectable":
-        return "No cause can be seen, so there is nothing to show evidence for; see the minimum detectable effect."
+        return "No cause is sure, so that there is none to show evidence for; see the minimum detectable effect."
     if found.verdict == "unexplained":
         return "No cause of the library explains what is left; its shape is drawn under “What is wrong, and where”."
     return "The diagnosis gave no signatures to draw."
