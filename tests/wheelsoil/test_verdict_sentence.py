@@ -200,6 +200,15 @@ LATE = Cause(
 )
 
 
+def test_sizes_of_several_causes_stand_behind_their_names() -> None:
+    size = (ParameterEstimate("relative", "1", -0.0434, (-0.05, -0.037), 0.0034),)
+    gains = [replace(each, key=each.name, parameters=size) for each in causes("torque_gain", "pull_gain")]
+    both, one = (replace(BARE, causes=tuple(some), gain=gain()) for some in (gains, gains[:1]))
+    value = "relative error = −0.0434 (−0.0500 to −0.0370)"
+    assert f"Torque gain: {value}; pull gain: {value}." in details_of(both)
+    assert value.capitalize() + "." in details_of(one)
+
+
 def test_the_headline_states_an_error_only_where_it_falls_for_certain() -> None:
     """Never "explains" beside an error that grows; another channel may fall for certain; else the size is certain."""
     unsure = replace(gain(4.0), interval95=(-1.0, 9.0), reductions={})

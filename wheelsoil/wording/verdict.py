@@ -191,7 +191,9 @@ def not_corrected(found: Diagnosis | None, *roles: str) -> str:
 
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
-    sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
+    several = len(found.causes) > 1
+    sizes = "; ".join(f"{plain_name(cause.name)}: " * several + _form_and_size(cause) for cause in found.causes)
+    sizes = upper(sizes) if sizes[1:2].islower() else sizes
     elsewhere = ("headline", "gain", "next", "as_if")
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
     if _headline_has_size(found):
@@ -343,10 +345,8 @@ def size_text(cause: Cause) -> str:
 
 
 def _form_and_size(cause: Cause) -> str:
-    sizes = size_text(cause)
-    if not cause.form:
-        return sizes[0].upper() + sizes[1:] if len(sizes) > 1 and sizes[1].islower() else sizes
-    return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
+    form = f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): "
+    return form * bool(cause.form) + size_text(cause)
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:
