@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -84,6 +85,20 @@ def test_speeds_need_no_transducer_in_vehicle_axes(with_road: Path, tmp_path: Pa
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(vehicle.read_text().replace("[transducer]", '[transducer]\nframe = "wheel"'))
     assert "static tests of a transducer" not in invoke("diagnose", folder, "--accept-implausible").err
+
+
+def test_a_run_that_hardly_coasts_is_set_aside_and_the_others_go_on(campaign: Path, tmp_path: Path) -> None:
+    """A run on soil that is firm by mistake; its torque is said, as a zero of it would hide that it coasts."""
+    folder = shutil.copytree(campaign, tmp_path / "clay")
+    listed = (folder / "runs.toml").read_text().replace("[[run]]\n", '[[run]]\nground = "firm"\n', 1)
+    (folder / "runs.toml").write_text(listed)
+    for command in ("fit", "sinkage"):
+        said = ok(command, folder).err
+        assert "set aside: a run on firm ground that hardly coasts" in said and "check its zero" in said
+        assert re.search(r"mean torque while it turned [\d.]+ N m", said)
+    ok("report", folder, "-o", tmp_path / "r.html", "--no-diagnosis")
+    [aside] = json.loads((tmp_path / "r.json").read_text())["runs_set_aside"]
+    assert aside["cause"] == "hardly_coasted"
 
 
 def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Path) -> None:
