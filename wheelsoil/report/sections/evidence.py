@@ -20,7 +20,7 @@ from wheelsoil.report.figures import (
     Trace,
     axes,
     bars,
-    by_slip,
+    by_slip_or_each,
     dots,
     line,
     marked_line,
@@ -90,7 +90,7 @@ def evidence(inputs: ReportInputs) -> Contents:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    summary = repeated if inputs.tables else by_slip
+    summary = repeated if inputs.tables else by_slip_or_each
     shown = {channel: _of_channel(found.plot_data, channel, keys, summary) for channel in OUTPUTS}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]

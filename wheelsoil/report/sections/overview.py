@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, parted_at_zero, repeated
+from wheelsoil.report.figures import Bins, by_slip_or_each, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -143,7 +143,7 @@ def fit(inputs: ReportInputs) -> Contents:
         "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
         "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
         "residual": {
-            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip)
+            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip_or_each)
             for c in recommendation.measured
         },
     }
@@ -216,24 +216,29 @@ def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
 
 def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
     factor, text = page_unit(channel)
-    noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
+    noise = parted_at_zero(by_slip_or_each(recommendation.slip, factor * recommendation.noise[channel]))
     curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
-    if not recommendation.is_base:
-        below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
-        curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
-    above = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel), EDGES))
-    curves.append(Curve(_short(recommendation.title), above.centre, above.median, "model"))
+    looks = [] if recommendation.is_base else [(True, recommendation.base_name, "base")]
+    for base, name, look in [*looks, (False, recommendation.title, "model")]:
+        left = factor * recommendation.residual(channel, base=base)
+        line = parted_at_zero(by_slip_or_each(recommendation.slip, left))
+        each = bool(line.count.max(initial=0) < 5)
+        marks = [Curve("", line.centre, line.median, look, points=True)] * each
+        curves += [Curve(_short(name), line.centre, line.median, look), *marks]
     driving = [curve.y[curve.x > 0] for curve in curves]
     edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
     low, high = (1.3 * end for end in reach(*driving, *edges))
-    low, high = reach(np.array([low, high]), above.median)
+    low, high = reach(np.array([low, high]), line.median)
     slips = (
         float(np.floor(np.nanmin(recommendation.slip) / 0.1) * 0.1),
         float(np.ceil(np.nanmax(recommendation.slip) / 0.1) * 0.1),
     )
     plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
     title = f"{OUTPUTS[channel].name.capitalize()}: residual"
-    caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
+    caption = (
+        f"{'Readings' if each else 'Medians in bins of slip'}; braking, left of zero, may be cut. "
+        "Grey: 95 % of the noise."
+    )
     shades = [(slips[0], 0.0)] if slips[0] < 0 else []
     return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=_WIDE)
 
