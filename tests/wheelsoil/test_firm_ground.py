@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cli_support import invoke, ok
 from firm_road import road_run
 
-from daq import Note
+from daq import ConfigError, Note
 from daq.recording import RecordingWriter
 from model.diagnosis import NextRun
 from model.notes import StepCode
@@ -20,8 +21,9 @@ from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.wording.notes import key_text
+from wheelsoil.workflows.diagnosis import campaigns_of
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.runs import Files, say_set_aside
+from wheelsoil.workflows.runs import Files, on_soil, process_runs, say_set_aside
 
 
 @pytest.fixture(scope="module")
@@ -121,4 +123,19 @@ def test_speeds_in_another_unit_are_refused_with_what_they_would_be(with_road: P
         file.write('\n[[static]]\ntest = "coasting"\nground_speed_mps = 10.8\nground_speed_sigma_mps = 0.05\n')
         file.write("wheel_speed_radps = 6.38\n")
     refused = invoke("diagnose", folder)
-    assert refused.code == 2 and "is 3.6 times 0.47 m" in refused.err and "check the units" in refused.err
+    assert refused.code == 2 and "is 1.69 m, that is 3.6 times 0.47 m" in refused.err
+    assert "test 0: the wheel coasts" in refused.err and "check the units" in refused.err
+
+
+def test_a_run_that_coasts_on_another_radius_is_named(with_road: Path) -> None:
+    """It has no [[static]] to look for."""
+    processed = process_runs(Files().open_runs([with_road], say_set_aside), ProcessOptions(purpose=LOOK))
+    off = [
+        (run, replace(done, ground_speed_mps=1.3 * done.ground_speed_mps) if done.run.ground == "firm" else done)
+        for run, done in processed
+    ]
+    with pytest.raises(ConfigError) as refused:
+        campaigns_of([with_road], on_soil(off))
+    [fault] = refused.value.faults
+    assert fault.what.startswith("run road coasts on another radius") and fault.where == "run road on firm ground"
+    assert fault.found.startswith("ground speed / wheel speed is 0.61") and "[[static]]" not in str(fault)

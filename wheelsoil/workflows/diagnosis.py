@@ -272,12 +272,13 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
             "take the tests out: a force that turns with the wheel is no zero of the drawbar pull",
         )
     for number, test in enumerate(run.static):
-        ratio = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0) / members[0].rolling_m
-        if test.wheel_speed_radps and abs(ratio - 1.0) > _MOST_OFF:
+        radius_m, usual_m = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0), members[0].rolling_m
+        if test.wheel_speed_radps and abs(radius_m / usual_m - 1.0) > _MOST_OFF:
             raise ConfigError.of(
-                f"test {number}: {test.run or 'the wheel'} coasts on another radius than that of the slip",
-                where,
-                f"ground_speed_mps / wheel_speed_radps is {ratio:.3g} times {members[0].rolling_m:g} m",
+                f"{f'run {test.run}' if test.run else f'test {number}: the wheel'} coasts on another radius than that "
+                "of the slip",
+                f"run {test.run} on firm ground" if test.run else where,
+                f"ground speed / wheel speed is {radius_m:.3g} m, that is {radius_m / usual_m:.3g} times {usual_m:g} m",
                 f"{1.0 - _MOST_OFF:g} to {1.0 + _MOST_OFF:g} times",
                 "check the units of both speeds, and radius_m in vehicle.toml",
             )
