@@ -313,6 +313,11 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.ZEROS_DIFFER: _zeros,
     DiagnosisCode.DISAGREEMENT: _disagreement,
     DiagnosisCode.STATIC_CONTRADICTS: _static_contradicts,
+    DiagnosisCode.STATIC_SMALL: lambda v: (
+        f"a static test of the {OUTPUTS[v['channel']].name} applies {number(v['applied'])} "
+        f"{OUTPUTS[v['channel']].unit_text}, {number(100 * v['share'], 2)} % of "
+        f"{'the load' if v['channel'] == 'dp' else 'load x radius'}, and says next to nothing: check the unit"
+    ),
     DiagnosisCode.OTHER_FORM: _other_form,
     DiagnosisCode.BRAKED_ROWS_EXCLUDED: (
         "{table}: {rows} rows with s < 0 excluded from the diagnosis of a driven wheel"

@@ -249,7 +249,7 @@ def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
             f"{len(rows) / run.rate_hz:.0f} s with a measured torque of about zero; mean torque while it turned "
             f"{number(_mean(torque), 3)} N m",
             f"at least {_LEAST_COASTED_S:g} s",
-            'coast longer, measure driving_torque there and check its zero, or take out ground = "firm" if it is on soil',
+            'coast longer, measure driving_torque there and check its zero, or take out ground = "firm" of a run on soil',
         )
     speed, spin, acceleration = (
         float(x[rows].mean()) for x in (run.ground_speed_mps, run.wheel_speed_radps, run.ground_acceleration_mps2)
