@@ -215,8 +215,9 @@ def _overview(holdings: Holdings) -> Overview:
         vehicles = campaigns[campaigns["campaign"].isin(together)].drop_duplicates("campaign")
         campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS, state="done")])
     key = ["campaign", "wheel"]
-    of_diagnoses = ["wheel", "verdict", "R0_base", "R0_extended", "none_probability"]
-    diagnoses = holdings.table("diagnoses", of_diagnoses).to_pandas()
+    diagnoses = holdings.table(
+        "diagnoses", ["wheel", "verdict", "R0_base", "R0_extended", "none_probability"]
+    ).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
     shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
     shown["name"] = [
@@ -266,7 +267,7 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     report = of_wheel if row["wheel"] and of_wheel.is_file() else of_campaign
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
-    unsure = verdict == "nothing_detectable" and (known["none_probability"] or 1.0) < HALF
+    unsure = verdict == "nothing_detectable" and row["none_probability"] < HALF
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
         "name": row["campaign"],

@@ -196,8 +196,11 @@ def step_of(found: Diagnosis) -> Step:
         advice = "Save the recommended model for fit, simulate and report."
         decided = "No further run is needed for the name." if not deciding_runs(found) else ""
         return Step(advice, decided, "" if found.grounds.table_channels else "wheelsoil diagnose FOLDER -o model.toml")
-    more = "Drive another run: these do not decide whether a cause acts."
-    return Step(more if unsure_words(found) else "No further run is asked for; see the minimum detectable effect.")
+    return Step(
+        "Drive another run: these do not decide whether a cause acts."
+        if unsure_words(found)
+        else "No further run is asked for; see the minimum detectable effect."
+    )
 
 
 def _step_of_run(run: NextRun, found: Diagnosis) -> Step:

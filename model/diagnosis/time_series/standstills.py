@@ -242,14 +242,13 @@ def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
     """
     rows = np.flatnonzero((run.segment == Segment.COAST) & run.used & np.isfinite(run.driving_torque_nm))
     if len(rows) < _LEAST_COASTED_S * run.rate_hz:
-        torque = run.driving_torque_nm[run.used & (run.segment != Segment.STANDSTILL)]
         raise DataError.of(
             "a run on firm ground that hardly coasts shows no rolling radius",
             f"run {run.run.id}",
             f"{len(rows) / run.rate_hz:.0f} s with a measured torque of about zero; mean torque while it turned "
-            f"{number(_mean(torque), 3)} N m",
+            f"{number(_mean(run.driving_torque_nm[run.used & (run.segment != Segment.STANDSTILL)]))} N m",
             f"at least {_LEAST_COASTED_S:g} s",
-            'coast longer, measure driving_torque there and check its zero, or take out ground = "firm" of a run on soil',
+            'coast longer, measure driving_torque and check its zero, or take out ground = "firm" of a run on soil',
         )
     speed, spin, acceleration = (
         float(x[rows].mean()) for x in (run.ground_speed_mps, run.wheel_speed_radps, run.ground_acceleration_mps2)
