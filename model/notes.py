@@ -90,6 +90,8 @@ class DiagnosisCode(StrEnum):
     """parameter, unit, own: (campaign, value, sigma) of each, q, chance"""
     STATIC_CONTRADICTS = "static_contradicts"
     """channel, reading, sigma, applied, runs, runs_sigma, sigmas; zeroed: a zero_file's zero is off the reading"""
+    STATIC_SMALL = "static_small"
+    """channel, applied, share of the load (of load x radius)"""
     OTHER_FORM = "other_form"
     """campaign, family, form, nats"""
     BRAKED_ROWS_EXCLUDED = "braked_rows_excluded"

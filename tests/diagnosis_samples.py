@@ -97,7 +97,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
         candidates=(
             Candidate("slip_sinkage", 0.97),
             Candidate("bulldozing", 0.03),
-            Candidate("none", 0.02),
+            Candidate("none", 0.93 if verdict == "nothing_detectable" else 0.02),
             Candidate("slope", 1e-5),
         ),
         what_is_wrong=(

@@ -60,9 +60,12 @@ class SetAsideRun:
     ----------
     run : str
         Its id.
-    cause : "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read" or "silent"
+    cause : str
+        "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read", "silent" or
+        "hardly_coasted".
         `misdeclared`: impossible, and a line of vehicle.toml mends it. `missing`: runs.toml names it, and there is no
         such file. `not_read`: a file of the folder that looks like a run. `silent`: it lacks a signal of this wheel.
+        `hardly_coasted`: on firm ground, and of no use there.
     reason, next_step : str
         Why, and what to do.
     message : str
@@ -71,7 +74,15 @@ class SetAsideRun:
 
     run: str
     cause: Literal[
-        "unreadable", "impossible", "misdeclared", "repeated", "switched_off", "missing", "not_read", "silent"
+        "unreadable",
+        "impossible",
+        "misdeclared",
+        "repeated",
+        "switched_off",
+        "missing",
+        "not_read",
+        "silent",
+        "hardly_coasted",
     ]
     reason: str
     next_step: str

@@ -127,7 +127,7 @@ def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
 def test_one_or_two_runs_name_nothing(digging: Campaign, runs: int) -> None:
     found = diagnosed(replace(digging, runs=digging.runs[:runs]), options=TWO)
     assert found.verdict in ("one_of", "unexplained")
-    assert Note(DiagnosisCode.FEW_RUNS) in found.notes
+    assert Note(DiagnosisCode.FEW_RUNS, values={"runs": runs}) in found.notes
     assert (found.gain is None) == (runs == 1)
 
 

@@ -45,3 +45,8 @@ def test_a_value_at_its_limit_or_as_well_neutral_is_doubtful(causes: list[Cause]
     found = doubtful(causes)
     assert (found is None) == (why == "")
     assert found is None or why in note_text(found)
+
+
+def test_a_value_that_may_be_neutral_has_its_label_and_no_unit_of_one() -> None:
+    [found] = filter(None, [doubtful([cause("wheel_radius", (-0.0243, -0.0589, 0.0103))])])
+    assert note_text(found) == "the wheel radius's relative error may as well be 0 (−0.0589 to 0.0103)"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from diagnosis_samples import diagnosis as sample
 from diagnosis_support import simulated_campaign
 from firm_road import DRAG_NM, road
 from short_campaign import driven, looked, noise_of
@@ -21,7 +23,9 @@ from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
 from model.notes import DiagnosisCode, LackCode
 from processing.processed_run import AppliedZero
+from wheelsoil.cache import nothing_kept
 from wheelsoil.wording.notes import note_text
+from wheelsoil.workflows.diagnosis import diagnose_campaigns
 
 
 def lifted(campaign: Campaign, sigma: float = 0.5, names: tuple[str, ...] = ("before.mcap", "after.mcap")) -> Campaign:
@@ -139,6 +143,19 @@ def test_a_coasting_wheel_that_contradicts_the_runs_is_said(spin: float, contrad
     reading = StaticTest.model_validate({"test": "coasting", **ROLLING, "wheel_speed_radps": spin})
     notes = list(static_disputes(looked(firm(driven(), reading), "wheel_radius", "torque_gain")))
     assert [note.values["channel"] for note in notes] == ["slip"] * contradicts
+
+
+def test_a_force_that_is_next_to_nothing_beside_the_load_is_noted() -> None:
+    """As 5.2 kN that is written as 5.2 N."""
+    small = {"test": "known_pull", "applied_n": 5.2, "drawbar_pull_n": 5.2, "drawbar_pull_sigma_n": 1.0}
+    others = (TORQUE | {"driving_torque_nm": 10000.0}, COASTING | {"driving_torque_nm": 5.0})
+    tests = [StaticTest.model_validate(each) for each in (small, *others)]
+    campaign = replace(lifted(driven(), 0.0), static=tuple(tests))
+    with nothing_kept(), patch("model.diagnosis.diagnose", return_value=sample("nothing_detectable")):
+        found = diagnose_campaigns([campaign], DiagnosisOptions())
+    [text] = [note_text(note) for note in found.notes if note.code == DiagnosisCode.STATIC_SMALL]
+    assert text.startswith("a static test of the drawbar pull applies 5.20 N, 0.0")
+    assert text.endswith(" % of the load, and says next to nothing: check the unit")
 
 
 def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> None:

@@ -243,7 +243,7 @@ def test_what_cannot_be_shown_is_said(plain_material):
     assert "not a named cause" in text(unexplained, "candidates")
     assert "Do not rely on the probabilities" in text(unexplained, "candidates")
     nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), plot_data=()))
-    assert "No cause can be seen" in text(nothing, "evidence")
+    assert "No cause is sure, so that" in text(nothing, "evidence")
     assert "gave no signatures to draw" in text(built(plain_material, replace(diagnosis(), plot_data=())), "evidence")
     assert "at least two runs" in text(nothing, "gain")
     assert "asks for no further run" in text(nothing, "next_run")

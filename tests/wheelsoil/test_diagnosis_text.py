@@ -452,6 +452,16 @@ def test_an_empty_score_and_no_convergence_are_said():
     assert "The linearisation did not converge in 5 iterations." in text
 
 
+@pytest.mark.parametrize("verdict", ["one_of", "unexplained", "nothing_detectable"])
+@pytest.mark.parametrize(("runs", "more"), [(1, "2 runs"), (2, "one run")])
+def test_fewer_than_three_runs_are_made_three_before_anything_else(verdict, runs, more):
+    found = diagnosis(verdict)
+    few = replace(found, notes=(Note(DiagnosisCode.FEW_RUNS, values={"runs": runs}),))
+    first, *others = next_steps(few, VehicleConfig())
+    assert first.what == f"Drive {more} more like the others, so that there are three."
+    assert others == next_steps(found, VehicleConfig()) and "Next: drive " + more in squeezed(text_of(few))
+
+
 def test_what_is_not_there_is_not_spoken_of():
     bare = replace(
         diagnosis("nothing_detectable"),

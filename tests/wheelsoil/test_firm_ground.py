@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cli_support import invoke, ok
 from firm_road import road_run
 
-from daq import Note
+from daq import ConfigError, Note
 from daq.recording import RecordingWriter
 from model.diagnosis import NextRun
 from model.notes import StepCode
@@ -19,8 +21,9 @@ from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.wording.notes import key_text
+from wheelsoil.workflows.diagnosis import campaigns_of
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.runs import Files, say_set_aside
+from wheelsoil.workflows.runs import Files, on_soil, process_runs, say_set_aside
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +89,20 @@ def test_speeds_need_no_transducer_in_vehicle_axes(with_road: Path, tmp_path: Pa
     assert "static tests of a transducer" not in invoke("diagnose", folder, "--accept-implausible").err
 
 
+def test_a_run_that_hardly_coasts_is_set_aside_and_the_others_go_on(campaign: Path, tmp_path: Path) -> None:
+    """A run on soil that is firm by mistake; its torque is said, as a zero of it would hide that it coasts."""
+    folder = shutil.copytree(campaign, tmp_path / "clay")
+    listed = (folder / "runs.toml").read_text().replace("[[run]]\n", '[[run]]\nground = "firm"\n', 1)
+    (folder / "runs.toml").write_text(listed)
+    for command in ("fit", "sinkage"):
+        said = ok(command, folder).err
+        assert "set aside: a run on firm ground that hardly coasts" in said and "check its zero" in said
+        assert re.search(r"mean torque while it turned [\d.]+ N m", said)
+    ok("report", folder, "-o", tmp_path / "r.html", "--no-diagnosis")
+    [aside] = json.loads((tmp_path / "r.json").read_text())["runs_set_aside"]
+    assert aside["cause"] == "hardly_coasted"
+
+
 def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Path) -> None:
     members = []
     for run in Files().open_runs([with_road], say_set_aside):
@@ -106,4 +123,19 @@ def test_speeds_in_another_unit_are_refused_with_what_they_would_be(with_road: P
         file.write('\n[[static]]\ntest = "coasting"\nground_speed_mps = 10.8\nground_speed_sigma_mps = 0.05\n')
         file.write("wheel_speed_radps = 6.38\n")
     refused = invoke("diagnose", folder)
-    assert refused.code == 2 and "is 3.6 times 0.47 m" in refused.err and "check the units" in refused.err
+    assert refused.code == 2 and "is 1.69 m, that is 3.6 times 0.47 m" in refused.err
+    assert "test 0: the wheel coasts" in refused.err and "check the units" in refused.err
+
+
+def test_a_run_that_coasts_on_another_radius_is_named(with_road: Path) -> None:
+    """It has no [[static]] to look for."""
+    processed = process_runs(Files().open_runs([with_road], say_set_aside), ProcessOptions(purpose=LOOK))
+    off = [
+        (run, replace(done, ground_speed_mps=1.3 * done.ground_speed_mps) if done.run.ground == "firm" else done)
+        for run, done in processed
+    ]
+    with pytest.raises(ConfigError) as refused:
+        campaigns_of([with_road], on_soil(off))
+    [fault] = refused.value.faults
+    assert fault.what.startswith("run road coasts on another radius") and fault.where == "run road on firm ground"
+    assert fault.found.startswith("ground speed / wheel speed is 0.61") and "[[static]]" not in str(fault)

@@ -285,6 +285,14 @@ def test_a_phone_need_not_scroll_sideways(browser: Browser, each: Written) -> No
         assert page.evaluate(CRAMPED) == []
 
 
+def test_no_border_of_a_card_is_at_the_edge_of_the_paper(browser: Browser, written: Written) -> None:
+    """The printer rounds widths up, so that what ends there is cut off."""
+    with opened(browser, written.page, {"width": 702, "height": 1000}) as page:
+        page.emulate_media(media="print")
+        ends = page.locator(".card:visible").evaluate_all("all => all.map((x) => x.getBoundingClientRect().right)")
+        assert len(ends) > 3 and max(ends) <= page.evaluate("document.documentElement.clientWidth") - 1
+
+
 def test_a_pdf_is_a4(browser: Browser, tmp_path: Path) -> None:
     assert browser.is_connected(), "what prints it is there"
     one = tmp_path / "one.pdf"

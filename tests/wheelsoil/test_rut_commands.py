@@ -36,6 +36,15 @@ def test_a_fit_takes_the_readings_beside_the_forces(campaign: Path, capsys: pyte
     assert found["criteria"]["z"]["R0_N"] < 0.015
 
 
+def test_the_report_draws_each_reading(campaign: Path, tmp_path: Path) -> None:
+    assert wheelsoil(["report", str(campaign), "-o", str(tmp_path / "r.html")]) == 0
+    page = json.loads((tmp_path / "r.json").read_text())
+    seen = page["sections"]["fit"]["residual"]["z"]["recommended"]
+    assert len(seen["centre"]) >= 5 and max(seen["count"]) < 5
+    drawing = (tmp_path / "r.html").read_text().partition('id="drawing-residual-z"')[2].partition("</figure>")[0]
+    assert "Readings; braking" in drawing and drawing.count("<circle") >= len(seen["centre"])
+
+
 def test_readings_alone_are_too_few_to_fit(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert wheelsoil(["fit", str(campaign), "--channels", "z"]) == 1
     assert "too few driven samples" in capsys.readouterr().err

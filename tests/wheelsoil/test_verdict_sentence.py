@@ -34,7 +34,7 @@ from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_n
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.wording.grounds_text import Statement, nothing_words, rival_words, unexplained_words, want_words
-from wheelsoil.wording.mending import next_steps
+from wheelsoil.wording.mending import next_steps, step_of
 from wheelsoil.wording.names import stretches
 from wheelsoil.wording.notes import note_text, step_text
 from wheelsoil.wording.verdict import (
@@ -200,6 +200,15 @@ LATE = Cause(
 )
 
 
+def test_sizes_of_several_causes_stand_behind_their_names() -> None:
+    size = (ParameterEstimate("relative", "1", -0.0434, (-0.05, -0.037), 0.0034),)
+    gains = [replace(each, key=each.name, parameters=size) for each in causes("torque_gain", "pull_gain")]
+    both, one = (replace(BARE, causes=tuple(some), gain=gain()) for some in (gains, gains[:1]))
+    value = "relative error = −0.0434 (−0.0500 to −0.0370)"
+    assert f"Torque gain: {value}; pull gain: {value}." in details_of(both)
+    assert value.capitalize() + "." in details_of(one)
+
+
 def test_the_headline_states_an_error_only_where_it_falls_for_certain() -> None:
     """Never "explains" beside an error that grows; another channel may fall for certain; else the size is certain."""
     unsure = replace(gain(4.0), interval95=(-1.0, 9.0), reductions={})
@@ -353,6 +362,15 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     assert unsure.startswith(
         "No cause is distinguishable from chance (no cause: 30.0 %). The most probable one is slope"
     )
+    idle = replace(BARE, verdict="nothing_detectable", causes=(), gain=Gain({}, {}, 10.3, (nan, nan), -1.9, ()))
+    idle = replace(idle, candidates=(Candidate("wheel_radius", 0.778), Candidate("none", 0.124)))
+    for doubted, why in ((idle, "held-out data do not confirm it"), (replace(idle, gain=None), "chance may explain")):
+        assert headline_of(doubted).startswith("No cause is sure (no cause: 12.4 %): wheel radius (77.8 %) is most")
+        assert why in headline_of(doubted) and sentence_of(doubted).startswith(headline_of(doubted))
+        assert headline_of(doubted) not in " ".join(details_of(doubted))
+        assert step_of(doubted).what.startswith("Drive another run") and "detected" not in headline_of(doubted)
+        of_table = replace(doubted, grounds=Grounds(table_channels=("dp",)))
+        assert sentence_of(of_table).startswith(headline_of(doubted))
     nothing = words(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
     assert "no cause: 93.0 %" in nothing
     assert "a slip sinkage of H = 0.0034 m or more would be detected in half of such campaigns" in nothing

@@ -502,7 +502,8 @@ def processed_for(
             accept_implausible=files.accept_implausible,
             check=check,
             set_aside=set_aside or say_set_aside,
-        )
+        ),
+        set_aside or say_set_aside,
     )
     soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
     for text in (*doubted_runs([run for _, run in processed]), *soils):

@@ -232,7 +232,8 @@ def _of_runs(source: Source, runs: Sequence[Run], opened: _Opened, options: Flee
             choice=choice,
             accept_implausible=True,
             set_aside=aside.append,
-        )
+        ),
+        aside.append,
     )
     try:
         fit = fit_runs(processed, choice.fit_choices(), None)

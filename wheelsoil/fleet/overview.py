@@ -36,7 +36,7 @@ from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_d
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
 from wheelsoil.web.bidi import in_texts, isolated
-from wheelsoil.wording.grounds_text import VERDICT_WORDS
+from wheelsoil.wording.grounds_text import HALF, VERDICT_WORDS
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.numbers import number, typeset
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
@@ -215,7 +215,9 @@ def _overview(holdings: Holdings) -> Overview:
         vehicles = campaigns[campaigns["campaign"].isin(together)].drop_duplicates("campaign")
         campaigns = pd.concat([campaigns, vehicles[_OF_A_VEHICLE].assign(wheel=ALL_WHEELS, state="done")])
     key = ["campaign", "wheel"]
-    diagnoses = holdings.table("diagnoses", ["wheel", "verdict", "R0_base", "R0_extended"]).to_pandas()
+    diagnoses = holdings.table(
+        "diagnoses", ["wheel", "verdict", "R0_base", "R0_extended", "none_probability"]
+    ).to_pandas()
     of_verdicts = dataset.field("role").isin(["named", "one_of"])
     shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
     shown["name"] = [
@@ -265,6 +267,7 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     report = of_wheel if row["wheel"] and of_wheel.is_file() else of_campaign
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
+    unsure = verdict == "nothing_detectable" and row["none_probability"] < HALF
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
         "name": row["campaign"],
@@ -275,7 +278,7 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
         "transducer": known["transducer"],
         "failed": row["state"] == "failed",
         "silent": row["state"] == "silent",
-        "verdict": known["fault"] or VERDICT_WORDS.get(verdict, verdict),
+        "verdict": known["fault"] or ("no cause is sure" if unsure else VERDICT_WORDS.get(verdict, verdict)),
         "cause": known["cause"],
         "base": known["R0_base"],
         "extended": known["R0_extended"],

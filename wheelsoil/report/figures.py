@@ -169,6 +169,11 @@ def by_slip(slip: FloatArray, y: FloatArray) -> Bins:
     return binned(slip, y, EDGES)
 
 
+def by_slip_or_each(slip: FloatArray, y: FloatArray, few: int = 60) -> Bins:
+    """Summarise samples of runs in bins of slip; readings of a rut, which are too few for bins, stand one by one."""
+    return by_slip(slip, y) if np.count_nonzero(np.isfinite(slip + y)) > few else repeated(slip, y)
+
+
 def repeated(x: FloatArray, y: FloatArray) -> Bins:
     """Summarise the rows of a table at each x; rows within `_REPEAT` of the first of them are repeats of it."""
     rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))

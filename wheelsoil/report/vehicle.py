@@ -21,7 +21,7 @@ from wheelsoil.report.figures import Binning, by_slip, matched
 from wheelsoil.report.words import listed
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
-from wheelsoil.wording.grounds_text import want_words
+from wheelsoil.wording.grounds_text import unsure_words, want_words
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.verdict import details_of, headline_of, not_corrected, sentence_of, several_terrains
@@ -192,7 +192,7 @@ def _finding(found: Diagnosis | None) -> str:
         "named": listed(causes),
         "one_of": listed(causes, "or") if len(causes) > 1 else f"most probably {listed(causes)}",
         "unexplained": "no known cause explains the data",
-        "nothing_detectable": "no cause is detected",
+        "nothing_detectable": "no cause is sure" if unsure_words(found) else "no cause is detected",
     }[found.verdict]
 
 

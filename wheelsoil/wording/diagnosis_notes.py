@@ -7,8 +7,8 @@ from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
-from wheelsoil.wording.names import chance, effect_name, listed, page_unit, plain_name, stretches
-from wheelsoil.wording.numbers import after_value
+from wheelsoil.wording.names import chance, effect_name, letter, listed, page_unit, plain_name, stretches
+from wheelsoil.wording.numbers import after_value, number
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _PEAK_AHEAD = "if the stress peak usually lies ahead of the wheel's bottom, as on most soils"
@@ -35,13 +35,13 @@ def _no_trace(v: Values) -> str:
 
 
 def _neutral(v: Values) -> str:
-    between = f"{v['low']:.3g} to {v['high']:.3g} {v['unit']}"
-    return f"the {plain_name(v['family'])}'s {v['parameter']} may as well be {v['neutral']:g} ({between})"
+    between = f"{number(v['low'])} to {number(v['high'])}{after_value(v['unit'])}"
+    return f"the {plain_name(v['family'])}'s {letter(v['parameter'])} may as well be {v['neutral']:g} ({between})"
 
 
 def _at_limit(v: Values) -> str:
-    ends = f"ends at the limit of what is plausible, {v['value']:.3g} {v['unit']}"
-    return f"the {plain_name(v['family'])}'s {v['parameter']} {ends}"
+    ends = f"ends at the limit of what is plausible, {number(v['value'])}{after_value(v['unit'])}"
+    return f"the {plain_name(v['family'])}'s {letter(v['parameter'])} {ends}"
 
 
 def _nothing_usable(v: Values) -> str:
@@ -313,6 +313,11 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.ZEROS_DIFFER: _zeros,
     DiagnosisCode.DISAGREEMENT: _disagreement,
     DiagnosisCode.STATIC_CONTRADICTS: _static_contradicts,
+    DiagnosisCode.STATIC_SMALL: lambda v: (
+        f"a static test of the {OUTPUTS[v['channel']].name} applies {number(v['applied'])} "
+        f"{OUTPUTS[v['channel']].unit_text}, {number(100 * v['share'], 2)} % of "
+        f"{'the load' if v['channel'] == 'dp' else 'load x radius'}, and says next to nothing: check the unit"
+    ),
     DiagnosisCode.OTHER_FORM: _other_form,
     DiagnosisCode.BRAKED_ROWS_EXCLUDED: (
         "{table}: {rows} rows with s < 0 excluded from the diagnosis of a driven wheel"

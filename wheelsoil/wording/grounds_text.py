@@ -36,6 +36,7 @@ NOT_IN_THESE_DATA = "not detectable in these data"
 """Of an effect whose minimum detectable size is beyond what is plausible."""
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
+HALF = 0.5  # probability of no cause below which it is not said that none is detected
 OPEN_AT = 0.05
 """Posterior probability from which on a confounded family would fit almost as well."""
 _UNLISTED_AT = 0.05
@@ -264,15 +265,35 @@ def detectable_words(sizes: Mapping[str, Detectable]) -> str:
     return f"{listed(shown, 'or')} or more would be detected in half of such campaigns"
 
 
+def unsure_words(found: Diagnosis) -> str:
+    """Return which cause is most probable and why it has no name, where "no cause" is improbable; "" elsewhere."""
+    chances = chances_of(found)
+    best = max((name for name in chances if name != "none"), key=chances.__getitem__, default="")
+    if found.verdict != "nothing_detectable" or not best or chances.get("none", 1.0) >= HALF:
+        return ""
+    idle = found.gain is not None and not found.gain.log_likelihood_gain > 0
+    return (
+        f"No cause is sure (no cause: {chance(chances['none'])}): {with_chance(best, chances[best])} is most probable, "
+        f"but {'held-out data do not confirm it' if idle else 'chance may explain these data too'}"
+    )
+
+
 def nothing_words(
-    chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
+    chances: Mapping[str, float],
+    none: float,
+    sizes: Mapping[str, Detectable],
+    wrong: Sequence[Finding],
+    unsure: str = "",
 ) -> list[Statement]:
-    """Return the sentences of "nothing_detectable"; `sizes` by family."""
+    """Return the sentences of "nothing_detectable"; `sizes` by family, `unsure` by `unsure_words`."""
     statements: list[str | Statement] = [
-        Statement(f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline")
+        Statement(
+            unsure or f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline"
+        ),
+        *[Statement("Next: drive another run", "next")] * bool(unsure),
     ]
     best = max(chances, key=lambda family: chances[family], default="")
-    if best and chances[best] > _WORTH_SAYING:
+    if not unsure and best and chances[best] > _WORTH_SAYING:
         statements = [
             f"No cause is distinguishable from chance (no cause: {chance(none)})",
             f"The most probable one is {with_chance(best, chances[best])}",

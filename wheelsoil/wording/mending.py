@@ -9,10 +9,10 @@ from functools import reduce
 from shlex import quote
 
 from daq import Note, VehicleConfig, number, zero_file_name
-from model import LackCode, StepCode
+from model import DiagnosisCode, LackCode, StepCode
 from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
 from model.effects import EFFECTS, Effect, Remedy, parted
-from wheelsoil.wording.grounds_text import findings_text
+from wheelsoil.wording.grounds_text import findings_text, unsure_words
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
 from wheelsoil.wording.notes import key_text, naming_text, note_text, odds_text, step_text
 from wheelsoil.wording.verdict import (
@@ -55,7 +55,7 @@ class Step:
 def next_steps(
     found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig] | None = None
 ) -> list[Step]:
-    """Return what parts two terrains, else what removes named causes of the measurement and what decides most.
+    """Return what parts two terrains, else runs up to three, what removes named causes, and what decides most.
 
     Parameters
     ----------
@@ -94,7 +94,20 @@ def next_steps(
     if named and not steps and not runs:
         steps = [(step_of(found), vehicle)]
     steps += [(step, vehicle) for step in ([missing] if missing else []) + [_step_of_run(run, found) for run in runs]]
-    return [replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps]
+    return [*_up_to_three(found), *(replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps)]
+
+
+def _up_to_three(found: Diagnosis) -> list[Step]:
+    """Return how many runs to drive first where there are fewer than three: then no cause is named, whatever it is."""
+    return [
+        Step(
+            f"Drive {'one run' if lacking == 1 else f'{lacking} runs'} more like the others, so that there are three.",
+            "With fewer no name can be checked against other runs, so that none is given.",
+        )
+        for note in found.notes
+        if note.code == DiagnosisCode.FEW_RUNS
+        for lacking in [3 - note.values["runs"]]
+    ]
 
 
 def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
@@ -183,7 +196,11 @@ def step_of(found: Diagnosis) -> Step:
         advice = "Save the recommended model for fit, simulate and report."
         decided = "No further run is needed for the name." if not deciding_runs(found) else ""
         return Step(advice, decided, "" if found.grounds.table_channels else "wheelsoil diagnose FOLDER -o model.toml")
-    return Step("No further run is asked for; see the minimum detectable effect.")
+    return Step(
+        "Drive another run: these do not decide whether a cause acts."
+        if unsure_words(found)
+        else "No further run is asked for; see the minimum detectable effect."
+    )
 
 
 def _step_of_run(run: NextRun, found: Diagnosis) -> Step:

@@ -29,6 +29,7 @@ from wheelsoil.wording.grounds_text import (
     sentences,
     unexplained_words,
     unlisted_words,
+    unsure_words,
     want_words,
 )
 from wheelsoil.wording.names import chance, letter, listed, parameter_name, plain_name, stretches, upper, with_chance
@@ -113,10 +114,11 @@ def headline_of(found: Diagnosis) -> str:
         return "No known cause explains these data: do not rely on the model."
     elif apart := list(runs_apart(found)):
         lie = "lies" if len(apart) == 1 else "lie"
-        whole = f"No cause is detected, but {listed(apart)} {lie} apart from the other runs."
-        return in_few_words(whole, f"No cause is detected, but {len(apart)} runs lie apart from the others.")
+        none_is = f"No cause is {'sure' if unsure_words(found) else 'detected'}"
+        whole = f"{none_is}, but {listed(apart)} {lie} apart from the other runs."
+        return in_few_words(whole, f"{none_is}, but {len(apart)} runs lie apart from the others.")
     else:
-        return "No cause is detected: soil and noise explain these data."
+        return f"{unsure_words(found) or 'No cause is detected: soil and noise explain these data'}."
     fall = _fall_of(found)
     return in_few_words(f"{sentence}. With the first, {fall}." if fall else f"{sentence}.", f"{sentence}.")
 
@@ -189,7 +191,9 @@ def not_corrected(found: Diagnosis | None, *roles: str) -> str:
 
 def details_of(found: Diagnosis) -> list[str]:
     """Return the sentences of the verdict without what the headline, the gain and the next step say."""
-    sizes = "; ".join(_form_and_size(cause) for cause in found.causes)
+    several = len(found.causes) > 1
+    sizes = "; ".join(f"{plain_name(cause.name)}: " * several + _form_and_size(cause) for cause in found.causes)
+    sizes = upper(sizes) if sizes[1:2].islower() else sizes
     elsewhere = ("headline", "gain", "next", "as_if")
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
     if _headline_has_size(found):
@@ -341,10 +345,8 @@ def size_text(cause: Cause) -> str:
 
 
 def _form_and_size(cause: Cause) -> str:
-    sizes = size_text(cause)
-    if not cause.form:
-        return sizes[0].upper() + sizes[1:] if len(sizes) > 1 and sizes[1].islower() else sizes
-    return f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): {sizes}"
+    form = f"{cause.form.capitalize()}'s form is most probable ({chance(cause.form_probability)}): "
+    return form * bool(cause.form) + size_text(cause)
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:
@@ -359,7 +361,7 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
         worst, best = found.what_is_wrong[:1], grounds.most_probable
         statements = unexplained_words(found.adequacy, worst, best, grounds.terrains, grounds.barred)
     else:
-        statements = nothing_words(chances, none, detectable_by_family(found), found.what_is_wrong)
+        statements = nothing_words(chances, none, detectable_by_family(found), found.what_is_wrong, unsure_words(found))
     return [*statements, *want_words(found.not_identifiable)]
 
 
@@ -380,7 +382,12 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         misfit = adequacy_words(found.adequacy).capitalize() if found.adequacy is not None else ""
         where = f"The most probable set, {tried}, is off most in {findings_text(left)}" if left else ""
         return sentences([none_does, misfit, where])
-    return sentences([f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"])
+    return sentences(
+        [
+            unsure_words(found)
+            or f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"
+        ]
+    )
 
 
 def _named_of_table(found: Diagnosis, channels: str, chances: Mapping[str, float]) -> list[str | Statement]:

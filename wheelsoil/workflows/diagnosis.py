@@ -60,6 +60,7 @@ _UNNAMED = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
 _LARGEST_FORM = 50.0
+_LEAST_FORCE = 0.01  # of a static test, over the load, or load x radius
 _MOST_OFF = 0.2
 """Share by which a wheel may coast on another rolling radius than declared; it is as far as a cause may go."""
 _ROLLS_AS_DECLARED = (-2.0 * ROLLING_RADIUS_SHARE, 2.0 * ROLLING_RADIUS_SHARE)
@@ -272,12 +273,13 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
             "take the tests out: a force that turns with the wheel is no zero of the drawbar pull",
         )
     for number, test in enumerate(run.static):
-        ratio = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0) / members[0].rolling_m
-        if test.wheel_speed_radps and abs(ratio - 1.0) > _MOST_OFF:
+        radius_m, usual_m = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0), members[0].rolling_m
+        if test.wheel_speed_radps and abs(radius_m / usual_m - 1.0) > _MOST_OFF:
             raise ConfigError.of(
-                f"test {number}: {test.run or 'the wheel'} coasts on another radius than that of the slip",
-                where,
-                f"ground_speed_mps / wheel_speed_radps is {ratio:.3g} times {members[0].rolling_m:g} m",
+                f"{f'run {test.run}' if test.run else f'test {number}: the wheel'} coasts on another radius than that "
+                "of the slip",
+                f"run {test.run} on firm ground" if test.run else where,
+                f"ground speed / wheel speed is {radius_m:.3g} m, that is {radius_m / usual_m:.3g} times {usual_m:g} m",
                 f"{1.0 - _MOST_OFF:g} to {1.0 + _MOST_OFF:g} times",
                 "check the units of both speeds, and radius_m in vehicle.toml",
             )
@@ -435,7 +437,20 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
     alike = [*_like_radius(diagnosis, given), *_rolling_alike(diagnosis, given)] if some else []
     cautions = (*diagnosis.grounds.cautions, *mixed, *alike)
     grounds = replace(diagnosis.grounds, cautions=cautions)
+    notes += [note for campaign in given if isinstance(campaign, Campaign) for note in _small_forces(campaign)]
     return replace(diagnosis, grounds=grounds, notes=(*notes, *([assumed] if guessed else [])))
+
+
+def _small_forces(campaign: Campaign) -> list[Note]:
+    """Return a note on each static test whose known force is next to nothing beside the load, as kN written as N."""
+    load_n = float(np.nanmedian(np.concatenate([run.vertical_load_n[run.used] for run in campaign.runs])))
+    usual = {"dp": load_n, "t": load_n * campaign.wheel.radius_m}
+    return [
+        Note(DiagnosisCode.STATIC_SMALL, values={"channel": c, "applied": force, "share": abs(force) / usual[c]})
+        for test in campaign.static
+        for c, force in (test.applied.items() if test.test != "coasting" else ())
+        if 0.0 < abs(force) < _LEAST_FORCE * usual[c]
+    ]
 
 
 def _like_radius(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> list[Note]:

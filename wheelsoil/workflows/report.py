@@ -129,7 +129,8 @@ def report_of_opened(
             accept_implausible=files.accept_implausible,
             check=one_terrain,
             set_aside=noted_in(aside),
-        )
+        ),
+        noted_in(aside),
     )
     if callable(last):
         last = last(processed)

@@ -220,7 +220,7 @@ def open_and_process(
         check=check,
         set_aside=set_aside,
     )
-    return on_soil(processed)
+    return on_soil(processed, set_aside)
 
 
 def process_runs(
@@ -385,18 +385,18 @@ def _same_wheel(vehicle: VehicleConfig, other: VehicleConfig) -> bool:
     return (vehicle.vehicle.name, vehicle.wheel) == (other.vehicle.name, other.wheel)
 
 
-def on_soil(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[tuple[Run, ProcessedRun]]:
+def on_soil(
+    processed: Sequence[tuple[Run, ProcessedRun]], set_aside: SetAside = say_set_aside
+) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs on soil: what the others read while coasting on firm ground is a static test of these.
 
     It counts once: for the runs of its folder or, where all of them are on firm ground, of the first on soil with the
-    same vehicle and wheel.
+    same vehicle and wheel. `set_aside` is called with each run on firm ground that hardly coasted.
 
     Raises
     ------
     ConfigError
         No run is on soil, or none of the vehicle that was on firm ground.
-    DataError
-        A run on firm ground hardly coasted.
     """
     from model.diagnosis import coasted
 
@@ -420,8 +420,12 @@ def on_soil(processed: Sequence[tuple[Run, ProcessedRun]]) -> list[tuple[Run, Pr
                 expected="a run on soil of this vehicle and wheel, with the same [vehicle] name and [wheel]",
                 next_step="give the runs of each vehicle by themselves",
             )
-        tests[home] += (coasted(done, wheel_id(run)),)
-        say(f"run {run.id}: on firm ground: its rolling is a static test, and no soil is fitted to it")
+        try:
+            tests[home] += (coasted(done, wheel_id(run)),)
+            say(f"run {run.id}: on firm ground: its rolling is a static test, and no soil is fitted to it")
+        except DataError as error:
+            [fault] = error.faults
+            set_aside(SetAsideRun(run.id, "hardly_coasted", fault.what, fault.next_step, f"set aside: {fault}"))
     return [(replace(run, static=(*run.static, *tests[run.path.parent])), done) for run, done in soft]
 
 

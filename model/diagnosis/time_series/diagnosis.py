@@ -224,7 +224,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     if options.average and verdict.verdict == "one_of":
         with clock.stage("average"):
             average = average_of(fits, found, options.seed)
-    few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
+    few = () if found.calibrated else (Note(DiagnosisCode.FEW_RUNS, values={"runs": len(linearised.grams.run_names)}),)
     return Diagnosis(
         verdict=verdict.verdict,
         causes=explained.causes,

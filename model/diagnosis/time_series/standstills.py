@@ -18,7 +18,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from daq import REACTIONS, ROLES, BoolArray, DataError, FloatArray, IndexArray, StaticTest
+from daq import REACTIONS, ROLES, BoolArray, DataError, FloatArray, IndexArray, StaticTest, number
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.result import Corrected
 from model.effects.catalogue import EFFECTS
@@ -245,9 +245,10 @@ def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
         raise DataError.of(
             "a run on firm ground that hardly coasts shows no rolling radius",
             f"run {run.run.id}",
-            f"{len(rows) / run.rate_hz:.0f} s with a measured torque of about zero",
+            f"{len(rows) / run.rate_hz:.0f} s with a measured torque of about zero; mean torque while it turned "
+            f"{number(_mean(run.driving_torque_nm[run.used & (run.segment != Segment.STANDSTILL)]))} N m",
             f"at least {_LEAST_COASTED_S:g} s",
-            "coast longer, measure driving_torque there, or switch the run off in choice.toml",
+            'coast longer, measure driving_torque and check its zero, or take out ground = "firm" of a run on soil',
         )
     speed, spin, acceleration = (
         float(x[rows].mean()) for x in (run.ground_speed_mps, run.wheel_speed_radps, run.ground_acceleration_mps2)

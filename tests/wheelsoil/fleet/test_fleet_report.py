@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,9 @@ def test_a_store_without_transducers_and_causes_says_so(fleet: Path, tmp_path: P
     overview = overview_of(open_store(str(tmp_path / "s")))
     assert overview.headline == "No cause is named in any of 1 campaigns." and not overview.pulls
     assert "No campaign says which transducer" in overview.html(tmp_path)
+    for none, said in ((0.124, "no cause is sure"), (0.9, "nothing detectable")):
+        campaigns = overview.campaigns.assign(verdict="nothing_detectable", none_probability=none)
+        assert said in replace(overview, campaigns=campaigns).html(tmp_path)
 
 
 def test_the_transducers_begin_on_the_first_screen(page: Path, browser: Browser) -> None:

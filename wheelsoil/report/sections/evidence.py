@@ -20,7 +20,7 @@ from wheelsoil.report.figures import (
     Trace,
     axes,
     bars,
-    by_slip,
+    by_slip_or_each,
     dots,
     line,
     marked_line,
@@ -90,7 +90,7 @@ def evidence(inputs: ReportInputs) -> Contents:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    summary = repeated if inputs.tables else by_slip
+    summary = repeated if inputs.tables else by_slip_or_each
     shown = {channel: _of_channel(found.plot_data, channel, keys, summary) for channel in OUTPUTS}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
@@ -129,7 +129,7 @@ def _numbers(view: _Shown) -> dict[str, Bins]:
 
 def _nothing(found: Diagnosis) -> str:
     if found.verdict == "nothing_detectable":
-        return "No cause can be seen, so there is nothing to show evidence for; see the minimum detectable effect."
+        return "No cause is sure, so that there is none to show evidence for; see the minimum detectable effect."
     if found.verdict == "unexplained":
         return "No cause of the library explains what is left; its shape is drawn under “What is wrong, and where”."
     return "The diagnosis gave no signatures to draw."

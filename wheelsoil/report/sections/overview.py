@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any
@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import EDGES, Bins, binned, by_slip, parted_at_zero, repeated
+from wheelsoil.report.figures import Bins, by_slip_or_each, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -119,8 +119,8 @@ def fit(inputs: ReportInputs) -> Contents:
     """Build the section: residuals of baseline and recommended model, its parameters, checks, traction."""
     recommendation = inputs.recommendation
     found = biases(recommendation)
-    draw = _residuals_of_rows if inputs.tables else _residuals
-    figures = [draw(recommendation, channel) for channel in recommendation.measured]
+    summary = repeated if inputs.tables else by_slip_or_each
+    figures = [_residuals(recommendation, channel, of_rows=bool(inputs.tables)) for channel in recommendation.measured]
     checks = [Check(False, caution_text(bias)) for bias in found]
     for c in recommendation.measured:
         if inputs.tables:
@@ -143,7 +143,10 @@ def fit(inputs: ReportInputs) -> Contents:
         "causes": recommended_causes(inputs.diagnosed) if inputs.diagnosed is not None else (),
         "soils": inputs.diagnosed.soils if inputs.diagnosed is not None else (),
         "residual": {
-            c: _residual_numbers(recommendation, c, repeated if inputs.tables else by_slip)
+            c: {
+                name: summary(recommendation.slip, recommendation.residual(c, base=base))
+                for name, base in (("baseline", True), ("recommended", False))
+            }
             for c in recommendation.measured
         },
     }
@@ -182,60 +185,47 @@ def _noise(recommendation: Recommendation, channel: str, *, driving_only: bool) 
     )
 
 
-def _residual_numbers(
-    recommendation: Recommendation, channel: str, summary: Callable[[FloatArray, FloatArray], Bins]
-) -> dict[str, Bins]:
-    names = {"baseline": True, "recommended": False}
-    return {
-        name: summary(recommendation.slip, recommendation.residual(channel, base=base)) for name, base in names.items()
-    }
-
-
-def _residuals_of_rows(recommendation: Recommendation, channel: str) -> Drawing:
-    """Return the residual of every row of tables; a line joins the medians of repeats."""
-    factor, text = page_unit(channel)
-    slip = recommendation.slip
-    noise = repeated(slip, factor * recommendation.noise[channel])
-    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
+def _residuals(recommendation: Recommendation, channel: str, *, of_rows: bool) -> Drawing:
+    """Return the residual against slip: of rows of tables each, with the medians of repeats; else medians in bins."""
+    (factor, text), slip = page_unit(channel), recommendation.slip
+    curve_of = repeated if of_rows else _parted
+    noise = curve_of(slip, factor * recommendation.noise[channel])
+    edges = (-Z95 * noise.median, Z95 * noise.median)
+    curves = [Curve("", noise.centre, 0 * noise.median, "noise", *edges)]
     looks = [] if recommendation.is_base else [(True, recommendation.base_name, "base")]
     for base, name, look in [*looks, (False, recommendation.title, "model")]:
         left = factor * recommendation.residual(channel, base=base)
-        line = repeated(slip, left)
-        curves += [Curve(_short(name), line.centre, line.median, look), Curve("", slip, left, look, points=True)]
-    edges = [edge for edge in (curves[0].lower, curves[0].upper) if edge is not None]
-    plane = Plane(
-        slips_of_rows(recommendation),
-        reach(*(curve.y for curve in curves), *edges),
-        "Slip ratio",
-        f"Measured − predicted ({text})",
-    )
+        line = curve_of(slip, left)
+        each = of_rows or bool(line.count.max(initial=0) < 5)
+        points = (slip, left) if of_rows else (line.centre, line.median)
+        curves += [
+            Curve(_short(name), line.centre, line.median, look),
+            *[Curve("", *points, look, points=True)] * each,
+        ]
+    slips, heights = slips_of_rows(recommendation), reach(*(curve.y for curve in curves), *edges)
     caption = "Points: rows. Grey: 95 % of scatter and error of form."
-    title = f"{OUTPUTS[channel].name.capitalize()}: residual"
-    return drawn(f"residual-{channel}", title, caption, plane, curves, reading=_READING_ROWS, wide=_WIDE)
-
-
-def _residuals(recommendation: Recommendation, channel: str) -> Drawing:
-    factor, text = page_unit(channel)
-    noise = parted_at_zero(binned(recommendation.slip, factor * recommendation.noise[channel], EDGES))
-    curves = [Curve("", noise.centre, 0 * noise.median, "noise", -Z95 * noise.median, Z95 * noise.median)]
-    if not recommendation.is_base:
-        below = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel, base=True), EDGES))
-        curves.append(Curve(_short(recommendation.base_name), below.centre, below.median, "base"))
-    above = parted_at_zero(binned(recommendation.slip, factor * recommendation.residual(channel), EDGES))
-    curves.append(Curve(_short(recommendation.title), above.centre, above.median, "model"))
-    driving = [curve.y[curve.x > 0] for curve in curves]
-    edges = [edge[noise.centre > 0] for edge in (curves[0].lower, curves[0].upper) if edge is not None]
-    low, high = (1.3 * end for end in reach(*driving, *edges))
-    low, high = reach(np.array([low, high]), above.median)
-    slips = (
-        float(np.floor(np.nanmin(recommendation.slip) / 0.1) * 0.1),
-        float(np.ceil(np.nanmax(recommendation.slip) / 0.1) * 0.1),
+    if not of_rows:
+        slips = (float(np.floor(np.nanmin(slip) / 0.1) * 0.1), float(np.ceil(np.nanmax(slip) / 0.1) * 0.1))
+        driving = (*(curve.y[curve.x > 0] for curve in curves), *(edge[noise.centre > 0] for edge in edges))
+        heights = reach(1.3 * np.array(reach(*driving)), line.median)
+        caption = (
+            f"{'Readings' if each else 'Medians in bins of slip'}; braking, left of zero, may be cut. "
+            "Grey: 95 % of the noise."
+        )
+    return drawn(
+        f"residual-{channel}",
+        f"{OUTPUTS[channel].name.capitalize()}: residual",
+        caption,
+        Plane(slips, heights, "Slip ratio", f"Measured − predicted ({text})"),
+        curves,
+        shades=[(slips[0], 0.0)] if slips[0] < 0 and not of_rows else [],
+        reading=_READING_ROWS if of_rows else _READING,
+        wide=_WIDE,
     )
-    plane = Plane(slips, (low, high), "Slip ratio", f"Measured − predicted ({text})")
-    title = f"{OUTPUTS[channel].name.capitalize()}: residual"
-    caption = "Medians in bins of slip; braking, left of zero, may be cut. Grey: 95 % of the noise."
-    shades = [(slips[0], 0.0)] if slips[0] < 0 else []
-    return drawn(f"residual-{channel}", title, caption, plane, curves, shades=shades, reading=_READING, wide=_WIDE)
+
+
+def _parted(slip: FloatArray, y: FloatArray) -> Bins:
+    return parted_at_zero(by_slip_or_each(slip, y))
 
 
 def _short(name: str) -> str:

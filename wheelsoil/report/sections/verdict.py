@@ -148,7 +148,7 @@ def _beside(found: Diagnosis, concerns: int) -> str:
         "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",
         "one_of": "The diagnosis cannot separate the possible causes",
         "unexplained": "The diagnosis finds nothing known that explains these runs",
-        "nothing_detectable": "The diagnosis sees no cause in these runs",
+        "nothing_detectable": "The diagnosis is sure of no cause in these runs",
     }[found.verdict]
     return (
         f"{finding}: a law of slip sinkage that follows best here is a curve that fits, and its coefficients are not "
