@@ -7,12 +7,10 @@ from math import radians
 
 import numpy as np
 
-from model.diagnosis.core.campaign import Bench
-from model.effects.catalogue import EFFECTS
-from model.fit.observations import Observations
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.diagnosis import Bench
+from model.effects import EFFECTS
+from model.fit import Observations
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Soil, SoilPrior, Wheel, WheelSoilModel
 
 WHEEL = Wheel(0.058, 0.050)
 SAND = Soil("sand", 500.0, radians(29), 0.0112, 1.468, 0.0, 8.476e6, 13_050.0)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.series.single_wheel_tables import PlateTest, ShearTest
+from daq.series import PlateTest, ShearTest
 
 REFERENCE_M = 0.02
 

@@ -11,9 +11,8 @@ import cantools.database
 import numpy as np
 from cantools.database.can import Message, Signal
 
-from daq.can.codec import Decoder
-from daq.can.databases import Database
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
+from daq.can import CLASSIC_DTYPE, Database, Decoder, FrameBatch, FrameFlag
+from daq.can.frames import FD_DTYPE
 
 logging.getLogger("cantools").addHandler(logging.NullHandler())
 

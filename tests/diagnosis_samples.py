@@ -7,8 +7,9 @@ from typing import get_args
 
 import numpy as np
 
-from daq.notes import Note
-from model.diagnosis.core.result import (
+from daq import Note
+from model import DiagnosisCode, LackCode, SinkageCode, StepCode
+from model.diagnosis import (
     Adequacy,
     Candidate,
     Cause,
@@ -18,17 +19,15 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Inconsistent,
+    Kind,
     Linearisation,
     NextRun,
     ParameterEstimate,
-    PlotData,
-    Proposal,
     Scores,
+    Shape,
     SoilEstimate,
-    Verdict,
 )
-from model.diagnosis.core.shapes import Kind, Shape
-from model.notes import DiagnosisCode, LackCode, SinkageCode, StepCode
+from model.diagnosis.core.result import PlotData, Proposal, Verdict
 from wheelsoil.wording.verdict import sentence_of
 
 MORE_LOAD = Note(StepCode.MORE_LOAD, values={"load_n": 12_900.0, "added_kg": 500.0})
@@ -91,13 +90,13 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
     )
     pushing = cause("bulldozing", "bulldozing", "", 0.4, ParameterEstimate("fraction", "1", 0.2, (np.nan, np.nan), 0.1))
     scores = Scores(120.0, 31.0, 0.91, -3200.0)
+    none = Candidate("none", 0.93 if verdict == "nothing_detectable" else 0.02)
     return Diagnosis(
         verdict=verdict,
         causes={"named": (sinkage,), "one_of": (replace(sinkage, probability=0.55), pushing)}.get(verdict, ()),
         candidates=(
             Candidate("slip_sinkage", 0.97),
-            Candidate("bulldozing", 0.03),
-            Candidate("none", 0.93 if verdict == "nothing_detectable" else 0.02),
+            *sorted((Candidate("bulldozing", 0.03), none), key=lambda each: -each.probability),
             Candidate("slope", 1e-5),
         ),
         what_is_wrong=(

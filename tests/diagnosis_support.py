@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from kept_runs import kept
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis import Campaign, DiagnosisOptions, samples_of
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
-from model.diagnosis.time_series.samples import Samples, samples_of
+from model.diagnosis.time_series.samples import Samples
 from model.simulation import VirtualSetup
 from model.simulation.transducer import ColouredNoise
-from model.wheel_soil.soils import prior_of
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
-from wheelsoil.simulation.campaign import simulated_roles, simulated_run
-from wheelsoil.simulation.options import SimulationOptions, parse_effect
+from model.wheel_soil import prior_of
+from processing import ProcessedRun
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, parse_effect, simulated_roles
+from wheelsoil.simulation.campaign import simulated_run
 
 LEVEL: Any = {"tilt_deg": 0.0, "brakes": "released"}
 """Of `SimulationOptions`: every standstill shows the zeros exactly."""

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.can.codec import encode, merge
+from daq import VehicleConfig, load_toml
+from daq.can import CLASSIC_DTYPE, FrameFlag, encode, merge
 from daq.can.databases import load_for_vehicle
-from daq.can.frames import CLASSIC_DTYPE, FrameFlag
-from daq.config import VehicleConfig, load_toml
-from daq.sources.interfaces import open_sink
+from daq.sources import open_sink
 
 SHIPPED = Path(__file__).parents[1] / "dbc"
 PERIOD_S = 0.01

@@ -6,13 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from model.effects.base import Effect
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import Quadrature
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.stresses import speed_ratio
-from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
+from model.effects import EFFECTS, Effect
+from model.wheel_soil import SOILS, Conditions, Prediction, Quadrature, Reading, Wheel, WheelSoilModel, speed_ratio
 
 WHEEL = Wheel(0.47, 0.318)
 FINE = Quadrature(40, 4)

@@ -12,14 +12,15 @@ from kept_runs import kept
 
 from daq import RunInfo
 from daq.can import Decoder, load_database, resolve_roles, shipped_dbc
+from model.simulation import SensedRun
 from model.simulation.motion import Motion
-from model.simulation.run import SensedRun, Sensors
+from model.simulation.run import Sensors
 from model.simulation.transducer import HubLoads
 from model.simulation.truth import Circumstances
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import BUS, simulated_setup
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import vehicle_config, virtual_frames
 
 RATE_HZ = 1000.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.can.frames import FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
+from daq.can import FrameArray, FrameBatch, FrameFlag
+from daq.can.frames import FD_DTYPE, FD_LENGTHS
 
 START_NS = 1_700_000_000 * 10**9
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import FloatArray
-from model.diagnosis.core.shapes import Shape
+from model.diagnosis import Shape
 from model.diagnosis.time_series.columns import CauseColumn, Grams
 from model.diagnosis.time_series.evidence import LARGE, LARGE_SHARE
 

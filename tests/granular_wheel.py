@@ -16,12 +16,12 @@ from diagnosis_support import LEVEL
 
 from benchmarks.recovery import processed_campaign
 from daq import FloatArray
-from model.diagnosis.core.campaign import Campaign
+from model.diagnosis import Campaign
 from model.simulation import VirtualSetup
-from model.wheel_soil.soils import prior_of
-from processing.processed_run import ProcessedRun
+from model.wheel_soil import prior_of
+from processing import ProcessedRun
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_run
-from wheelsoil.simulation.options import SimulationOptions
 
 _ARCS = 60
 _EVERY = 10

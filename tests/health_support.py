@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.can.codec import Decoder
-from daq.can.databases import Database
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import VehicleConfig
-from daq.logger.health.monitor import HealthMonitor
+from daq import VehicleConfig
+from daq.can import Database, Decoder, FrameBatch, concatenate
+from daq.logger.health import HealthMonitor
 from daq.logger.health.report import HealthReport, HostStatus, Reason
 
 STEP_NS = 200_000_000

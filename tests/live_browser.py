@@ -14,7 +14,7 @@ import pytest
 from live_support import snapshot
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from wheelsoil.live.panel import PagePanel
+from wheelsoil.live import PagePanel
 
 PATIENCE_MS = 30_000
 PHONE = {"width": 390, "height": 844}

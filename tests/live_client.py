@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPResponse
 from typing import Any, TypeVar
 
-from wheelsoil.live.panel import RESTART_S, PagePanel
+from wheelsoil.live import PagePanel
+from wheelsoil.live.panel import RESTART_S
 
 T = TypeVar("T")
 PATIENCE_S = 30.0

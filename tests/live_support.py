@@ -11,8 +11,7 @@ import numpy as np
 
 from daq import FloatArray
 from daq.logger.snapshot import SNAPSHOT_SCHEMA
-from daq.runs.open import open_runs
-from daq.runs.run import Run
+from daq.runs import Run, open_runs
 
 SAMPLE = Path(__file__).parents[1] / "recordings" / "clay" / "run-1.mcap"
 TRACED = ("drawbar_pull", "wheel_speed", "ground_speed", "vertical_load", "driving_torque")

@@ -14,14 +14,10 @@ from typing import Any
 import numpy as np
 from frames_support import some_frames
 
-from daq.can.frames import FrameBatch
-from daq.config import BusSection, VehicleConfig
-from daq.errors import Fault, HardwareError, WheelsoilError
-from daq.logger.field_logger import log
-from daq.logger.panel import Command
-from daq.logger.session_monitor import LogSummary
-from daq.sources.can_source import Source, SourceCounters
-from daq.sources.interfaces import open_source
+from daq import BusSection, Fault, HardwareError, VehicleConfig, WheelsoilError
+from daq.can import FrameBatch
+from daq.logger import Command, LogSummary, log
+from daq.sources import Source, SourceCounters, open_source
 
 
 class Clocks:

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from recording_support import START_NS, random_frames
 
-from daq.can.frames import FrameBatch
-from daq.config import RunInfo
-from daq.errors import RecordingError
+from daq import RecordingError, RunInfo
+from daq.can import FrameBatch
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.contents import MAGIC
 

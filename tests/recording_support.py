@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from daq import FloatArray, IntArray
-from daq.can import encode, load_database, merge
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
+from daq.can import CLASSIC_DTYPE, FrameArray, FrameBatch, encode, load_database, merge
+from daq.can.frames import FD_DTYPE
 from daq.recording import Recording, RecordingWriter
 from daq.recording.reader import raw_batches, raw_channels
 from daq.runs import Run

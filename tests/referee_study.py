@@ -21,8 +21,8 @@ from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Soil, Wheel
 from processing import is_refused
 from processing.referee import BY_KEY, LISTED, Ruling, evidence_of, judge
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_run, simulated_setup
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import vehicle_config
 
 SOIL_NAMES = ("clay", "sandy", "firm")

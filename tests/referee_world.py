@@ -9,13 +9,13 @@ from math import pi
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from daq import STANDARD_GRAVITY_MPS2, Channel, FloatArray, VehicleConfig
-from daq.config import VehicleSection, WheelSection
+from daq import STANDARD_GRAVITY_MPS2, Channel, FloatArray, VehicleConfig, VehicleSection
+from daq.config import WheelSection
 from model.effects import EFFECTS
 from model.simulation import drawn_soil
 from model.wheel_soil import SOILS, Conditions, Soil, Wheel, WheelSoilModel
 from processing import ProcessedRun
-from processing.pipeline.pipeline import process
+from processing.pipeline import process
 
 RATE_HZ = 100.0
 FORCE_RATE_HZ = 200.0
@@ -238,7 +238,8 @@ FIVE = ("ground_speed", "wheel_speed", "vertical_load", "drawbar_pull", "driving
 
 def mistaken(world: World, key: str) -> World:
     """Return a run with the mistake that a mend of the referee undoes."""
-    from processing.referee.mends import BY_KEY, RADIUS
+    from processing.referee import BY_KEY
+    from processing.referee.mends import RADIUS
 
     mend = BY_KEY[key]
     channels = dict(world.channels)

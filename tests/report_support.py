@@ -9,16 +9,16 @@ from unittest.mock import patch
 
 from diagnosis_samples import diagnosis
 
-from daq.runs.open import open_runs
-from model.diagnosis.core.result import Diagnosis
-from processing.options import ProcessOptions
-from wheelsoil.report.build import Report
+from daq.runs import open_runs
+from model.diagnosis import Diagnosis
+from processing import ProcessOptions
+from wheelsoil.report import Report
 from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.workflows import fit_runs, process_runs
 from wheelsoil.workflows.diagnosis import Processed
-from wheelsoil.workflows.fit import FitChoices, fit_runs
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.fit import FitChoices
 
 
 def processed_of(campaign: Path) -> Processed:

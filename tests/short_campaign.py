@@ -8,12 +8,12 @@ from diagnosis_support import LEVEL
 from kept_runs import kept
 
 from benchmarks.recovery import processed_campaign
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
+from model.diagnosis import Campaign, DiagnosisOptions, samples_of
+from model.diagnosis.time_series import linearise_campaigns
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import Noise, hyper_priors
-from model.diagnosis.time_series.samples import samples_of
-from model.wheel_soil.soils import prior_of
-from wheelsoil.simulation.options import SimulationOptions, parse_effect
+from model.wheel_soil import prior_of
+from wheelsoil.simulation import SimulationOptions, parse_effect
 
 
 @lru_cache(maxsize=12)

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from daq import FloatArray
-from daq.channels import Channel
-from daq.config import SensorSection, VehicleConfig, WheelSection
+from daq import Channel, FloatArray, VehicleConfig
+from daq.config import SensorSection, WheelSection
 
 Signal = Callable[[FloatArray], FloatArray]
 

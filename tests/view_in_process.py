@@ -25,7 +25,7 @@ from wheelsoil.view.analysis_session import AnalysisSession
 from wheelsoil.view.server import _print_addresses, listening_on, make_app
 from wheelsoil.web.listening import checked_token, page_addresses
 from wheelsoil.web.serving import Rules, server_of
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows import Files
 
 Instead = Mapping[Callable[..., Any], Callable[..., Any]]
 _IMPORTED = [

@@ -6,12 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from daq.config import RunInfo
-from model.effects.catalogue import EFFECTS
+from daq import RunInfo
+from model.effects import EFFECTS
 from model.simulation import TRUTH_QUADRATURE, VirtualRun, VirtualSetup, virtual_run
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.wheel_soil import SOILS, Wheel, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 LYASKO = {"clay": {"m1": 0.1, "m2": 0.05}, "sandy": {"m1": 0.6, "m2": 0.03}}

@@ -13,10 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import FloatArray
-from daq.can.bits import Message
-from daq.can.codec import encode, merge
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch
+from daq.can import FrameBatch, Message, encode, load_database, merge, shipped_dbc
 from daq.recording import RecordingWriter
 
 START_NS = 1_780_000_000_000_000_000

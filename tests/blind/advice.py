@@ -29,16 +29,12 @@ from blind.study import ONE_THREAD, by_name
 from blind.world import GRAVITY_MPS2
 from scipy.stats import binomtest
 
-from daq import FloatArray, Note
-from daq.channels import Channel
-from daq.config import RutReading
-from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.result import Diagnosis, NextRun
+from daq import Channel, FloatArray, Note, RutReading
+from model import StepCode
+from model.diagnosis import Campaign, Diagnosis, NextRun, samples_of
 from model.diagnosis.planning.manoeuvres import manoeuvres
-from model.diagnosis.time_series.samples import samples_of
-from model.notes import StepCode
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun
+from processing.pipeline import process
 
 DRIVEN = frozenset(
     {
@@ -137,7 +133,7 @@ def offered(campaign: Campaign) -> dict[str, Note]:
 
 def tried(case: Case, truth: dict[str, Any]) -> dict[str, Any]:
     """Diagnose a campaign, carry out the first step of it and one at random, and return what came of them."""
-    from model.diagnosis.time_series.diagnosis import diagnose
+    from model.diagnosis import diagnose
 
     sized = [(member["key"], member["size"]) for member in truth["members"] if "size" in member]
     families = {member["family"] for member in truth["members"]}

@@ -18,20 +18,17 @@ from blind.folders import run_info, terrain_config, vehicle_config, write_campai
 from blind.mix import Case
 from blind.tilts import with_pitch
 
-from daq.config import TerrainConfig, WheelSection
-from daq.runs.open import open_runs
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from daq import TerrainConfig
+from daq.config import WheelSection
+from daq.runs import open_runs
+from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions
 from model.diagnosis.core.hypotheses import Posterior
-from model.diagnosis.core.result import Diagnosis
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import prior_of, soil_from_terrain
-from processing.options import ProcessOptions
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
+from model.effects import EFFECTS
+from model.wheel_soil import Wheel, prior_of, soil_from_terrain
+from processing import ProcessedRun, ProcessOptions
+from processing.pipeline import process
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.workflows.diagnosis import campaigns_of
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows import campaigns_of, process_runs
 
 OPTIONS = ProcessOptions(purpose="diagnose")
 _GIVEN_EVERY = 3
@@ -67,7 +64,7 @@ def _campaign(runs: tuple[ProcessedRun, ...], terrain: TerrainConfig, wheel: Whe
 
 def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, Any]:
     """Diagnose a campaign; where something listed is hidden, once more with nothing else in the library."""
-    from model.diagnosis.time_series.diagnosis import diagnose
+    from model.diagnosis import diagnose
 
     options = DiagnosisOptions(
         reading="literal" if case.kind == "literal" else "balanced",
@@ -111,7 +108,7 @@ def fitted(campaign: Campaign, family: str, key: str, options: DiagnosisOptions)
     """Return the fit given the true cause, whatever the verdict: as a cause of the JSON; none where it has no fit."""
     from model.diagnosis.findings.explained import Fits
     from model.diagnosis.findings.set_fit import parameters_of
-    from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
+    from model.diagnosis.time_series import linearise_campaigns
 
     own = tuple(name for name, effect in EFFECTS.items() if effect.name == family and effect.form in ("", key))
     linearised = linearise_campaigns([campaign], replace(options, effects=own, most_causes=1))

@@ -15,8 +15,7 @@ from blind.vendors import VENDORS, Vendor
 from blind.wheel import Care, Moments, Physics, Reading, readings
 from blind.world import World
 
-from daq import FloatArray
-from daq.channels import Channel
+from daq import Channel, FloatArray
 
 _SOLVE_EVERY = 4
 OWN = World()

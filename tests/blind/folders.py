@@ -13,13 +13,8 @@ from blind.field import FieldDay, driven
 from blind.ground import LABORATORY, SPREAD, UNIT_WEIGHT_N_M3, Ground
 from blind.vendors import Vendor
 
-from daq import FloatArray
-from daq.can.bits import Message
-from daq.can.codec import encode, merge
-from daq.can.databases import load_database
-from daq.can.frames import FrameBatch
-from daq.channels import Channel
-from daq.config import RunInfo, TerrainConfig, VehicleConfig
+from daq import Channel, FloatArray, RunInfo, TerrainConfig, VehicleConfig
+from daq.can import FrameBatch, Message, encode, load_database, merge
 from daq.logs import write_candump
 from daq.recording import RecordingWriter
 

@@ -101,10 +101,8 @@ def whole_campaign(growing: GrowingCampaign, runs: int) -> Campaign:
     """Simulate a campaign's first runs, write them as frames and read them as `wheelsoil diagnose` does."""
     from daq.runs import open_runs
     from processing import ProcessOptions
-    from wheelsoil.simulation import SimulationOptions, simulate_campaign
-    from wheelsoil.simulation.options import parse_effect
-    from wheelsoil.workflows.diagnosis import campaigns_of
-    from wheelsoil.workflows.runs import process_runs
+    from wheelsoil.simulation import SimulationOptions, parse_effect, simulate_campaign
+    from wheelsoil.workflows import campaigns_of, process_runs
 
     options = SimulationOptions(
         soil=growing.soil,
@@ -125,7 +123,7 @@ def whole_campaign(growing: GrowingCampaign, runs: int) -> Campaign:
 
 def answer_of(growing: GrowingCampaign, campaign: Campaign, count: int) -> Line:
     """Diagnose the first runs of a campaign."""
-    from wheelsoil.workflows.diagnosis import diagnose_campaigns, diagnosis_options
+    from wheelsoil.workflows import diagnose_campaigns, diagnosis_options
 
     begin, cpu = time.perf_counter(), time.process_time()
     found = diagnose_campaigns([replace(campaign, runs=campaign.runs[:count])], diagnosis_options())

@@ -10,8 +10,7 @@ from blind.driving import RATE_HZ, Motion, Plan
 from blind.wheel import YANG, Reading, Vehicle
 from scipy.signal import lfilter
 
-from daq import FloatArray
-from daq.channels import Channel
+from daq import Channel, FloatArray
 
 START_NS = 1_751_350_000_000_000_000
 _METRES_PER_DEGREE = 111_195.0

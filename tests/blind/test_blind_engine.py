@@ -13,10 +13,8 @@ from blind.study import run
 from blind.tables import figures, joined
 from blind.world import World
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.time_series.diagnosis import diagnose
-from model.effects.catalogue import EFFECTS
+from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions, diagnose
+from model.effects import EFFECTS
 from wheelsoil.wording.verdict import sentence_of
 
 

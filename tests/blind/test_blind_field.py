@@ -20,11 +20,10 @@ from blind.wheel import Reading, Vehicle, simulated, slip_of
 from blind.world import World
 from scipy.linalg import cholesky, solve_triangular
 
-from daq.runs.open import open_runs
-from processing.options import ProcessOptions
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
-from wheelsoil.workflows.runs import process_runs
+from daq.runs import open_runs
+from processing import ProcessedRun, ProcessOptions
+from processing.pipeline import process
+from wheelsoil.workflows import process_runs
 
 HERE = Path(__file__).parent
 _MEETS_THE_ENGINE = ("advice", "engine", "growth", "wheels", "wheels_truth", "study", "tables")

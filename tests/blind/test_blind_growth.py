@@ -9,7 +9,7 @@ import pytest
 from blind.growth import CAMPAIGNS, COUNTS, contains_true_value, every_stage, main, page, rank, stays_right
 from blind.jsonl import read_lines
 
-from wheelsoil.simulation.options import parse_effect
+from wheelsoil.simulation import parse_effect
 
 
 def line(runs: int, verdict: str, *names: str, seed: int = 0, **other: Any) -> dict[str, Any]:

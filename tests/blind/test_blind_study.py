@@ -35,7 +35,7 @@ from blind.provenance import engine_of, engine_words, generator_of
 from blind.study import check_engine
 from blind.tables import BLOCKS, figures, write_report
 
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 
 
 def test_every_family_of_the_library_is_hidden_but_the_literal_readings_own() -> None:

@@ -14,10 +14,9 @@ from blind.tilts import body_pitch as true_body_pitch
 from blind.world import World
 
 from daq import DataError
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions, considered, not_identifiable
-from model.diagnosis.time_series.diagnosis import diagnose
-from model.diagnosis.time_series.samples import coverage_of, samples_of
-from model.effects.catalogue import EFFECTS
+from model.diagnosis import Campaign, DiagnosisOptions, considered, diagnose, not_identifiable, samples_of
+from model.diagnosis.time_series import coverage_of
+from model.effects import EFFECTS
 from model.wheel_soil.run_conditions import body_pitch
 from wheelsoil.wording.verdict import sentence_of
 

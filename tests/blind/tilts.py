@@ -16,8 +16,7 @@ from blind.sensors import START_NS
 from blind.wheel import Moments, Reading
 from scipy.signal import lfilter
 
-from daq import FloatArray
-from daq.channels import Channel
+from daq import Channel, FloatArray
 
 if TYPE_CHECKING:
     from blind.field import FieldDay

@@ -137,7 +137,7 @@ def runs_of_wheels(hidden: Hidden) -> dict[str, Processed]:
     """Simulate a campaign, write it as frames, and read and process it as `wheelsoil diagnose` does."""
     from processing import ProcessOptions
     from wheelsoil.simulation import simulate_campaign
-    from wheelsoil.workflows.runs import Files, process_runs
+    from wheelsoil.workflows import Files, process_runs
 
     with TemporaryDirectory(prefix="wheels-") as name:
         folder = Path(name) / "campaign"
@@ -148,7 +148,7 @@ def runs_of_wheels(hidden: Hidden) -> dict[str, Processed]:
 
 
 def _found(campaigns: Sequence[Campaign]) -> Line:
-    from wheelsoil.workflows.diagnosis import diagnose_campaigns, diagnosis_options
+    from wheelsoil.workflows import diagnose_campaigns, diagnosis_options
 
     cpu = time.process_time()
     found = diagnose_campaigns(campaigns, diagnosis_options())
@@ -170,7 +170,7 @@ def _kept(found: Diagnosis) -> Line:
 
 
 def _by_one(processed: Processed) -> Line:
-    from wheelsoil.workflows.diagnosis import campaigns_of
+    from wheelsoil.workflows import campaigns_of
 
     return _found(campaigns_of([], processed))
 
@@ -229,7 +229,7 @@ def leaves_open(answer: Line) -> bool:
 
 def answer_of(seed: int) -> Line:
     """Diagnose one campaign: by the front left wheel, by the faulty one and by all together."""
-    from wheelsoil.workflows.diagnosis import vehicles_of
+    from wheelsoil.workflows import vehicles_of
 
     begin = time.process_time()
     hidden, wheels, alone = searched(drawn(seed))

@@ -12,7 +12,7 @@ from blind.sensors import Suite
 from blind.standing import towed
 from blind.wheel import YANG, Vehicle
 
-from daq.channels import Channel
+from daq import Channel
 
 GRAVITY_MPS2 = 9.80665
 _LOAD_STEPS = (1.0, 1.375, 1.625)

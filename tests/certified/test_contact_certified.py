@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 from support import shared_file
 
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
+from model.wheel_soil import (
+    SOILS,
+    Conditions,
+    Patch,
+    Quadrature,
+    Wheel,
+    WheelSoilModel,
+    entry_angle,
+    resultants,
+    speed_ratio,
+)
 from model.wheel_soil.balance import balanced
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import Patch, Quadrature, entry_angle, resultants
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.stresses import speed_ratio
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 TAB3 = {
     "clay": {"H_m": 0.02, "m1": 0.1, "m2": 0.05, "n1": 0.35},

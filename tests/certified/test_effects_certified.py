@@ -9,11 +9,8 @@ import pytest
 from effects_support import WHEEL
 from scipy.integrate import quad
 
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import Quadrature
-from model.wheel_soil.soils import SOILS, Soil
-from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
+from model.effects import EFFECTS
+from model.wheel_soil import SOILS, Conditions, Quadrature, Reading, Soil, Wheel, WheelSoilModel
 
 SLIP = np.array([0.1, 0.3, 0.6, 0.9])
 AT_8_KN = Conditions(

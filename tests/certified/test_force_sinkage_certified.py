@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from support import shared_file
 
-from model.sinkage_from_forces.sinkage import ShapeRanges, draw_shapes, entry_angle_of_forces, sinkage_of_forces
+from model.sinkage_from_forces import ShapeRanges, draw_shapes, sinkage_of_forces
+from model.sinkage_from_forces.sinkage import entry_angle_of_forces
 
 POUND_N = 4.4482216
 INCH_M = 0.0254

@@ -8,7 +8,8 @@ from certified.nist_models import MODELS, StrdSet, read_strd
 from numpy.typing import NDArray
 from support import data_dir
 
-from model.fit.gauss_newton import GaussNewtonResult, StopReason, gauss_newton
+from model.fit import StopReason
+from model.fit.gauss_newton import GaussNewtonResult, gauss_newton
 
 FAR, NEAR = 0, 1
 DIGITS = 6

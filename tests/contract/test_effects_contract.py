@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
-from model.effects.base import Parameter
-from model.effects.catalogue import EFFECTS, MEASUREMENT, PHYSICAL
+from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
 from model.fit.gauss_newton import gauss_newton
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, WheelSoilModel
 from model.wheel_soil.dual import column
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
-from processing.processed_run import QualityReport
+from processing import QualityReport
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs" / "effects"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from daq import ConfigError
-from model.effects.catalogue import MEASUREMENT, PHYSICAL, Library
+from model.effects import MEASUREMENT, PHYSICAL, Library
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "docs" / "effects" / "README.md").read_text()
@@ -58,6 +58,7 @@ def test_a_package_adds_an_effect_as_the_page_says(install: Install, tmp_path: P
     assert seen.stdout == "The wind takes part of the drawbar pull.\n", seen.stderr
 
 
+@pytest.mark.slow
 def test_name_parameters_and_one_hook_are_enough(install: Install, tmp_path: Path) -> None:
     """What an effect may leave unsaid a report omits."""
     least = re.sub(r'    (?:summary|source|shows|needs) = .*\n| +"""D.*\n|, source="a van"', "", HEADWIND)

@@ -96,6 +96,18 @@ def test_rooms_import_each_other_by_their_faces() -> None:
     assert [line for module in FILES for line in past_a_face(module)] == []
 
 
+def test_tests_import_by_the_outermost_face() -> None:
+    past = [
+        f"{file.name}: {node.module}.{alias.name}, not {face}"
+        for file in sorted((ROOT / "tests").rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module in FILES
+        for alias in node.names
+        if (face := shortest_face(node.module, alias.name)) not in (None, node.module)
+    ]
+    assert past == []
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     graph = {module: {behind(*pair) for pair in imported(module)} - {module} for module in FILES}
     try:

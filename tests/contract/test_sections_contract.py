@@ -13,16 +13,16 @@ import pytest
 from diagnosis_samples import diagnosis
 
 import wheelsoil.report.sections
-from daq.errors import WheelsoilError
-from daq.runs.open import open_runs
-from processing.options import ProcessOptions
+from daq import WheelsoilError
+from daq.runs import open_runs
+from processing import ProcessOptions
 from wheelsoil.report.content import Panels, Section, SectionBuilder, Table
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.report.sections import EVIDENCE, GROUPS, OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES, glance
 from wheelsoil.to_json import to_json
-from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows import fit_runs, process_runs
+from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.last_report import LastReport
-from wheelsoil.workflows.runs import process_runs
 
 NUMBER = re.compile(r"[<>±+−-]?\s?[\d.,\u202f]+.*|[–-]$|∞$|not counted|unknown|not detectable in these data|above \d")
 every_section = pytest.mark.parametrize("builder", SECTIONS, ids=lambda builder: builder.key)

@@ -9,18 +9,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.can.databases import load_database
-from daq.channels import Channel
-from daq.config import RunInfo, VehicleConfig
-from model.effects.catalogue import EFFECTS
+from daq import Channel, RunInfo, VehicleConfig
+from daq.can import load_database
+from model.effects import EFFECTS
 from model.simulation import VirtualRun
-from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
-from wheelsoil.simulation.campaign import simulated_roles, simulated_run
-from wheelsoil.simulation.options import SimulationOptions
+from model.wheel_soil import SOILS, Conditions, Reading, WheelSoilModel
+from processing import ProcessedRun
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, simulated_roles
+from wheelsoil.simulation.campaign import simulated_run
 
 SEEN = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed", "latitude", "longitude")
 

@@ -17,8 +17,8 @@ from hypothesis import Phase, given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
-from daq.config import BusSection
+from daq import BusSection
+from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.host_clock import HostClock, StampTracker
 from daq.sources.python_can import AdapterClock, PythonCanSource
 

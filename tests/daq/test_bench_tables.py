@@ -9,14 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import data_dir
 
-from daq.errors import ConfigError, DataError
-from daq.series.single_wheel_tables import (
+from daq import ConfigError, DataError
+from daq.series import (
+    parse_rename,
+    parse_where,
     read_plate_tests,
     read_shear_tests,
     read_wheel_table,
     read_wheel_tables,
 )
-from daq.series.tables import parse_rename, parse_where
 
 
 def _write(folder: Path, text: str, name: str = "table.csv") -> Path:

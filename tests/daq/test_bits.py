@@ -10,9 +10,8 @@ from dbc_layouts import dbc
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.can.bits import RawKind, Signal, bit_field, read_raw, write_raw
-from daq.can.codec import decode
-from daq.can.databases import load_database
+from daq.can import RawKind, Signal, decode, load_database
+from daq.can.bits import bit_field, read_raw, write_raw
 
 WIDTH = 64
 """Bytes of a CAN FD frame."""

@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames
-from daq.errors import RecordingError
+from daq import RecordingError
+from daq.can import FrameBatch, FrameFlag, concatenate, messages_from_frames
 from daq.limits import MOST_KINDS
-from daq.logs import blf, read_log
+from daq.logs import LogReport, blf, read_log
 from daq.logs.blf import _search, read_blf
-from daq.logs.report import LogReport
 
 
 def written(batch: FrameBatch, **options: int) -> bytes:

@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from property_settings import examples
 
 import daq.logs.shapes as shapes_module
-from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames, split
-from daq.errors import DataError, RecordingError
-from daq.logs import read_log, write_candump
+from daq import DataError, RecordingError
+from daq.can import FrameBatch, FrameFlag, concatenate, messages_from_frames, split
+from daq.logs import LogReport, read_log, write_candump
 from daq.logs.candump import candump_text, read_candump
-from daq.logs.report import LogReport
 
 BUSES = ("can0", "can1", "vcan17")
 

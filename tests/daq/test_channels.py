@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.channels import CHANNELS, INPUTS, ON_TIME_BASE, OUTPUTS, REACTIONS, ROLES, TRANSDUCER_ROLES, Use
+from daq import CHANNELS, INPUTS, ON_TIME_BASE, OUTPUTS, REACTIONS, ROLES, TRANSDUCER_ROLES, Use
 
 
 def test_roles_keys_and_fields_are_unique() -> None:

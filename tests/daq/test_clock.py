@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from property_settings import examples
 
 from benchmarks.recovery import clopper_pearson
-from daq.clock import GnssClock, fit_clock
-from daq.errors import DataError
+from daq import DataError, fit_clock
+from daq.clock import GnssClock
 
 DAY = 86_400.0
 START_S = 1_700_000_000

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq import ConfigError
-from daq.channels import Channel
-from daq.config import VehicleConfig, WheelSection, parse_mapping
+from daq import Channel, ConfigError, VehicleConfig, parse_mapping
+from daq.config import WheelSection
 from daq.runs import Run, open_runs
 from daq.runs.commanded_slip import CommandedSlip
 

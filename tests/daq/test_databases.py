@@ -11,11 +11,11 @@ from cantools.database import errors
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from daq.can.databases import load_database, load_for_vehicle, messages_by_bus, shipped_dbc
+from daq import ConfigError, Quantity, VehicleConfig, find_unit, load_toml
+from daq.can import load_database, messages_by_bus, shipped_dbc
+from daq.can.databases import load_for_vehicle
 from daq.can.signal_places import misplaced
-from daq.config import VehicleConfig, load_toml
-from daq.errors import ConfigError, DatabaseError
-from daq.units import Quantity, find_unit
+from daq.errors import DatabaseError
 
 SHIPPED = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
 GOOD = """VERSION ""

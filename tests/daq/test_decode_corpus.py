@@ -9,9 +9,8 @@ import pytest
 from cantools_reference import assert_same, load_reference
 from support import data_dir
 
-from daq.can.bits import EXTENDED_BIT, Message, bit_field, write_raw
-from daq.can.codec import Decoder
-from daq.can.databases import load_database
+from daq.can import Decoder, Message, load_database
+from daq.can.bits import EXTENDED_BIT, bit_field, write_raw
 from daq.errors import DatabaseError
 
 LOADABLE = 179

@@ -7,11 +7,19 @@ import math
 import numpy as np
 import pytest
 
+from daq.can import (
+    CLASSIC_DTYPE,
+    Coverage,
+    Database,
+    Decoder,
+    FrameBatch,
+    FrameFlag,
+    concatenate,
+    coverage,
+    decode,
+    load_database,
+)
 from daq.can import codec as decode_module
-from daq.can.codec import Decoder, decode
-from daq.can.databases import Database, load_database
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, concatenate
-from daq.can.identify import Coverage, coverage
 from daq.errors import DatabaseError
 
 DBC = """VERSION ""

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.can.codec import Decoder, decode
-from daq.can.databases import load_database
+from daq.can import Decoder, decode, load_database
 
 
 @examples(60)

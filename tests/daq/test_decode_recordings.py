@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.can.codec import decode
-from daq.can.databases import load_database
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
-from daq.can.identify import coverage
+from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag, coverage, decode, load_database
 from daq.errors import DatabaseError
 
 LINE = re.compile(rb"\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)")

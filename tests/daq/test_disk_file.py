@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from frames_support import some_frames
 
-from daq.errors import HardwareError
+from daq import HardwareError
 from daq.recording import Recording, RecordingWriter
 from daq.recording.sink import DiskFile
 

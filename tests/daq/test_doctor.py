@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from doctor_support import free_port, nodes, vehicle_folder
 
-from daq.can.databases import load_database
-from daq.channels import Channel
+from daq import Channel, ChannelZero, Determination, ZeroConfig, zeros_toml
+from daq.can import load_database
 from daq.logger.doctor import CHECKS, Line, Situation, Verdict, examine, gather
 from daq.logger.doctor.host import (
     judged_status,
@@ -27,8 +27,7 @@ from daq.logger.doctor.host import (
 )
 from daq.logger.doctor.links import Link, with_details
 from daq.logger.run_files import folder_lock
-from daq.sources.can_source import SourceCounters
-from daq.zero_file import ChannelZero, Determination, ZeroConfig, zeros_toml
+from daq.sources import SourceCounters
 
 ROOT = Path(__file__).parents[2]
 LISTEN_S = 0.6

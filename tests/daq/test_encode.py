@@ -12,10 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.can.bits import Message, RawKind
-from daq.can.codec import decode, encode, merge, rolling_counter
-from daq.can.databases import Database, load_database, shipped_dbc
-from daq.can.frames import FrameFlag
+from daq.can import (
+    Database,
+    FrameFlag,
+    Message,
+    RawKind,
+    decode,
+    encode,
+    load_database,
+    merge,
+    rolling_counter,
+    shipped_dbc,
+)
 from daq.errors import DatabaseError
 
 

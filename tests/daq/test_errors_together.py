@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daq.errors import DataError, Fault
+from daq import DataError, Fault
 
 
 def test_six_of_one_kind_are_reported_once_with_the_first_and_last_place() -> None:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from daq.errors import ConfigError, DataError, HardwareError
-from daq.series.export import write_blocks, write_table
+from daq import ConfigError, DataError, HardwareError
+from daq.series import write_blocks, write_table
 
 COLUMNS = {
     "time_ns": np.array([1_700_000_000_000_000_001, 2, -3]),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.formatting import file_name, number, table_lines, without_powers
+from daq import file_name, number, table_lines, without_powers
 
 words = st.text(string.ascii_letters + "_./ ", max_size=40).map(str.strip)
 

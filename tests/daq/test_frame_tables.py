@@ -14,11 +14,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from support import data_dir
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate
-from daq.errors import ConfigError, RecordingError
+from daq import ConfigError, RecordingError
+from daq.can import FrameBatch, FrameFlag, concatenate
 from daq.logs import LogReading, parse_columns, read_log
 from daq.recording import RunRecording
-from daq.series.formats import series_format
+from daq.series import series_format
 
 SAVVYCAN = """\
 Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from property_settings import examples
 
-from daq.can.bits import Message
+from daq.can import Message
 from daq.logger.health.arrivals import MessageFlow
 from daq.logger.health.gaps import Gaps, keeps, learn, learned_after
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.bits import RawKind, Signal
+from daq.can import RawKind, Signal
 from daq.logger.health.arrivals import NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
 
 

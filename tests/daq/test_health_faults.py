@@ -11,11 +11,10 @@ import pytest
 from health_support import HealthRun, watch
 from numpy.typing import NDArray
 
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate
-from daq.config import VehicleConfig
+from daq import VehicleConfig
+from daq.can import FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.logger.health.report import HostStatus, Level
-from daq.runs.open import open_runs
-from daq.runs.run import Run
+from daq.runs import Run, open_runs
 from daq.sources.can_source import BusState, BusStatus
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -109,8 +108,8 @@ def test_frames_dropped_of_a_message_without_counter() -> None:
 def test_skipped_frames_are_not_lost() -> None:
     from health_support import in_steps
 
-    from daq.can.codec import Decoder
-    from daq.logger.health.monitor import HealthMonitor
+    from daq.can import Decoder
+    from daq.logger.health import HealthMonitor
 
     batch = recorded()
     monitor = HealthMonitor(run().vehicle, run().databases, started_ns=int(batch.frames["time_ns"][0]))

@@ -14,18 +14,28 @@ from health_support import watch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.bits import Message, RawKind, Signal
-from daq.can.codec import Decoder
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
-from daq.config import VehicleConfig
+from daq import VehicleConfig
+from daq.can import (
+    CLASSIC_DTYPE,
+    Decoder,
+    FrameBatch,
+    FrameFlag,
+    Message,
+    RawKind,
+    Signal,
+    concatenate,
+    load_database,
+    shipped_dbc,
+)
+from daq.can.frames import FD_DTYPE
+from daq.logger.health import HealthMonitor
 from daq.logger.health.bus_health import bits_on_wire
 from daq.logger.health.message_health import grouped_reasons
-from daq.logger.health.monitor import HealthMonitor, statuses
+from daq.logger.health.monitor import statuses
 from daq.logger.health.report import Board, HostStatus, Level, Recent, Since, reason
 from daq.logger.health.watched_messages import SATURATED_RUN, SignalValues
 from daq.recording.events import encode_diagnostics
-from daq.runs.open import open_runs
+from daq.runs import open_runs
 from daq.sources.can_source import BusStatus
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"

@@ -8,8 +8,8 @@ import pytest
 from health_support import HealthRun, watch
 from support import data_dir
 
-from daq.can.databases import load_database
-from daq.config import VehicleConfig
+from daq import VehicleConfig
+from daq.can import load_database
 from daq.logger.health.report import Level
 from daq.logs import read_log
 

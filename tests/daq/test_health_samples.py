@@ -8,7 +8,7 @@ import pytest
 from health_support import watch
 
 from daq.logger.health.report import Level
-from daq.runs.open import open_runs
+from daq.runs import open_runs
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 

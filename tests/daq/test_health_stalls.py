@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from property_settings import examples
 
-from daq.can.bits import Message, RawKind, Signal
+from daq.can import Message, RawKind, Signal
 from daq.logger.health.arrivals import MessageFlow
 
 MS = 1_000_000

@@ -16,7 +16,7 @@ from hypothesis import Phase, example, given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.host_clock import EARLY_NS, HostClock, StampTracker, monotonic_ns
 
 MS = 10**6

@@ -15,15 +15,22 @@ from database_texts import ARXML, KCD, SYM
 from fuzz.readers import whole_file
 from nptdms import ChannelObject, TdmsWriter
 
-from daq.can.databases import load_database
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
-from daq.can.identify import Coverage, coverage
-from daq.config import RunsConfig, VehicleConfig, load_toml
-from daq.errors import ConfigError, DatabaseError, DataError, RecordingError, WheelsoilError, every_error_as
+from daq import (
+    ConfigError,
+    DataError,
+    RecordingError,
+    RunsConfig,
+    VehicleConfig,
+    WheelsoilError,
+    every_error_as,
+    load_toml,
+)
+from daq.can import CLASSIC_DTYPE, Coverage, FrameBatch, FrameFlag, coverage, load_database
+from daq.errors import DatabaseError
 from daq.limits import LARGEST_CHUNK_BYTES, MOST_COLUMNS, MOST_IDS, MOST_RUNS
 from daq.logs import read_log
 from daq.recording.chunks import DamagedError, PackedChunk, unpacked
-from daq.series.formats import read_series
+from daq.series import read_series
 from daq.series.tables import read_table
 
 DBC = """VERSION ""
@@ -205,7 +212,7 @@ print(frames, len(found.loss), peak_rss_mb())
 @pytest.mark.parametrize("compression", ["zstd", pytest.param("lz4", marks=pytest.mark.slow)])
 def test_chunks_that_unpack_to_gigabytes_take_little_memory(compression: str, tmp_path: Path) -> None:
     """Twelve chunks with one frame each beside 60 MB of nothing, and one that is larger than any may be."""
-    from daq.config import RunInfo
+    from daq import RunInfo
     from daq.recording import RecordingWriter
 
     path = tmp_path / "bomb.mcap"

@@ -9,9 +9,9 @@ import pytest
 from fuzz.readers import FORMATS, whole_file
 
 from daq import ConfigError, read_toml
-from daq.can.databases import load_database
+from daq.can import load_database
 from daq.logs import read_log
-from daq.series.formats import read_series
+from daq.series import read_series
 
 
 def frames(path: Path) -> object:

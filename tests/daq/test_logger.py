@@ -17,13 +17,11 @@ import pytest
 from frames_support import content, some_frames
 from logger_support import Handset, Recorder, virtual_bus, wait_until
 
-from daq.config import BusSection, VehicleConfig
-from daq.errors import ConfigError, HardwareError
-from daq.logger.field_logger import log
+from daq import BusSection, ConfigError, HardwareError, VehicleConfig
+from daq.logger import log
 from daq.logger.listener import SILENCE_S
 from daq.recording import Recording
-from daq.sources.can_source import Sink
-from daq.sources.interfaces import open_sink
+from daq.sources import Sink, open_sink
 
 
 @pytest.fixture

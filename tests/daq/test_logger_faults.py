@@ -22,17 +22,13 @@ from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 from recording_support import limited
 
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
-from daq.errors import ConfigError, Fault, HardwareError
-from daq.logger.field_logger import log
+from daq import BusSection, ConfigError, Fault, HardwareError, LoggerSection, RunInfo, VehicleConfig
+from daq.can import FrameBatch, concatenate, load_database, shipped_dbc
+from daq.logger import LogSummary, log
 from daq.logger.host_monitor import DiskGuard
 from daq.logger.inspection import Inspection
-from daq.logger.session_monitor import LogSummary
 from daq.recording import PartWriter, Recording
-from daq.sources.can_source import InterfaceDownError
-from daq.sources.interfaces import open_sink
+from daq.sources import InterfaceDownError, open_sink
 from daq.sources.python_can import PythonCanSource
 from daq.sources.reconnect import ReconnectingSource
 from daq.sources.socketcan import fault_of

@@ -19,11 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logger_support import Opener, recent_frames
 
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch, concatenate
-from daq.channels import Channel
-from daq.config import BusSection, VehicleConfig
-from daq.errors import HardwareError
+from daq import BusSection, Channel, HardwareError, VehicleConfig
+from daq.can import FrameBatch, concatenate, load_database, shipped_dbc
 from daq.host_clock import HostClock
 from daq.logger.health.report import HostStatus, Level
 from daq.logger.host_monitor import DiskGuard, HostMonitor

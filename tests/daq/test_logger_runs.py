@@ -17,11 +17,9 @@ from hypothesis import strategies as st
 from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
 from property_settings import examples
 
-from daq.can.frames import concatenate
-from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, VehicleSection
-from daq.errors import HardwareError, RecordingError
-from daq.logger.field_logger import log
-from daq.logger.panel import Command
+from daq import BusSection, HardwareError, LoggerSection, RecordingError, RunInfo, VehicleConfig, VehicleSection
+from daq.can import concatenate
+from daq.logger import Command, log
 from daq.recording import Event, PartWriter, Recording, RunRecording
 
 SCRIPTED = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x"),))

@@ -18,12 +18,12 @@ from frames_support import START_NS, classical, content, some_frames
 from fuzz.readers import FORMATS, whole_file
 from support import data_dir
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
-from daq.config import RunInfo
-from daq.errors import ConfigError, RecordingError
+from daq import ConfigError, RecordingError, RunInfo
+from daq.can import FrameBatch, FrameFlag, concatenate, messages_from_frames
+from daq.can.frames import frames_from_messages
 from daq.logs import formats, import_logs, read_log, write_candump
 from daq.logs.mf4 import merged
-from daq.runs.run import Configuration
+from daq.runs import Configuration
 
 READERS: dict[str, Callable[[Path], Iterable[can.Message]]] = {
     ".asc": lambda path: can.ASCReader(path, relative_timestamp=True),

@@ -16,12 +16,12 @@ import pytest
 from frames_support import content
 
 import daq.child_process
-from daq.can.frames import FrameBatch, FrameFlag, joined
-from daq.config import SeriesSection
-from daq.errors import RecordingError
+from daq import RecordingError, SeriesSection
+from daq.can import FrameBatch, FrameFlag
+from daq.can.frames import joined
 from daq.logs import LogReport, read_log
 from daq.logs.mf4 import _kind, frames_apart
-from daq.series.blocks import SeriesReport
+from daq.series import SeriesReport
 from daq.series.readers.mdf import read_mdf
 
 CRASHES = {

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.can.databases import load_database
-from daq.can.roles import NoData, no_data_of
+from daq.can import NoData, load_database, no_data_of
 from daq.runs import SignalTally
 
 DBC = """VERSION ""

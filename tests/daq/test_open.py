@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.can.codec import encode
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import RunInfo, VehicleConfig
-from daq.errors import ConfigError, DatabaseError, RecordingError
+from daq import ConfigError, RecordingError, RunInfo, VehicleConfig
+from daq.can import FrameBatch, concatenate, encode, load_database, shipped_dbc
+from daq.errors import DatabaseError
 from daq.logs import write_candump
 from daq.recording import RecordingWriter, recover
-from daq.runs.open import SetAsideRun, misspelt_files, open_runs
+from daq.runs import SetAsideRun, misspelt_files, open_runs
 
 START_NS = 1_700_000_000_000_000_000
 VEHICLE = """

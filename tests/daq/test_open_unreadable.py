@@ -10,10 +10,8 @@ from pathlib import Path
 import pytest
 from closed_folders import as_nobody, closed
 
-from daq.config import VehicleConfig
-from daq.errors import ConfigError, WheelsoilError
-from daq.runs.open import campaign_folders, open_runs
-from daq.runs.run import Configuration
+from daq import ConfigError, VehicleConfig, WheelsoilError
+from daq.runs import Configuration, campaign_folders, open_runs
 
 RUN = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
 

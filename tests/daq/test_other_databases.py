@@ -10,8 +10,7 @@ import pytest
 from cli_support import ok
 from database_texts import ARXML
 
-from daq.can.codec import Decoder
-from daq.can.databases import load_database, shipped_dbc
+from daq.can import Decoder, load_database, shipped_dbc
 from daq.errors import DatabaseError
 from daq.runs import open_runs
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq.config import TerrainConfig, VehicleConfig, parse_toml
-from daq.errors import ConfigError
+from daq import ConfigError, TerrainConfig, VehicleConfig, parse_toml
 
 WHEEL = "[wheel]\nradius_m = 0.47\nwidth_m = 0.3\n"
 

@@ -12,8 +12,7 @@ from contextlib import ExitStack, closing
 import can
 import pytest
 
-from daq.config import BusSection
-from daq.errors import HardwareError
+from daq import BusSection, HardwareError
 from daq.sources.python_can import _EXTRAS, PythonCanSource, open_bus
 
 

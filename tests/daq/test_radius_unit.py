@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daq import ConfigError, VehicleConfig
-from daq.config import parse_toml
+from daq import ConfigError, VehicleConfig, parse_toml
 
 
 @pytest.mark.parametrize(

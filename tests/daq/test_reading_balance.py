@@ -12,13 +12,12 @@ from frames_support import content, some_frames
 from fuzz.mutators import mutated
 from fuzz.readers import FORMATS, whole_file
 
-from daq.balance import UNACCOUNTED, Balance
-from daq.can.frames import concatenate
-from daq.errors import WheelsoilError
+from daq import Balance, WheelsoilError
+from daq.balance import UNACCOUNTED
+from daq.can import concatenate
 from daq.logs import LogReport, read_log, shapes
 from daq.logs.candump import candump_text
-from daq.series import SeriesReport
-from daq.series.formats import read_series
+from daq.series import SeriesReport, read_series
 
 IN_A_PROCESS = ("mat", "hdf5")
 LOGS = ("candump", "asc", "trc", "blf", "frames in csv", "busmaster")

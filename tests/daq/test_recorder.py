@@ -17,8 +17,8 @@ from logger_support import Clocks
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from daq.can.frames import FrameBatch
-from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
+from daq import BusSection, LoggerSection, RunInfo, VehicleConfig
+from daq.can import FrameBatch
 from daq.host_clock import HostClock
 from daq.logger.listener import Arrival
 from daq.logger.recorder import Recorder, RecorderOptions

@@ -10,10 +10,10 @@ import pytest
 from mcap.reader import make_reader
 from recording_support import random_frames, write_recording
 
-from daq.can.frames import FrameBatch
-from daq.recording import Recording, recover
+from daq.can import FrameBatch
+from daq.recording import Recording, raw_message_head, recover
 from daq.recording.chunks import ChunkEntry, DamagedError, PackedChunk, unpacked
-from daq.recording.format import checked_metadata, raw_message_head, with_checksum
+from daq.recording.format import checked_metadata, with_checksum
 from daq.recording.reader import chunks_between
 
 STAMP_NS = 1_700_000_000_123_456_789

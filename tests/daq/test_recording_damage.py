@@ -20,9 +20,8 @@ from recording_support import START_NS, by_topic, random_frames, write_recording
 from support import data_dir
 from zstandard import ZstdDecompressor
 
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import RunInfo
-from daq.errors import HardwareError, RecordingError
+from daq import HardwareError, RecordingError, RunInfo
+from daq.can import FrameBatch, concatenate
 from daq.recording import Recording, RecordingWriter, recover
 from daq.recording.chunks import ChunkEntry
 from daq.recording.contents import read_contents

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from property_settings import examples
 from recording_support import START_NS, random_frames
 
-from daq.can.frames import FrameBatch
-from daq.errors import DataError
+from daq import DataError
+from daq.can import FrameBatch
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.chunks import DamagedError
 from daq.recording.events import decode_event, encode_diagnostics, encode_event

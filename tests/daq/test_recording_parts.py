@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from logger_support import Clocks
 from recording_support import START_NS, limited, random_frames
 
-from daq.can.frames import FrameBatch, split
-from daq.config import RunInfo
-from daq.errors import HardwareError, RecordingError
-from daq.recording import Event, PartWriter, Recording
-from daq.recording.part_writer import next_part, part_number, part_path, parts_on_disk
+from daq import HardwareError, RecordingError, RunInfo
+from daq.can import FrameBatch, split
+from daq.recording import Event, PartWriter, Recording, part_number, part_path
+from daq.recording.part_writer import next_part, parts_on_disk
 
 RUN = RunInfo(id="7", direction="back")
 FRAMES = FrameBatch(random_frames(3, 4000, bus_count=2), ("can0", "can1"))

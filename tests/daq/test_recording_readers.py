@@ -10,7 +10,7 @@ import pytest
 from logger_support import Clocks
 from recording_support import START_NS, random_frames, with_mcap_ros2
 
-from daq.can.frames import FrameBatch, split
+from daq.can import FrameBatch, split
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.decoded_topics import field_names
 from daq.recording.format import TopicNames, snake_case

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from property_settings import examples
 from recording_support import START_NS, by_topic, expected_by_topic, plain_bytes, random_frames, write_recording
 
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, concatenate, split
-from daq.config import RunInfo
-from daq.errors import ConfigError, DataError, RecordingError
-from daq.recording import Recording, RecordingWriter
+from daq import ConfigError, DataError, RecordingError, RunInfo
+from daq.can import CLASSIC_DTYPE, FrameBatch, concatenate, split
+from daq.can.frames import FD_DTYPE
+from daq.recording import RAW_PREFIX_SIZE, Recording, RecordingWriter, raw_message_head
 from daq.recording.chunks import ChunkEntry
-from daq.recording.format import RAW_PREFIX_SIZE, raw_frames, raw_message_head
+from daq.recording.format import raw_frames
 from daq.recording.reader import chunks_between
 
 BUSES = ("can0", "can-0", "vehicle bus", "9")

@@ -11,12 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_support import START_NS, plain_bytes, random_frames
 
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import RunInfo
-from daq.errors import ConfigError, DataError, RecordingError
-from daq.recording import Event, PartWriter, RecordingWriter, RunRecording, recover
-from daq.recording.part_writer import next_part, part_path, parts_on_disk
-from daq.runs.open import open_runs
+from daq import ConfigError, DataError, RecordingError, RunInfo
+from daq.can import FrameBatch, concatenate
+from daq.recording import Event, PartWriter, RecordingWriter, RunRecording, part_path, recover
+from daq.recording.part_writer import next_part, parts_on_disk
+from daq.runs import open_runs
 from wheelsoil.wording.notes import note_text
 
 RUN = RunInfo(id="7", direction="back")

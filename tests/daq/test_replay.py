@@ -18,16 +18,14 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
-from daq.config import BusSection, RunInfo
-from daq.errors import ConfigError, DataError, HardwareError, RecordingError
+from daq import BusSection, ConfigError, DataError, HardwareError, RecordingError, RunInfo
+from daq.can import FrameArray, FrameBatch, FrameFlag, concatenate, split
 from daq.logs import write_candump
 from daq.recording import PartWriter, RecordingWriter
 from daq.recording import reader as raw_frames
 from daq.recording.chunks import ChunkEntry, read_chunk
-from daq.sources.can_source import Source
-from daq.sources.interfaces import open_source
-from daq.sources.player import Looping, ReplaySummary, replay, replay_batches
+from daq.sources import ReplaySummary, Source, open_source, replay, replay_batches
+from daq.sources.player import Looping
 
 
 def listening() -> Source:

@@ -10,12 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.databases import Database, load_database, shipped_dbc
-from daq.can.roles import SignalRef, resolve_roles
-from daq.channels import ROLES, Channel, Use
-from daq.config import VehicleConfig
-from daq.errors import ConfigError
-from daq.units import Quantity, find_unit, known_units
+from daq import ROLES, Channel, ConfigError, Quantity, Use, VehicleConfig, find_unit, known_units
+from daq.can import Database, SignalRef, load_database, resolve_roles, shipped_dbc
 
 HUB = """VERSION ""
 BU_: A
@@ -140,8 +136,8 @@ def test_a_signal_on_several_buses_needs_the_bus() -> None:
 
 def test_the_shipped_files_serve_all_roles_but_sinkage_brake_and_slip() -> None:
     path = shipped_dbc("wft.dbc")
+    from daq import load_toml
     from daq.can.databases import load_for_vehicle
-    from daq.config import load_toml
 
     config = load_toml(path.with_name("vehicle.toml"), VehicleConfig)
     served = [

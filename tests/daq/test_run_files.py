@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from frames_support import some_frames
 
-from daq.config import RunInfo, VehicleConfig, VehicleSection
+from daq import RunInfo, VehicleConfig, VehicleSection
 from daq.logger.run_files import VEHICLE_KEY, RunFiles, named_run, unfinished_run
 from daq.recording import PartWriter, Recording
 

@@ -30,13 +30,11 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
 import daq.child_process
-from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, WheelsoilError
+from daq import ConfigError, DataError, FloatArray, IntArray, RecordingError, SeriesSection, WheelsoilError
 from daq.balance import UNACCOUNTED
-from daq.config import SeriesSection
 from daq.limits import LAST_TIME_NS
+from daq.series import Series, SeriesBlock, SeriesReport, read_series, series_format
 from daq.series.apart import apart
-from daq.series.blocks import Series, SeriesBlock, SeriesReport
-from daq.series.formats import read_series, series_format
 from daq.series.readers import matlab
 from daq.series.readers.bags import _numbers
 from daq.series.readers.groups import Clock, Column, array_column, series_of

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import ConfigError, DataError
-from daq.series.tables import SharedOptions, Source, parse_rename, parse_where, read_table
+from daq import ConfigError, DataError
+from daq.series import SharedOptions, parse_rename, parse_where
+from daq.series.tables import Source, read_table
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 

@@ -13,10 +13,10 @@ from fuzz.readers import FORMATS, whole_file
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages
-from daq.errors import RecordingError
-from daq.logs import LogReport, read_log, shapes
-from daq.logs.formats import LOG_FORMATS
+from daq import RecordingError
+from daq.can import FrameBatch, FrameFlag, concatenate
+from daq.can.frames import frames_from_messages
+from daq.logs import LOG_FORMATS, LogReport, read_log, shapes
 
 READERS = {known.suffixes[0]: known.read for known in LOG_FORMATS}
 WRITERS = {".asc": can.ASCWriter, ".trc": can.TRCWriter}

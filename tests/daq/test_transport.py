@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.bits import Message, RawKind, Signal
-from daq.can.codec import Decoder
-from daq.can.databases import Database
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can import CLASSIC_DTYPE, Database, Decoder, FrameBatch, FrameFlag, Message, RawKind, Signal
 from daq.can.transport import Payload, Transport
 
 GROUP = 0xFEE3

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
-from daq.host_clock import UncertainTimestamps
+from daq import UncertainTimestamps
+from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
 from wheelsoil.wording.notes import texts_of
 
 _BUSES = ("can0", "can1")

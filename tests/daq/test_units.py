@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from scipy import constants
 
-from daq.units import Quantity, find_unit, known_units
+from daq import Quantity, find_unit, known_units
 
 NIST_SP_811: dict[Quantity, dict[str, float]] = {
     Quantity.FORCE: {

@@ -15,15 +15,13 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from wrong_files import CASES, Case
 
-from daq import Severity
+from daq import ConfigError, DataError, SeriesSection, Severity, VehicleConfig
 from daq.balance import UNACCOUNTED
-from daq.config import SeriesSection, VehicleConfig
-from daq.errors import ConfigError, DataError
 from daq.gunzip import Gunzip, unpacked
 from daq.logs import parse_columns, read_log
-from daq.runs.run import Configuration, log_run, series_run
-from daq.series import read_shear_tests, read_wheel_tables
-from daq.series.formats import read_series, series_format
+from daq.runs import Configuration
+from daq.runs.run import log_run, series_run
+from daq.series import read_series, read_shear_tests, read_wheel_tables, series_format
 from daq.series.readers import delimited
 from daq.series.readers.table_head import _is_lost, _usual_count
 

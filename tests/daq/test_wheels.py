@@ -8,16 +8,24 @@ from pathlib import Path
 
 import pytest
 
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.roles import resolve_roles
-from daq.config import RunInfo, RunsConfig, RutReading, VehicleConfig, parse_toml
-from daq.errors import ConfigError
-from daq.logger.doctor import files
-from daq.logger.doctor.situation import Situation
+from daq import (
+    ZERO_FILE,
+    ChannelZero,
+    ConfigError,
+    Determination,
+    RunInfo,
+    RunsConfig,
+    RutReading,
+    VehicleConfig,
+    ZeroConfig,
+    parse_toml,
+    zeros_toml,
+)
+from daq.can import load_database, resolve_roles, shipped_dbc
+from daq.logger.doctor import Situation, files
 from daq.recording import RecordingWriter
-from daq.runs.open import open_runs
-from daq.runs.run import Run
-from daq.zero_file import ZERO_FILE, ChannelZero, Determination, ZeroConfig, carried_zeros, zeros_toml
+from daq.runs import Run, open_runs
+from daq.zero_file import carried_zeros
 
 HEAD = (
     '[vehicle]\nname = "four"\naxles = 2\n[signals]\nground_speed = "GNSS_2.Speed"\n'

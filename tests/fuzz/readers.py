@@ -17,12 +17,11 @@ from frames_support import some_frames
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import messages_from_frames
-from daq.config import RunsConfig, TerrainConfig, VehicleConfig, parse_toml
+from daq import RunsConfig, TerrainConfig, VehicleConfig, parse_toml
+from daq.can import load_database, messages_from_frames, shipped_dbc
 from daq.logs import read_log, write_candump
 from daq.recording import Recording, RecordingWriter
-from daq.series.formats import read_series
+from daq.series import read_series
 from daq.series.tables import read_table
 
 ROOT = Path(__file__).parents[2]

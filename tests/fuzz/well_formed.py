@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from daq import WheelsoilError
 from daq.logs import parse_columns, read_log
-from daq.series.formats import read_series
+from daq.series import read_series
 
 _ROWS = 200
 _USUAL = ("times have no date", "dates have no time zone", "the time column states no unit", "rows are out of order")

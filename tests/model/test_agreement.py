@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import _along, disagreements, other_forms, runs_apart
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import best_set

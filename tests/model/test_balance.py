@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, Dual, Quadrature, SoilState
 from model.wheel_soil.balance import Contact, solve
-from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.contact import CHUNK, Quadrature
-from model.wheel_soil.dual import Dual, column
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
+from model.wheel_soil.contact import CHUNK
+from model.wheel_soil.dual import column
 
 UNSOLVABLE = 7
 

@@ -11,13 +11,9 @@ from bench_samples import REPEATS, SAND, WHEEL, bench, prior
 from blind.ground import Ground
 from blind.wheel import Moments, Physics, Vehicle, soil_forces
 
-from daq.errors import ConfigError, DataError
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.core.shapes import Rows
-from model.diagnosis.single_wheel.diagnose import diagnose_bench
-from model.diagnosis.single_wheel.problem import CauseUse
-from model.diagnosis.single_wheel.wheel_pair import compare_wheels
+from daq import ConfigError, DataError
+from model.diagnosis import Diagnosis, DiagnosisOptions, Rows, compare_wheels, diagnose_bench
+from model.diagnosis.single_wheel import CauseUse
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import texts_of

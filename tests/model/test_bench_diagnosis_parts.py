@@ -14,18 +14,31 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
-from daq.notes import Note
+from daq import Note
+from model import LackCode
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
+from model.diagnosis.single_wheel import (
+    BenchProblem,
+    CauseUse,
+    Hypothesis,
+    SoilCoordinates,
+    Weighed,
+    Weighing,
+    driven_rows,
+    family_of,
+    library,
+    listed_uses,
+    scatter_of_repeats,
+    sets_of,
+    skid_law,
+)
+from model.diagnosis.single_wheel.coordinates import CauseCoordinate, cut_off
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
-from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
+from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
 from model.diagnosis.single_wheel.predictions import _across_the_peak, _left_open, _parted, _rivals
-from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import answered, log_likelihood, search
-from model.diagnosis.single_wheel.sets import driven_rows, family_of, library, listed_uses, sets_of, skid_law
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
-from model.effects.catalogue import EFFECTS
-from model.notes import LackCode
+from model.diagnosis.single_wheel.weighing import misfits, threshold
+from model.effects import EFFECTS
 
 BOTH = ("dp", "z")
 

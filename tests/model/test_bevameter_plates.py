@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.errors import ConfigError, DataError
-from daq.series.single_wheel_tables import PlateTest
+from daq import ConfigError, DataError
+from daq.series import PlateTest
 from model.bevameter import PressureSinkage, WindowOptions, fit_plate, fit_pressure_sinkage
 from wheelsoil.wording.notes import texts_of
 

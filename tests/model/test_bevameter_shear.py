@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.errors import ConfigError, DataError
-from daq.series.single_wheel_tables import ShearTest
+from daq import ConfigError, DataError
+from daq.series import ShearTest
 from model.bevameter import fit_shear, fit_shear_strength
 from wheelsoil.wording.notes import texts_of
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from bench_soil import plate_tests, shear_tests
 
-from daq.config import SOIL_KEYS, TerrainConfig, parse_toml
-from daq.errors import ConfigError, DataError
+from daq import SOIL_KEYS, ConfigError, DataError, TerrainConfig, parse_toml
 from model.bevameter import fit_pressure_sinkage, fit_shear_strength, terrain_of, terrain_toml
-from model.wheel_soil.soils import prior_of, soil_from_terrain
+from model.wheel_soil import prior_of, soil_from_terrain
 
 BASE = """
 [soil]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from property_settings import examples
 from stressed_wheel import StressedWheel
 
-from model.diagnosis.core.consistency import BoundRows, inconsistent
+from model.diagnosis import BoundRows, inconsistent
 from wheelsoil.wording.notes import note_text
 
 POINTS = 400

@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 from stressed_wheel import StressedWheel
 
-from model.diagnosis.core.campaign import Bench, Campaign
-from model.diagnosis.core.consistency import SIGMAS, bound_rows_of_runs, inconsistencies
-from model.fit.observations import Observations
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS, prior_of
-from processing.pipeline.pipeline import process
-from wheelsoil.simulation.campaign import simulated_roles
-from wheelsoil.simulation.options import SimulationOptions
+from model.diagnosis import Bench, Campaign, bound_rows_of_runs
+from model.diagnosis.core.consistency import SIGMAS, inconsistencies
+from model.fit import Observations
+from model.wheel_soil import SOILS, Wheel, prior_of
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, simulated_roles
 from wheelsoil.wording.notes import note_text
 
 SLIP = np.linspace(0.1, 0.9, 9)

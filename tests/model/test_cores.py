@@ -16,7 +16,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from daq import DataError, Fault, FloatArray, WheelsoilError
-from model.cores import LEAST_ROWS, in_parallel, one_thread, processes, spread
+from model import in_parallel, one_thread, processes
+from model.cores import LEAST_ROWS, spread
 
 
 @pytest.fixture(autouse=True)

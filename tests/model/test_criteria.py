@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from daq import Note
+from model import FitCode
 from model.fit.criteria import BIN_WIDTH, criteria
-from model.notes import FitCode
 from wheelsoil.wording.notes import note_text
 
 numbers = st.floats(-1e4, 1e4, width=32)

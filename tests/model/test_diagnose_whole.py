@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from daq.notes import Note
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.time_series.diagnosis import diagnose
+from daq import Note
+from model import DiagnosisCode
+from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions, diagnose, samples_of
 from model.diagnosis.time_series.noise import Noise, hyper_priors
-from model.diagnosis.time_series.samples import samples_of
-from model.notes import DiagnosisCode
-from processing.processed_run import ProcessedRun, Reason
+from processing import ProcessedRun, Reason
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import step_text, texts_of
 from wheelsoil.wording.verdict import sentence_of, sentences_of

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.core.campaign import considered
+from model.diagnosis import considered, samples_of
+from model.diagnosis.time_series import coverage_of
 from model.diagnosis.time_series.linearise import (
     LATE_WHEEL,
     SECANT_SHARE,
@@ -21,9 +22,9 @@ from model.diagnosis.time_series.linearise import (
     simulated,
     soil_space,
 )
-from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.soils import SoilPrior
+from model.diagnosis.time_series.samples import Samples
+from model.effects import EFFECTS
+from model.wheel_soil import SoilPrior
 
 CAUSES = {"H_m": 0.02, "crosstalk.coefficient": 0.01, "torque_gain.relative": 0.03, "wheel_radius.relative": 0.01}
 

@@ -10,7 +10,8 @@ import pytest
 from diagnosis_support import simulated_campaign
 
 from model.cores import spread
-from model.diagnosis.core.campaign import Campaign, considered
+from model.diagnosis import Campaign, considered, samples_of
+from model.diagnosis.time_series import coverage_of
 from model.diagnosis.time_series import hyper as noise_blocks
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.hyper import (
@@ -28,9 +29,9 @@ from model.diagnosis.time_series.hyper import (
 )
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes, variance
-from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
+from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.whitening import run_grams
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 
 
 @pytest.fixture(scope="module")

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from daq.config import RunInfo
-from daq.errors import DataError
-from daq.notes import Note
-from model.diagnosis.core.campaign import Campaign, considered, not_identifiable
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
-from model.diagnosis.time_series.samples import STENCIL, _calmed, coverage_of, samples_of
-from model.effects.catalogue import EFFECTS
-from model.notes import DiagnosisCode, LackCode
-from model.wheel_soil.run_conditions import campaign_times, conditions_of, line_positions
-from processing.processed_run import ProcessedRun, Reason
+from daq import DataError, Note, RunInfo
+from model import DiagnosisCode, LackCode
+from model.diagnosis import Campaign, considered, not_identifiable, samples_of
+from model.diagnosis.time_series import coverage_of, linearise_campaigns
+from model.diagnosis.time_series.samples import STENCIL, _calmed
+from model.effects import EFFECTS
+from model.wheel_soil import conditions_of
+from model.wheel_soil.run_conditions import campaign_times, line_positions
+from processing import ProcessedRun, Reason
 from wheelsoil.wording.notes import note_text
 
 RUNS = 2

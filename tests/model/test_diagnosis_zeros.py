@@ -9,11 +9,10 @@ import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 from short_campaign import driven, noise_of
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.time_series.diagnosis import diagnose
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns, with_likely_load
+from model.diagnosis import Campaign, DiagnosisOptions, diagnose, samples_of
+from model.diagnosis.time_series import linearise_campaigns
+from model.diagnosis.time_series.linearised_campaign import with_likely_load
 from model.diagnosis.time_series.noise import hyper_priors
-from model.diagnosis.time_series.samples import samples_of
 
 
 def taken_anew(campaign: Campaign, pull_n: float, torque_nm: float) -> Campaign:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.wheel_soil.dual import _RULES, Dual, where
+from model.wheel_soil import Dual, where
+from model.wheel_soil.dual import _RULES
 
 STEP = 1e-30
 A = np.linspace(0.05, 0.95, 40)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from effects_support import WHEEL
 
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG
-from model.wheel_soil.conditions import Conditions, Reaction, WheelState
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, Reaction, SoilState, WheelSoilModel, WheelState
 
 CONDITIONS = Conditions(
     slip=np.array([0.2, 0.2]),

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from effects_support import WHEEL
 
-from model.effects.base import Effect, Signals
-from model.effects.catalogue import EFFECTS, MEASUREMENT
-from model.wheel_soil.conditions import Conditions, Reaction, WheelState
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
+from model.effects import EFFECTS, MEASUREMENT, Effect
+from model.effects.base import Signals
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, Reaction, SoilState, WheelState
 from model.wheel_soil.stresses import slip_of_ratio
 
 RATE_HZ = 200.0

@@ -7,13 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.effects.catalogue import EFFECTS
-from model.fit.fit import fit_observations
-from model.fit.observations import Observations
-from model.fit.result import Estimate, FitOptions
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.effects import EFFECTS
+from model.fit import Estimate, FitOptions, Observations, fit_observations
+from model.wheel_soil import SOILS, Conditions, Wheel, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 COUNT = 360

@@ -9,8 +9,7 @@ import pytest
 from gram_support import World, column, library, world
 from scipy.stats import multivariate_normal
 
-from model.diagnosis.core.result import Adequacy
-from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis import Adequacy, Kind, Shape
 from model.diagnosis.findings.adequacy import (
     LIMIT,
     MOST_EXCESS,

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from model.diagnosis import Cause, ParameterEstimate
 from model.diagnosis.core.naming import doubtful
-from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 from wheelsoil.wording.notes import note_text
 
 

@@ -15,19 +15,16 @@ from hypothesis import strategies as st
 from property_settings import examples
 from short_campaign import driven, looked
 
-from daq.errors import ConfigError
-from model.averaged import AveragedModel
-from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from daq import ConfigError
+from model import AveragedModel, ExtendedEffect, ExtendedModel, extended_model
+from model.diagnosis import Cause, ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import set_problem
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 from model.effects.speed_errors import DELAY
-from model.extended import ExtendedEffect, ExtendedModel, ModelSet, extended_model
+from model.extended import ModelSet
 from model.fit import FitOptions, fit_models
-from model.wheel_soil import conditions_of
-from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, Wheel, WheelSoilModel, conditions_of
 from model.wheel_soil.run_conditions import SpeedHistory
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 NAN = float("nan")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked, noise_of
 
-from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis import DiagnosisOptions
 from model.diagnosis.findings.set_fit import (
     TRUST,
     _others,
@@ -21,8 +21,8 @@ from model.diagnosis.findings.set_fit import (
     spread_of,
 )
 from model.diagnosis.findings.set_problem import set_problem
+from model.diagnosis.time_series import linearise_campaigns
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 
 
 @pytest.mark.parametrize("keys", [("lyasko", "torque_zero"), ("speed_latency",)])

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from daq.errors import ConfigError, DataError
-from model.effects.catalogue import EFFECTS
-from model.fit.fit import _tempering, fit_observations, judge_alike
+from daq import ConfigError, DataError
+from model import FitCode
+from model.effects import EFFECTS
+from model.fit import FitOptions, Observations, fit_observations
+from model.fit.fit import _tempering, judge_alike
 from model.fit.intervals import blocks_of, correlation_time, sandwich
-from model.fit.observations import Observations
-from model.fit.result import FitOptions
-from model.notes import FitCode
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import Quadrature
-from model.wheel_soil.soils import SOILS, prior_of
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.wheel_soil import SOILS, Conditions, Quadrature, Wheel, WheelSoilModel, prior_of
 from wheelsoil.wording.notes import texts_of
 
 WHEEL = Wheel(0.47, 0.318)

@@ -10,11 +10,11 @@ import pytest
 from stressed_wheel import StressedWheel
 from synthetic_run import forces, speeds, vehicle
 
-from daq.series.single_wheel_tables import WheelTable
-from model.sinkage_from_forces.force_cells import Forces, cells_of_runs, cells_of_table
-from model.sinkage_from_forces.sinkage_growth import sinkage_from_forces
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Reason
+from daq.series import WheelTable
+from model.sinkage_from_forces import cells_of_runs, cells_of_table, sinkage_from_forces
+from model.sinkage_from_forces.force_cells import Forces
+from processing import ProcessedRun, Reason
+from processing.pipeline import process
 
 RATE_HZ = 50
 BLOCK = 10

@@ -10,16 +10,13 @@ from bench_samples import REPEATS, bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model import LackCode
+from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
 from model.diagnosis.core.hypotheses import Posterior, listed_sets
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.single_wheel import diagnose, form_error
-from model.diagnosis.single_wheel.diagnose import diagnose_bench
+from model.diagnosis.single_wheel import BenchProblem, diagnose, form_error
 from model.diagnosis.single_wheel.form_error import HALF, TWICE, Judged, adequate_at, steady
 from model.diagnosis.single_wheel.noise import FORM_SHARE, FormError
-from model.diagnosis.single_wheel.problem import BenchProblem
-from model.notes import LackCode
 from wheelsoil.wording.verdict import sentence_of
 
 FAMILIES = {"vasilev": "slip_sinkage", "grouser": "grouser", "exit_angle": "exit_angle"}

@@ -9,7 +9,7 @@ from blind.mix import Case
 from blind.study import truth_of
 from short_campaign import driven, looked
 
-from model.diagnosis.core.shapes import Kind
+from model.diagnosis import Kind
 from model.diagnosis.findings.adequacy import kinds_of, unlisted
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.time_series.columns import columns_of

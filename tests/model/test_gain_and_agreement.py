@@ -9,8 +9,8 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
+from model.diagnosis import Cause, ParameterEstimate
 from model.diagnosis.core.gain import HeldOutPrediction, _reduction, gain_of
-from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements
 
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from property_settings import examples
 
-from daq.errors import ConfigError
-from model.fit.gauss_newton import GaussNewtonOptions, StopReason, gauss_newton
+from daq import ConfigError
+from model.fit import StopReason
+from model.fit.gauss_newton import GaussNewtonOptions, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
 from wheelsoil.wording.notes import texts_of
 

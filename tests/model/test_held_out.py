@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked
 
-from daq.notes import Note
+from daq import Note
+from model import DiagnosisCode
 from model.diagnosis.findings.held_out import held_out, predict_held_out
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
 from model.diagnosis.time_series.linearise import SENSORS
-from model.notes import DiagnosisCode
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun
 
 DIGGING = "vasilev:H_m=0.04"
 

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 from diagnosis_support import at_speed, linearised
 
-from daq.channels import INPUTS
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.shapes import Kind, Shape
+from daq import INPUTS
+from model.diagnosis import Campaign, DiagnosisOptions, Kind, Shape, diagnose
 from model.diagnosis.findings.adequacy import kinds_of
 from model.diagnosis.time_series.basis import SPEED_MPS, basis, input_shapes
-from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.samples import Samples
-from model.wheel_soil.soils import prior_of
-from processing.pipeline.pipeline import process
-from wheelsoil.simulation.campaign import simulated_roles
-from wheelsoil.simulation.options import SimulationOptions
+from model.wheel_soil import prior_of
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, simulated_roles
 from wheelsoil.wording.verdict import sentence_of
 
 LISTED = ("vasilev", "speed_bias", "speed_latency", "wheel_radius", "load_gain", "torque_gain", "drawbar_pull_gain")

@@ -12,7 +12,7 @@ from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses, log_evidences, without_soil
 from model.diagnosis.time_series.linearise import SENSORS, SoilSpace
-from model.wheel_soil.soils import SOIL_PARAMETERS
+from model.wheel_soil import SOIL_PARAMETERS
 
 RUNS, SAMPLES, SOILS = 6, 200, len(SOIL_PARAMETERS)
 SPACE = SoilSpace(

@@ -9,17 +9,13 @@ import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 from short_campaign import driven, looked, noise_of
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis import Campaign, DiagnosisOptions, samples_of
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
+from model.diagnosis.time_series import linearise_campaigns
 from model.diagnosis.time_series.linearise import SENSORS
-from model.diagnosis.time_series.linearised_campaign import (
-    LinearisedCampaign,
-    _same,
-    linearise_campaigns,
-    with_likely_load,
-)
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, _same, with_likely_load
 from model.diagnosis.time_series.noise import hyper_priors
-from model.diagnosis.time_series.samples import places_of, samples_of
+from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
 from model.wheel_soil import conditions_of
 from processing import ProcessedRun

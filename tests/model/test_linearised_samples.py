@@ -9,7 +9,7 @@ import pytest
 from granular_wheel import granular_campaign
 from short_campaign import driven, looked
 
-from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis import DiagnosisOptions, diagnose
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.naming import MOST_ERROR
 from model.diagnosis.findings import set_fit
@@ -17,7 +17,6 @@ from model.diagnosis.findings.held_out import held_out
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series import diagnosis
 from model.diagnosis.time_series.columns import Grams
-from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.evidence import SetEstimate, estimate, log_evidence
 from model.diagnosis.time_series.joining import joined, part_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint, linearisation_points

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import FloatArray, Note
+from model import LackCode, StepCode
 from model.diagnosis.core.naming import NOTHING_AT
 from model.diagnosis.findings.held_out import bagged, drawn_anew
 from model.diagnosis.planning.naming_chance import outlook
-from model.notes import LackCode, StepCode
 
 RUNS = 5
 

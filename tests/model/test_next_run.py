@@ -12,9 +12,9 @@ from diagnosis_support import LEVEL
 from firm_road import road
 from short_campaign import driven, noise_of
 
-from model.diagnosis import coasted
+from model import StepCode
+from model.diagnosis import Campaign, DiagnosisOptions, coasted, samples_of
 from model.diagnosis.core.bayes_factors import against_rest
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.findings.isolability import least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import (
@@ -28,14 +28,13 @@ from model.diagnosis.planning.manoeuvres import (
 )
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.planning.static_tests import calibrated
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.samples import Samples, samples_of
+from model.diagnosis.time_series import linearise_campaigns
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.samples import Samples
 from model.effects.transducer import DrawbarPullGain
-from model.notes import StepCode
-from model.wheel_soil.soils import prior_of
-from processing.pipeline.pipeline import process
-from wheelsoil.simulation.campaign import simulated_roles
-from wheelsoil.simulation.options import SimulationOptions
+from model.wheel_soil import prior_of
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, simulated_roles
 from wheelsoil.wording.notes import note_text, step_text
 
 STATIC = (StepCode.LIFTED_ZERO, StepCode.KNOWN_PULL, StepCode.KNOWN_TORQUE, StepCode.HARD_GROUND)

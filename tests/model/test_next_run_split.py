@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import Note
+from model.diagnosis import NextRun
 from model.diagnosis.core.bayes_factors import best_first
-from model.diagnosis.core.result import NextRun
 from model.diagnosis.planning.next_run import Member, split
 from model.diagnosis.time_series.evidence import log_evidence
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import pytest
 from diagnosis_support import linearised, simulated_campaign
 
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.shapes import Kind
+from model.diagnosis import DiagnosisOptions, Kind, diagnose
 from model.diagnosis.time_series.basis import basis
-from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.noise import HyperPrior, Noise, noise_notes
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.wording.verdict import sentence_of

@@ -10,23 +10,13 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked, noise_of
 
-from daq.config import RunInfo, VehicleConfig
-from daq.errors import ConfigError, DataError
-from model.diagnosis.core.campaign import DiagnosisOptions
+from daq import ConfigError, DataError, RunInfo, VehicleConfig
+from model import StepCode
+from model.diagnosis import DiagnosisOptions, Plan, plan_for, plan_of, planned_campaign, usual_runs
 from model.diagnosis.findings.isolability import isolability
-from model.diagnosis.planning.plan import (
-    CampaignPlan,
-    Plan,
-    plan_for,
-    plan_from_linearised,
-    plan_of,
-    planned_campaign,
-    usual_runs,
-)
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
-from model.notes import StepCode
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS
+from model.diagnosis.planning.plan import CampaignPlan, plan_from_linearised
+from model.diagnosis.time_series import linearise_campaigns
+from model.wheel_soil import SOILS, Wheel
 from wheelsoil.to_json import to_json
 from wheelsoil.wording.diagnosis_json import plan_json
 

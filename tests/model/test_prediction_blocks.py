@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from short_campaign import driven
 from virtual_support import LYASKO, lyasko_model
 
-from model.fit.fit import fit_models
-from model.wheel_soil import wheel_soil_model
-from model.wheel_soil.conditions import Conditions
+from model.fit import fit_models
+from model.wheel_soil import Conditions, wheel_soil_model
 
 
 @settings(max_examples=25, deadline=None)

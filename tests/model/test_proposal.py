@@ -12,7 +12,7 @@ from short_campaign import driven, looked
 from model.diagnosis.findings.proposal import TermColumn, chosen_terms, propose, propose_for
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import posterior
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun
 
 NAMES = {f"{channel}: {text}": (f"{channel}: {text}", False) for channel in ("dp", "t") for text in ("s^2", "W", "V x")}
 TERMS = {key: TermColumn(key.split(": ")[0], key.split(": ")[1], "kN" if "W" in key else "", 100.0) for key in NAMES}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.diagnosis.findings.proposal import terms
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil import Conditions
 
 
 def driven(n: int = 50) -> Conditions:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.wheel_soil.contact import Patch, Quadrature, resultants
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.stresses import speed_ratio
+from model.wheel_soil import SOILS, Patch, Quadrature, resultants, speed_ratio
 
 RADIUS_M, WIDTH_M = 0.47, 0.318
 SLIP, ENTRY = (x.reshape(-1, 1) for x in np.meshgrid(np.linspace(-0.02, -0.999, 40), np.linspace(0.1, 1.1, 9)))

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked, noise_of
 
-from model.diagnosis.core.campaign import Campaign
+from model import DiagnosisCode
+from model.diagnosis import Campaign, samples_of
 from model.diagnosis.time_series.linearisation_point import LinearisationPoint
 from model.diagnosis.time_series.linearise import Point
 from model.diagnosis.time_series.noise import Noise
-from model.diagnosis.time_series.samples import samples_of
 from model.diagnosis.time_series.selection import AROUND_S, LIMIT, without_near_cuts
 from model.diagnosis.time_series.start import Start, begin
-from model.notes import DiagnosisCode
 
 
 def with_torque(campaign: Campaign, run: int, first_s: float, last_s: float, off_nm: float) -> Campaign:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosis_support import linearised
 
-from model.diagnosis.core.shapes import Kind, Rows, Shape
+from model.diagnosis import Kind, Rows, Shape
 from model.diagnosis.time_series.basis import basis
 from wheelsoil.wording.names import place_text
 

@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 from bench_samples import bench
 
-from model.diagnosis.single_wheel import predictions
+from model import LackCode
+from model.diagnosis.single_wheel import (
+    BenchProblem,
+    CauseUse,
+    Hypothesis,
+    Weighed,
+    Weighing,
+    library,
+    predictions,
+    weigh,
+)
 from model.diagnosis.single_wheel.checks import cancelling, chances_beside_usual_soil, usual_families
-from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import Optimum
-from model.diagnosis.single_wheel.sets import library
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
-from model.notes import LackCode
 
 USES = tuple(CauseUse(key) for key in ("vasilev", "stress_peak_shift", "interface_friction"))
 PULL_ZERO, CROSSTALK = CauseUse("drawbar_pull_zero"), CauseUse("crosstalk")

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 from support import data_dir
 
-from model.sinkage_from_forces import Estimate, ShapeRanges, SlipBin, draw_shapes, sinkage_of_forces
-from model.sinkage_from_forces.agreement import agreement_of
+from model.sinkage_from_forces import Estimate, ShapeRanges, SlipBin, agreement_of, draw_shapes, sinkage_of_forces
 from wheelsoil.workflows.sinkage import agreement_sentence
 
 

@@ -11,14 +11,8 @@ from hypothesis import strategies as st
 from property_settings import examples
 from stressed_wheel import StressedWheel
 
-from model.sinkage_from_forces.sinkage import (
-    CENTRAL,
-    ShapeRanges,
-    draw_shapes,
-    entry_angle_of_forces,
-    shear_share,
-    sinkage_of_forces,
-)
+from model.sinkage_from_forces import ShapeRanges, draw_shapes, sinkage_of_forces
+from model.sinkage_from_forces.sinkage import CENTRAL, entry_angle_of_forces, shear_share
 
 SHAPES = draw_shapes(ShapeRanges(), 400, np.random.default_rng(1))
 

@@ -11,16 +11,21 @@ import pytest
 from diagnosis_support import LEVEL
 from stressed_wheel import StressedWheel
 
-from daq.channels import Channel
-from daq.series.single_wheel_tables import WheelTable
-from model.diagnosis.core.consistency import bound_rows_of_runs, bound_rows_of_table, inconsistent
-from model.sinkage_from_forces.force_cells import ForceCells, cells_of_runs, cells_of_table
-from model.sinkage_from_forces.sinkage import ShapeRanges
-from model.sinkage_from_forces.sinkage_growth import Growth, sinkage_from_forces
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
-from wheelsoil.simulation.campaign import simulated_roles, simulated_run
-from wheelsoil.simulation.options import SimulationOptions
+from daq import Channel
+from daq.series import WheelTable
+from model.diagnosis import bound_rows_of_runs, bound_rows_of_table, inconsistent
+from model.sinkage_from_forces import (
+    ForceCells,
+    Growth,
+    ShapeRanges,
+    cells_of_runs,
+    cells_of_table,
+    sinkage_from_forces,
+)
+from processing import ProcessedRun
+from processing.pipeline import process
+from wheelsoil.simulation import SimulationOptions, simulated_roles
+from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.wording.notes import note_text
 
 SLIPS = np.linspace(0.1, 0.9, 9)

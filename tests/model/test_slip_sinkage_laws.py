@@ -7,10 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.effects import EFFECTS
+from model.wheel_soil import SOILS, Conditions, Wheel, WheelSoilModel
 
 SLIP = np.array([-0.6, -0.1, 0.0, 0.2, 0.5, 0.9, 1.0])
 DRIVEN = np.array([0.0, 0.0, 0.0, 0.2, 0.5, 0.9, 1.0])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.config import TerrainConfig
-from model.fit.result import FitOptions
-from model.wheel_soil.soils import SOILS, soil_from_terrain
+from daq import TerrainConfig
+from model.fit import FitOptions
+from model.wheel_soil import SOILS, soil_from_terrain
 
 YANG_TABLE_1 = {  # c kPa, phi deg, K m, n, k_c kN/m^(n+1), k_phi kN/m^(n+2)
     "clay": (7.58, 14.0, 0.025, 0.85, 43.68, 499.3),

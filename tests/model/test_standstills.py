@@ -8,19 +8,17 @@ import numpy as np
 import pytest
 from diagnosis_support import linearised, simulated_campaign
 
-from daq.config import Brakes
-from model.diagnosis.core.campaign import Campaign, not_identifiable
-from model.diagnosis.core.consistency import bound_rows_of_runs
+from daq import Brakes
+from model import LackCode
+from model.diagnosis import Campaign, bound_rows_of_runs, not_identifiable, samples_of
+from model.diagnosis.time_series import coverage_of
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.noise import hyper_priors
-from model.diagnosis.time_series.samples import coverage_of, samples_of
-from model.effects.catalogue import EFFECTS
-from model.notes import LackCode
-from model.simulation.motion import VehicleSetup
-from model.simulation.run import VirtualRun
-from model.simulation.stance import Stance, standing_forces
+from model.effects import EFFECTS
+from model.simulation import Stance, VehicleSetup, VirtualRun
+from model.simulation.stance import standing_forces
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_run, true_stance
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.workflows.grading import grade_of
 
 

@@ -9,13 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
+from model.wheel_soil import SOILS, Conditions, Wheel, WheelSoilModel, entry_angle
 from model.wheel_soil.balance import balanced
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import entry_angle
 from model.wheel_soil.pressure_sinkage import closed_form, stiffness
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 
 def solved(share: float, exponent: float, guess: float) -> float:

@@ -14,18 +14,16 @@ from firm_road import DRAG_NM, road
 from short_campaign import driven, looked, noise_of
 
 from daq import ConfigError, DataError, RunsConfig, StaticTest, parse_mapping
-from model.diagnosis import DiagnosisOptions, OfVehicle, coasted, diagnose, samples_of
-from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.result import Diagnosis
+from model import DiagnosisCode, LackCode
+from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions, OfVehicle, coasted, diagnose, samples_of
 from model.diagnosis.findings.agreement import static_disputes
 from model.diagnosis.planning.static_tests import hard_ground
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
-from model.notes import DiagnosisCode, LackCode
 from processing.processed_run import AppliedZero
 from wheelsoil.cache import nothing_kept
 from wheelsoil.wording.notes import note_text
-from wheelsoil.workflows.diagnosis import diagnose_campaigns
+from wheelsoil.workflows import diagnose_campaigns
 
 
 def lifted(campaign: Campaign, sigma: float = 0.5, names: tuple[str, ...] = ("before.mcap", "after.mcap")) -> Campaign:

@@ -12,7 +12,7 @@ from short_campaign import driven, looked
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects, with_usual_soil
 from model.diagnosis.time_series.evidence import estimate, log_evidence
-from model.effects.catalogue import EFFECTS
+from model.effects import EFFECTS
 
 
 @pytest.mark.parametrize("keys", [(), ("vasilev",)])

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from daq.notes import Note
+from daq import Note
+from model import LackCode
+from model.diagnosis import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
 from model.diagnosis.core.naming import (
     Judgement,
@@ -21,10 +23,8 @@ from model.diagnosis.core.naming import (
     unshown,
     with_more_probable,
 )
-from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
-from model.notes import LackCode
 
 FINE = Adequacy(1.0, 1.8, ok=True)
 POOR = Adequacy(3.0, 1.8, ok=False)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
+from model.diagnosis import Adequacy, Gain
 from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.core.naming import judgement
-from model.diagnosis.core.result import Adequacy, Gain
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
 

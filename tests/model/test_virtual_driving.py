@@ -7,16 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import ConfigError
-from model.simulation.motion import (
-    SHORTEST_RUN_S,
-    RoadLoad,
-    VehicleSetup,
-    WheelLoad,
-    drawn_drive,
-    smooth_steps,
-    static_load_n,
-)
+from daq import ConfigError
+from model.simulation import SHORTEST_RUN_S, VehicleSetup
+from model.simulation.motion import RoadLoad, WheelLoad, drawn_drive, smooth_steps, static_load_n
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from virtual_support import LYASKO, START_NS, WHEEL, lyasko_model, simulated
 
-from daq.config import RunInfo
-from daq.errors import ConfigError, DataError
+from daq import ConfigError, DataError, RunInfo
 from model.simulation import (
     TRUTH_QUADRATURE,
     GnssSetup,
@@ -20,9 +19,7 @@ from model.simulation import (
     virtual_run,
 )
 from model.simulation.truth import Circumstances, free_rolling_slip
-from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.soils import LABORATORY_SPREAD, SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from model.wheel_soil import LABORATORY_SPREAD, SOILS, Conditions, WheelSoilModel
 
 SHORT = VirtualSetup(duration_s=20.0)
 

@@ -9,19 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.clock import fit_clock
+from daq import fit_clock
 from daq.config import TransducerSection
+from model.simulation import GnssSetup, HostClock, Track, TransducerSetup, WheelSpeedSetup
 from model.simulation.motion import Motion, drawn_drive
-from model.simulation.speed_sensors import GnssReceiver, GnssSetup, Track, WheelSpeedSensor, WheelSpeedSetup
-from model.simulation.transducer import (
-    ColouredNoise,
-    HostClock,
-    HubLoads,
-    Readings,
-    SampleTimes,
-    Transducer,
-    TransducerSetup,
-)
+from model.simulation.speed_sensors import GnssReceiver, WheelSpeedSensor
+from model.simulation.transducer import ColouredNoise, HubLoads, Readings, SampleTimes, Transducer
 from processing.pipeline.wheel_frames import rotate
 
 QUIET = TransducerSetup(

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from virtual_support import LYASKO, START_NS, lyasko_model
 
+from daq import RunInfo
 from daq.can import FrameBatch, concatenate
-from daq.config import RunInfo
 from model.effects import EFFECTS
 from model.simulation import Steering, TransducerSetup, VirtualRun, VirtualSetup, virtual_stretches, whole
 from model.simulation.run import SHORTEST_STRETCH_S

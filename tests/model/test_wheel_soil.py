@@ -9,13 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.errors import ConfigError
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Conditions, Wheel
-from model.wheel_soil.contact import Quadrature
+from daq import ConfigError
+from model.effects import EFFECTS
+from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, Quadrature, Wheel, WheelSoilModel
 from model.wheel_soil.pressure_sinkage import closed_form
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
-from model.wheel_soil.wheel_soil_model import INPUTS, WheelSoilModel
+from model.wheel_soil.wheel_soil_model import INPUTS
 
 WHEEL = Wheel(0.47, 0.318)
 VALUES = {"vasilev": {"H_m": 0.03}, "lyasko": {"m1": 0.3, "m2": 0.1}, "ding": {"n1": 0.3}}

@@ -14,14 +14,14 @@ from scipy.linalg import block_diag
 from shared_results import made_once
 
 from daq import FloatArray, IndexArray, StaticTest
-from model.diagnosis import Campaign, DiagnosisOptions, OfVehicle, diagnose
-from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis import Campaign, DiagnosisOptions, Kind, OfVehicle, Shape, diagnose, samples_of
 from model.diagnosis.findings.adequacy import Unlisted, _rms
 from model.diagnosis.findings.adequacy import kinds_of as kinds_of_shapes
 from model.diagnosis.findings.held_out import predict_held_out
 from model.diagnosis.findings.set_fit import fit_set, soils_with
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.pooling import Observation, SoilDeparture, soil_departure
+from model.diagnosis.time_series import linearise_campaigns
 from model.diagnosis.time_series.columns import soil_places
 from model.diagnosis.time_series.joining import (
     APART,
@@ -37,8 +37,8 @@ from model.diagnosis.time_series.joining import (
     smoothed_speeds,
 )
 from model.diagnosis.time_series.linearise import SENSORS
-from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.samples import on_common_blocks, samples_of
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.samples import on_common_blocks
 from model.diagnosis.time_series.start import Start, begin, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_grams, whiten
 from model.effects import EFFECTS, parted
@@ -46,8 +46,7 @@ from model.effects.catalogue import at_wheel
 from model.wheel_soil import SOIL_PARAMETERS
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.simulation import SimulationOptions, simulate_campaign
-from wheelsoil.workflows.diagnosis import vehicles_of
-from wheelsoil.workflows.runs import Files, process_runs
+from wheelsoil.workflows import Files, process_runs, vehicles_of
 
 GAIN = 0.12
 WHEELS = ("FL", "RL")

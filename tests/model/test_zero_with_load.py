@@ -9,10 +9,8 @@ import pytest
 from diagnosis_support import linearised, simulated_campaign
 from short_campaign import noise_of
 
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis import DiagnosisOptions, Kind, Shape, diagnose
 from model.diagnosis.time_series.basis import Basis, basis
-from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import Samples
 

@@ -7,9 +7,8 @@ import pytest
 from synthetic_run import forces, speeds, vehicle
 
 from daq import Channel
-from processing.notes import RunCode
-from processing.options import ProcessOptions
-from processing.pipeline.pipeline import process
+from processing import ProcessOptions, RunCode
+from processing.pipeline import process
 from wheelsoil.wording.notes import texts_of
 
 _RATE_HZ = 51.9

@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import forces, speeds, vehicle
 
-from daq.errors import ConfigError
-from processing.pipeline.pipeline import process
-from processing.pipeline.quality import keep_only
-from processing.processed_run import ProcessedRun, Reason
+from daq import ConfigError
+from processing import ProcessedRun, Reason, keep_only
+from processing.pipeline import process
 from wheelsoil.wording.run_summary import summary_table
 
 

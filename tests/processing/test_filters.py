@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import stamps
 
+from processing.pipeline import kernel_sigma_s
 from processing.pipeline.collection import thin
-from processing.pipeline.filters import kernel_sigma_s, smooth, white_noise_bandwidth
+from processing.pipeline.filters import smooth, white_noise_bandwidth
 
 BASE = np.arange(400, 1600) / 100.0
 CUTOFF = 4.0

@@ -2,9 +2,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing import Segment
+from processing.pipeline import runs_of, slip_of
 from processing.pipeline.assembly import standstills
-from processing.pipeline.kinematics import runs_of, segment, slip_of, slip_sigma
-from processing.processed_run import Segment
+from processing.pipeline.kinematics import segment, slip_sigma
 
 speed = st.floats(0.0, 30.0)
 sigma = st.floats(1e-3, 0.1)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import RADIUS_M, channel, driven_speed, speeds, stamps, vehicle
 
-from daq.channels import Channel
+from daq import Channel
+from processing import ProcessedRun
+from processing.pipeline import process
 from processing.pipeline.latency import SpeedSignals, residual_latency, rolls_freely, speed_scale
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun
 
 
 def _road(delay_s: float, scale: float, seed: int, duration_s: float = 60.0) -> ProcessedRun:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from processing import Reason, Segment
 from processing.pipeline.collection import Collector
 from processing.pipeline.kinematics import segment, slip_sigma
 from processing.pipeline.quality import combine_reasons
-from processing.processed_run import Reason, Segment
 from processing.robust import robust_linear
 
 RATE_HZ = 100.0

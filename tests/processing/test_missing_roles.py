@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from synthetic_run import channel, forces, speeds, vehicle
 
-from daq.channels import Channel
-from daq.config import TransducerSection, VehicleConfig, WheelSection
-from daq.errors import ConfigError, DataError
-from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Reason, Segment
+from daq import Channel, ConfigError, DataError, VehicleConfig
+from daq.config import TransducerSection, WheelSection
+from processing import LOOK, SLIP_ROLES, ProcessedRun, ProcessOptions, Reason, Segment
+from processing.options import FORCE_ROLES, NEEDED_ROLES
+from processing.pipeline import process
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.run_summary import summary_table
 

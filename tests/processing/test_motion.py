@@ -9,11 +9,10 @@ import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
 from daq import Channel, FloatArray, RunInfo, SensorSection, Severity, VehicleConfig, VehicleSection, WheelSection
-from processing import ProcessedRun, Reason, RunCode
+from processing import ProcessedRun, Reason, RunCode, SensorFacts
 from processing.pipeline import process
 from processing.pipeline.blending import blended
 from processing.pipeline.resampling import OnBase
-from processing.processed_run import SensorFacts
 
 SECONDS, GRAVITY = 60.0, 9.80665
 MASS_KG, PULL_N = 75.0, 500.0

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from processing import Segment
+from processing.pipeline import kernel_sigma_s
 from processing.pipeline.collection import Collector, Samples
-from processing.pipeline.filters import filtered_sigma, kernel_sigma_s, smooth, standstill_sigma
-from processing.processed_run import Segment
+from processing.pipeline.filters import filtered_sigma, smooth, standstill_sigma
 
 CUTOFF = 4.0
 KERNEL = kernel_sigma_s(CUTOFF)

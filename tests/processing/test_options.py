@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from synthetic_run import channel, forces, speeds, stamps, vehicle
 
-from daq.config import TransducerSection, VehicleConfig
-from daq.errors import ConfigError, DataError, WheelsoilError
-from processing.options import NEEDED_ROLES, ProcessOptions, require_roles
-from processing.pipeline.pipeline import process
+from daq import ConfigError, DataError, VehicleConfig, WheelsoilError
+from daq.config import TransducerSection
+from processing import ProcessOptions, require_roles
+from processing.options import NEEDED_ROLES
+from processing.pipeline import process
 
 SPEEDS = NEEDED_ROLES["process"]
 

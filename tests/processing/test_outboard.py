@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, speeds, stamps, vehicle
 
-from daq.config import TransducerSection, VehicleConfig, WheelSection
-from processing.pipeline.pipeline import process
+from daq import VehicleConfig
+from daq.config import TransducerSection, WheelSection
+from processing.pipeline import process
 
 MASS, INERTIA = 75.0, 10.0
 

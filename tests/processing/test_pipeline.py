@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
-from daq.channels import Channel
-from daq.config import RunInfo, SensorSection
-from processing.options import ProcessOptions
+from daq import Channel, RunInfo
+from daq.config import SensorSection
+from processing import ProcessedRun, ProcessOptions, Reason, Segment
+from processing.pipeline import process
 from processing.pipeline.inputs import MODEL_ROLES
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Reason, Segment
 from wheelsoil.wording.notes import texts_of
 
 ARRAYS = [f.name for f in fields(ProcessedRun) if f.name not in ("run", "quality", "extras")]

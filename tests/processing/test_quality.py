@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, channel, forces, speeds, stamps, vehicle
 
-from daq.channels import Channel
+from daq import Channel
+from processing import ProcessedRun, SensorFacts
+from processing.pipeline import process
 from processing.pipeline.latency import SpeedComparison
-from processing.pipeline.pipeline import process
 from processing.pipeline.quality import _zero_notes, speed_notes
-from processing.processed_run import ProcessedRun, SensorFacts
 from wheelsoil.wording.notes import note_text, texts_of
 
 

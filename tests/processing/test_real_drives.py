@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.channels import Channel
-from daq.config import SensorSection, VehicleConfig, parse_toml
-from daq.runs.open import open_runs
-from daq.runs.run import Run
-from processing.notes import RunCode
-from processing.pipeline.pipeline import process, process_stream
-from processing.processed_run import ProcessedRun, Reason, Segment
+from daq import Channel, VehicleConfig, parse_toml
+from daq.config import SensorSection
+from daq.runs import Run, open_runs
+from processing import ProcessedRun, Reason, RunCode, Segment
+from processing.pipeline import process, process_stream
 from wheelsoil.wording.run_summary import summary_table
 
 RADIUS_M = 0.33

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from synthetic_run import forces, speeds, vehicle
 
+from processing.pipeline import process
 from processing.pipeline.latency import compare_speeds, rolls_freely, speed_scale
-from processing.pipeline.pipeline import process
 
 RADIUS_M = 0.47
 LOAD_N = 8000.0

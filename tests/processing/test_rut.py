@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from daq import ConfigError, DataError, RunInfo, RutReading
-from daq.config import RunsConfig, parse_toml
-from processing import ProcessedRun, RunCode, Segment
+from daq import ConfigError, DataError, RunInfo, RunsConfig, RutReading, parse_toml
+from processing import REBOUND_M, ProcessedRun, RunCode, Segment
 from processing.pipeline import process
-from processing.pipeline.rut import REBOUND_M, with_ruts
-from wheelsoil.simulation.campaign import runs_toml, simulated_roles
-from wheelsoil.simulation.options import SimulationOptions
+from processing.pipeline.rut import with_ruts
+from wheelsoil.simulation import SimulationOptions, simulated_roles
+from wheelsoil.simulation.campaign import runs_toml
 from wheelsoil.workflows.grading import doubted_runs
 
 PLACES = st.one_of(

@@ -7,9 +7,8 @@ import pytest
 from synthetic_run import RADIUS_M, channel, speeds, stamps, vehicle
 
 from daq import Channel, FloatArray
-from processing.notes import RunCode
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Reason, Segment
+from processing import ProcessedRun, Reason, RunCode, Segment
+from processing.pipeline import process
 
 DURATION_S = 40.0
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.runs.open import open_runs
-from processing.options import ProcessOptions
+from daq.runs import open_runs
+from processing import ProcessOptions, QualityReport
+from processing.pipeline import process_stream
 from processing.pipeline.latency import rolls_freely
-from processing.pipeline.pipeline import process_stream
-from processing.processed_run import QualityReport
 from wheelsoil.wording.notes import texts_of
 
 SANDY = Path(__file__).parents[2] / "recordings" / "sandy"

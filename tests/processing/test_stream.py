@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from property_settings import examples
 from synthetic_run import START_NS, forces, speeds, vehicle
 
-from daq.channels import Channel
+from daq import Channel
 from daq.config import TransducerSection
-from processing.pipeline.pipeline import process, process_stream
+from processing.pipeline import process, process_stream
 
 COLUMNS = ["slip", "ground_speed_mps", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm", "distance_m"]
 

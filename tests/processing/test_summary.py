@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from synthetic_run import forces, speeds, vehicle
 
-from daq.config import RunInfo, SensorSection
-from processing.pipeline.pipeline import process
-from processing.processed_run import UNITS, Column, ProcessedRun, Reason, block_of, units_of
+from daq import RunInfo
+from daq.config import SensorSection
+from processing import ProcessedRun, Reason, block_of, units_of
+from processing.pipeline import process
+from processing.processed_run import UNITS, Column
 from wheelsoil.wording.run_summary import summary_table
 
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import sampling_of
-from daq.errors import DataError
+from daq import DataError, sampling_of
+from processing import in_order, interpolate, merge_equal_stamps
 from processing.pipeline.resampling import interpolated_on_base
-from processing.timebase import as_of, in_order, interpolate, make_time_base, merge_equal_stamps, stretches
+from processing.timebase import as_of, make_time_base, stretches
 
 MS = 1_000_000
 

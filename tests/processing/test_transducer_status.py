@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from synthetic_run import START_NS, channel, forces, speeds, stamps, vehicle
 
-from daq.channels import Channel
-from processing.options import ProcessOptions
-from processing.pipeline.pipeline import process, process_stream
-from processing.processed_run import ProcessedRun, Reason
+from daq import Channel
+from processing import ProcessedRun, ProcessOptions, Reason
+from processing.pipeline import process, process_stream
 from wheelsoil.wording.notes import texts_of
 
 LABELS = {0: "Ok", 2: "Overrange", 15: "Fault"}

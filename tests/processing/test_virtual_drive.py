@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from daq.channels import ROLES, Channel
-from daq.config import RunInfo, VehicleConfig
+from daq import ROLES, Channel, RunInfo, VehicleConfig
 from model.simulation import (
     TRUTH_QUADRATURE,
     HostClock,
@@ -19,11 +18,9 @@ from model.simulation import (
     VirtualSetup,
     virtual_run,
 )
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Segment
+from model.wheel_soil import SOILS, Wheel, WheelSoilModel
+from processing import ProcessedRun, Segment
+from processing.pipeline import process
 
 RADIUS_M, WIDTH_M = 0.47, 0.318
 START_NS = 1_700_000_000_000_000_000

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from synthetic_run import channel, stamps
 
 from daq.config import TransducerSection
-from processing.pipeline.wheel_frames import interpolate_angle, rotate, to_vehicle_axes, wheel_angle
+from processing.pipeline import wheel_angle
+from processing.pipeline.wheel_frames import interpolate_angle, rotate, to_vehicle_axes
 
 angles = st.floats(-20.0, 20.0)
 force = st.floats(-2e4, 2e4)

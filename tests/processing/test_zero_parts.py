@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq import FloatArray
-from daq.config import VehicleConfig
-from daq.errors import DataError
+from daq import DataError, FloatArray, VehicleConfig
 from processing.transducer_zero import TransducerSignal, determine
 from processing.transducer_zero.parts import Motion, find_spin, find_standstill
 from wheelsoil.wording.notes import texts_of

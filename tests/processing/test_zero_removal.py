@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, speeds, stamps, vehicle
 
-from daq.channels import Channel
-from daq.config import TransducerSection, VehicleConfig, WheelSection
-from daq.errors import ConfigError
-from daq.zero_file import ChannelZero, Determination
-from processing.pipeline.pipeline import process, process_stream
-from processing.processed_run import ProcessedRun
-from processing.transducer_zero import RunZeros, drift_between
-from processing.transducer_zero.checks import check_weight
+from daq import Channel, ChannelZero, ConfigError, Determination, VehicleConfig
+from daq.config import TransducerSection, WheelSection
+from processing import ProcessedRun
+from processing.pipeline import process, process_stream
+from processing.transducer_zero import RunZeros, check_weight, drift_between
 from wheelsoil.wording.notes import texts_of
 
 MASS, GRAVITY, LOAD = 75.0, 9.80665, 7000.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from processing import Segment
 from processing.pipeline.assembly import standstills
-from processing.processed_run import Segment
 
 RATE_HZ = 100.0
 CUTOFF_HZ = RATE_HZ / 2.5

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.can.frames import CLASSIC_DTYPE, FrameArray
+from daq.can import CLASSIC_DTYPE, FrameArray
 from daq.sources.socketcan import SocketCanSink
 
 IDS = 8

@@ -13,7 +13,7 @@ from cli_support import ok
 from frames_support import content
 from vcan import numbered
 
-from daq.can.frames import FrameBatch
+from daq.can import FrameBatch
 from daq.recording import Recording
 
 WHEELSOIL = Path(sys.executable).with_name("wheelsoil")

@@ -18,19 +18,16 @@ from frames_support import content
 from vcan.guest import GuestResult
 from vcan.session import WHEELSOIL, check, logged
 
-from daq.can.databases import shipped_dbc
-from daq.config import VehicleConfig
-from daq.logger.field_logger import log
+from daq import VehicleConfig
+from daq.can import shipped_dbc
+from daq.logger import log
 from daq.recording import Recording, RecordingWriter
-from daq.runs.open import open_runs
-from daq.runs.run import vehicle_from_file
-from daq.sources.player import replay
-from model.fit.fit import fit_models
-from model.fit.result import CampaignFit, FitOptions
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS
-from processing.options import ProcessOptions
-from wheelsoil.workflows.runs import process_runs
+from daq.runs import open_runs, vehicle_from_file
+from daq.sources import replay
+from model.fit import CampaignFit, FitOptions, fit_models
+from model.wheel_soil import SOILS, Wheel
+from processing import ProcessOptions
+from wheelsoil.workflows import process_runs
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 DRIVEN_S = 25.0

@@ -15,8 +15,7 @@ from vcan import numbered
 from vcan.guest import GuestResult
 from vcan.session import WHEELSOIL, in_folder, sent_log
 
-from daq.can.databases import shipped_dbc
-from daq.can.frames import FrameBatch
+from daq.can import FrameBatch, shipped_dbc
 from daq.recording import Recording, RecordingWriter
 
 pytestmark = [pytest.mark.vcan, pytest.mark.slow]

@@ -14,7 +14,7 @@ from vcan import guest
 from vcan.guest import GuestResult, run_all_or_skip
 from vcan.session import ADD_BUS, WHEELSOIL, check, logged
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate
+from daq.can import FrameBatch, FrameFlag, concatenate
 from daq.recording import RecordingWriter
 
 pytestmark = pytest.mark.vcan

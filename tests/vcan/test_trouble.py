@@ -11,7 +11,7 @@ from vcan.disks import disk
 from vcan.guest import GuestResult
 from vcan.session import in_folder, info, make_vehicle, received_numbers, sent_log, snapshots, watch
 
-from daq.can.frames import FrameFlag
+from daq.can import FrameFlag
 from daq.recording import Recording
 
 pytestmark = pytest.mark.vcan

@@ -17,7 +17,7 @@ from view_client import View
 from view_field_day import FieldDay, field_day_in
 from view_in_process import viewing_here
 
-from wheelsoil.live.panel import PagePanel
+from wheelsoil.live import PagePanel
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.workflows.diagnosis import Processed
 

@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 from cli_support import invoke
 
-from daq.can.codec import encode, merge
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch
-from daq.config import RunInfo
+from daq import RunInfo
+from daq.can import FrameBatch, encode, load_database, merge, shipped_dbc
 from daq.recording import Recording, RecordingWriter
 
 Make = Callable[["Bench"], list[object]]

@@ -6,8 +6,9 @@ from math import nan
 
 import numpy as np
 
+from model.fit import Estimate, ModelFit
 from model.fit.intervals import Blocks
-from model.fit.result import Estimate, LoadRatio, ModelFit
+from model.fit.result import LoadRatio
 from wheelsoil.report.inputs import _covariance
 
 ESTIMATES = (

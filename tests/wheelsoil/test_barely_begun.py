@@ -9,7 +9,7 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 
 from daq.recording import Recording
-from wheelsoil.workflows.report import report_of
+from wheelsoil.workflows import report_of
 
 HEAD_BYTES = 5000
 

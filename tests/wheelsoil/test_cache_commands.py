@@ -27,7 +27,7 @@ from processing.options import NEEDED_ROLES
 from wheelsoil.cache import entries, nothing_kept
 from wheelsoil.cache.codec import to_bytes
 from wheelsoil.view.jobs import process_run
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows import process_runs
 
 QUICK = ("--effects", "lyasko,slope", "--most-causes", 1)
 

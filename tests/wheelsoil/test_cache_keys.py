@@ -22,8 +22,8 @@ from short_campaign import driven
 
 from daq import zeros_toml
 from daq.runs import Run, open_runs
+from model import ExtendedEffect, ExtendedModel
 from model.diagnosis import DiagnosisOptions
-from model.extended import ExtendedEffect, ExtendedModel
 from model.fit import FitOptions
 from model.wheel_soil import SOILS, Wheel, prior_of
 from processing import ProcessOptions

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_samples import diagnosis, seen
 
 from daq import OUTPUTS, VehicleConfig
-from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, Correction, Remedy
 from model.effects.speed_errors import SpeedLatency
 from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG

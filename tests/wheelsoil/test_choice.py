@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq.errors import ConfigError
-from model.effects.catalogue import EFFECTS
+from daq import ConfigError
+from model.effects import EFFECTS
 from wheelsoil.to_json import to_json
-from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, Mark, load_choice, parse_choice
+from wheelsoil.workflows import Choice, ChosenRun, load_choice, parse_choice
+from wheelsoil.workflows.choice import SCHEMA, Mark
 from wheelsoil.workflows.fit import FitChoices
 
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=12)

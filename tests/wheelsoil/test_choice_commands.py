@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok, small_campaign
 
-from model.diagnosis.time_series.samples import samples_of
+from model.diagnosis import samples_of
 from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
-from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.workflows.fit import fit_runs
+from wheelsoil.workflows import (
+    Choice,
+    ChosenRun,
+    campaigns_of,
+    diagnose_campaigns,
+    diagnosis_options,
+    fit_runs,
+    load_choice,
+    open_and_process,
+)
 from wheelsoil.workflows.recordings import sha256_of
-from wheelsoil.workflows.runs import open_and_process
 
 KEEP = ((3.0, 6.5), (10.0, 13.0))
 OTHERS = {

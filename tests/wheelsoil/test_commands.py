@@ -19,12 +19,12 @@ from support import data_dir
 from typer import Context
 
 import model
-from daq.can.frames import concatenate
-from daq.config import VehicleConfig, load_toml
+from daq import VehicleConfig, load_toml
+from daq.can import concatenate
 from daq.recording import Recording
-from daq.runs.open import open_runs
-from model.wheel_soil.soils import SOILS
-from processing.pipeline.pipeline import process
+from daq.runs import open_runs
+from model.wheel_soil import SOILS
+from processing.pipeline import process
 from wheelsoil.cli.options import use_cores
 
 MESSAGES = ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_1", "GNSS_2", "GNSS_3")

@@ -17,9 +17,8 @@ from short_campaign import driven
 from daq import Channel, ConfigError, DataError
 from daq.runs import Run, open_runs
 from daq.series import write_frame
-from model.diagnosis.core import Diagnosis, DiagnosisOptions
+from model.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 from model.diagnosis.core.clock import OF_RUNS
-from model.diagnosis.time_series import diagnose
 from model.fit import CampaignFit, FitOptions, fit_models
 from processing import ProcessedRun
 from processing.pipeline import process

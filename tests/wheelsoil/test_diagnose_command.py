@@ -14,16 +14,13 @@ import pytest
 from cli_support import invoke, ok
 from diagnosis_samples import SENTENCES, diagnosis
 
-from daq.errors import ConfigError
-from daq.runs import Run
-from daq.runs.open import open_runs
-from model.effects.catalogue import EFFECTS
-from processing import ProcessedRun
-from processing.options import ProcessOptions
+from daq import ConfigError
+from daq.runs import Run, open_runs
+from model.effects import EFFECTS
+from processing import ProcessedRun, ProcessOptions
 from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.workflows.diagnosis import campaigns_of, diagnosis_options
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows import campaigns_of, diagnosis_options, process_runs
 
 NUMBER = (int, float, type(None))
 QUICK = ("--effects", "vasilev,slope,torque_zero", "--most-causes", 1)

@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok
 
-from daq.can.codec import encode, merge
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch
-from daq.config import RunInfo
+from daq import RunInfo
+from daq.can import FrameBatch, encode, load_database, merge, shipped_dbc
 from daq.recording import Recording, RecordingWriter
-from daq.runs.open import open_runs
-from processing.options import ProcessOptions
-from wheelsoil.workflows.runs import process_runs
+from daq.runs import open_runs
+from processing import ProcessOptions
+from wheelsoil.workflows import process_runs
 
 STEADY_S = 12
 VERDICTS = {"named", "one_of", "unexplained", "nothing_detectable"}

@@ -16,19 +16,12 @@ import pytest
 from cli_support import ok
 from support import data_dir
 
-from daq.config import TerrainConfig, load_toml
-from daq.series.single_wheel_tables import PlateTest
+from daq import TerrainConfig, load_toml
+from daq.series import PlateTest
 from model.bevameter import WindowOptions, fit_pressure_sinkage
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.gain import rms
-from model.diagnosis.core.result import ParameterEstimate
-from model.diagnosis.single_wheel.diagnose import diagnose_bench
-from model.diagnosis.single_wheel.findings import parameter_draws
-from model.diagnosis.single_wheel.predictions import predict_held_out
-from model.diagnosis.single_wheel.problem import CauseUse
-from model.diagnosis.single_wheel.sets import skid_law
-from model.diagnosis.single_wheel.weighing import Weighing, weigh
-from model.diagnosis.single_wheel.wheel_pair import compare_wheels
+from model.diagnosis import Bench, DiagnosisOptions, ParameterEstimate, compare_wheels, diagnose_bench
+from model.diagnosis.core import rms
+from model.diagnosis.single_wheel import CauseUse, Weighing, parameter_draws, predict_held_out, skid_law, weigh
 from studies.published_wheels.verdicts import published_bench
 
 REAL = Path(__file__).parents[2] / "studies" / "real_data"

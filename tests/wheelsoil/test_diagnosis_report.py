@@ -14,19 +14,16 @@ import pytest
 from diagnosis_samples import SENTENCES, diagnosis, seen
 from report_support import cells_of
 
-from daq.config import VehicleConfig
-from daq.errors import Fault
-from daq.notes import Note
-from daq.runs.open import open_runs
-from model.diagnosis.core.plot_data import PlotData, WheelOrders
-from model.diagnosis.core.result import BarredCause, Candidate, Diagnosis, SoilEstimate
-from model.diagnosis.core.shapes import Kind, Shape
-from model.notes import DiagnosisCode, LackCode
-from processing.notes import RunCode
-from processing.options import ProcessOptions
-from wheelsoil.report.build import Report, _unbroken, build_report
-from wheelsoil.report.content import Bars, Drawing, Figure, Pair, Panels, Section, Table, Text
-from wheelsoil.report.drawing import Plane, beyond
+from daq import Fault, Note, VehicleConfig
+from daq.runs import open_runs
+from model import DiagnosisCode, LackCode
+from model.diagnosis import Candidate, Diagnosis, Kind, PlotData, Shape, SoilEstimate, WheelOrders
+from model.diagnosis.core.result import BarredCause
+from processing import ProcessOptions, RunCode
+from wheelsoil.report import Drawing, Plane, Report, build_report
+from wheelsoil.report.build import _unbroken
+from wheelsoil.report.content import Bars, Figure, Pair, Panels, Section, Table, Text
+from wheelsoil.report.drawing import beyond
 from wheelsoil.report.figures import by_load
 from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, misfit, overview
@@ -34,9 +31,8 @@ from wheelsoil.report.sections.evidence import gain
 from wheelsoil.report.sections.glance import LoadShift, _samples, data_tile, glance
 from wheelsoil.to_json import to_json
 from wheelsoil.wording.mending import next_steps, step_of
-from wheelsoil.workflows.fit import FitChoices, fit_runs
-from wheelsoil.workflows.runs import process_runs
-from wheelsoil.workflows.tables import BenchFiles
+from wheelsoil.workflows import BenchFiles, fit_runs, process_runs
+from wheelsoil.workflows.fit import FitChoices
 
 EVIL = "<img src=x onerror=alert(1)>&{{7*7}}"
 KEYS = [section.key for section in OF_THE_DIAGNOSIS]

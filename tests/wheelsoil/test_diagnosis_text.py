@@ -16,27 +16,25 @@ from hypothesis import strategies as st
 from short_campaign import driven
 
 from daq import Note, StaticTest, VehicleConfig, WheelSection
-from model.diagnosis import OfVehicle
-from model.diagnosis.core.result import (
+from model import DiagnosisCode, LackCode, StepCode
+from model.diagnosis import (
     Adequacy,
-    BarredCause,
     Candidate,
     Cause,
     CauseSet,
     Diagnosis,
     Finding,
     Grounds,
+    Kind,
     LackOfFit,
     NextRun,
+    OfVehicle,
     ParameterEstimate,
-    PriorShift,
-    RefutedSoil,
-    SoilInstead,
-    Verdict,
+    Rows,
+    Shape,
 )
-from model.diagnosis.core.shapes import Kind, Rows, Shape
+from model.diagnosis.core.result import BarredCause, PriorShift, RefutedSoil, SoilInstead, Verdict
 from model.effects import EFFECTS
-from model.notes import DiagnosisCode, LackCode, StepCode
 from model.wheel_soil import Wheel
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
@@ -44,7 +42,7 @@ from wheelsoil.wording.mending import next_steps
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
-from wheelsoil.workflows.choice import parse_choice
+from wheelsoil.workflows import parse_choice
 from wheelsoil.workflows.diagnosis import _like_radius, _rolling_alike
 
 VERDICTS = tuple(SENTENCES)

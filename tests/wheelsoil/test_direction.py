@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 from view_browser import looking
 from view_client import viewing
 
-from wheelsoil.live.panel import PagePanel
+from wheelsoil.live import PagePanel
 from wheelsoil.web.bidi import isolated
 
 NAME = "north\u202eclay"

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from daq.config import RunsConfig, TerrainConfig, VehicleConfig, parse_toml
+from daq import RunsConfig, TerrainConfig, VehicleConfig, parse_toml
 from model.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wheelsoil.report.drawing import Curve, Plane, drawn
+from wheelsoil.report import Curve, Plane, drawn
 
 PLANE = Plane((0.0, 10.0), (-1.0, 1.0), "slip", "pull")
 numbers = st.floats(-5.0, 5.0) | st.just(float("nan"))

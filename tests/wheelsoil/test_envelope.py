@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from diagnosis_samples import diagnosis
 
-from model.diagnosis.core.result import Detectable
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Wheel
-from wheelsoil.simulation.options import SimulationOptions
+from model.diagnosis import Detectable
+from model.effects import EFFECTS
+from model.wheel_soil import Wheel
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.workflows.demo import NONE, Hidden, draw_hidden, open_envelope
 
 WHEEL = Wheel(0.47, 0.318)

@@ -9,7 +9,8 @@ import pytest
 from cli_support import invoke
 from view_client import taken_from
 
-from daq.errors import ConfigError, DatabaseError, DataError, HardwareError, RecordingError, WheelsoilError
+from daq import ConfigError, DataError, HardwareError, RecordingError, WheelsoilError
+from daq.errors import DatabaseError
 from wheelsoil.cli.app import _from_system
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"

@@ -12,7 +12,7 @@ import pytest
 from cli_support import invoke
 from doctor_support import free_port, nodes, vehicle_folder
 
-from daq.config import VehicleConfig, load_toml
+from daq import VehicleConfig, load_toml
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "field-logger.md").read_text(encoding="utf-8")

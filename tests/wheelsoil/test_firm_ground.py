@@ -14,16 +14,16 @@ from firm_road import road_run
 
 from daq import ConfigError, Note
 from daq.recording import RecordingWriter
+from model import StepCode
 from model.diagnosis import NextRun
-from model.notes import StepCode
 from processing import LOOK, ProcessOptions
-from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.view.jobs import Member, fit_members, process_run
 from wheelsoil.wording.notes import key_text
-from wheelsoil.workflows.diagnosis import campaigns_of
+from wheelsoil.workflows import Files, campaigns_of, on_soil, process_runs
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.runs import Files, on_soil, process_runs, say_set_aside
+from wheelsoil.workflows.runs import say_set_aside
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +45,7 @@ def test_no_soil_is_fitted_to_firm_ground(campaign: Path, with_road: Path) -> No
     assert "run road: on firm ground" in both.err
 
 
+@pytest.mark.slow
 def test_a_diagnosis_says_that_its_rolling_is_data(campaign: Path, with_road: Path) -> None:
     alone, both = (ok("diagnose", folder, "--json").json for folder in (campaign, with_road))
     [test] = both["static"]

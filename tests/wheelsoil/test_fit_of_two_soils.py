@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from cli_support import invoke
 
-from daq.config import RunInfo
+from daq import RunInfo
 from wheelsoil.workflows.diagnosis import _two_groups
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"

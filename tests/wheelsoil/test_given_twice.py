@@ -15,8 +15,8 @@ from view_client import taken_from
 from daq import DataError
 from daq.runs import SetAsideRun
 from wheelsoil.view.jobs import Member, fit_members, process_run
-from wheelsoil.workflows.choice import Choice
-from wheelsoil.workflows.runs import Files, process_runs, repetitions
+from wheelsoil.workflows import Choice, Files, process_runs
+from wheelsoil.workflows.runs import repetitions
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 

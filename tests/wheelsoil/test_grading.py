@@ -9,15 +9,12 @@ import pytest
 from diagnosis_samples import cause, diagnosis
 from implausible import implausible
 
-from daq.config import SoilSection, TerrainConfig, UncertaintySection, VehicleConfig
-from daq.notes import Note, Severity
-from daq.runs.open import open_runs
-from processing.notes import RunCode
-from processing.options import ProcessOptions
-from processing.processed_run import ProcessedRun, Reason, Standstill
+from daq import Note, Severity, SoilSection, TerrainConfig, UncertaintySection, VehicleConfig
+from daq.runs import open_runs
+from processing import ProcessedRun, ProcessOptions, Reason, RunCode, Standstill
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.workflows import process_runs
 from wheelsoil.workflows.grading import doubted_soils, grade_of, short_runs
-from wheelsoil.workflows.runs import process_runs
 
 
 @pytest.fixture(scope="module")

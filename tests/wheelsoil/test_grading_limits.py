@@ -10,8 +10,8 @@ import pytest
 from implausible import implausible
 from synthetic_run import forces, speeds, vehicle
 
-from processing.pipeline.pipeline import process
-from processing.processed_run import ProcessedRun, Reason, Standstill
+from processing import ProcessedRun, Reason, Standstill
+from processing.pipeline import process
 from wheelsoil.workflows.grading import grade_of
 
 LOAD_N = 8000.0

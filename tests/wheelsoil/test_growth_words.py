@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from diagnosis_samples import diagnosis
 
-from model.diagnosis.core.result import ParameterEstimate
-from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
+from model.diagnosis import ParameterEstimate
+from model.sinkage_from_forces import Estimate, Growth
 from wheelsoil.workflows.demo import Hidden, open_envelope
 from wheelsoil.workflows.sinkage import growth_rows, growth_sentence
 

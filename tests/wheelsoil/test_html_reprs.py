@@ -7,14 +7,11 @@ import pytest
 from IPython.core.interactiveshell import InteractiveShell
 from short_campaign import driven
 
-from daq.notes import Note
-from daq.runs.open import open_runs
-from daq.runs.run import Run
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.time_series.diagnosis import diagnose
-from model.fit.fit import fit_models
-from model.fit.result import FitOptions
-from processing.notes import RunCode
+from daq import Note
+from daq.runs import Run, open_runs
+from model.diagnosis import DiagnosisOptions, diagnose
+from model.fit import FitOptions, fit_models
+from processing import RunCode
 from wheelsoil import register
 from wheelsoil.notebook import diagnosis_html, fit_html, processed_run_html, run_html
 from wheelsoil.wording.notes import texts_of

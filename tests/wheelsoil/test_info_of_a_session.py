@@ -14,17 +14,17 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 from frames_support import some_frames
 
-from daq.can.frames import FrameBatch
-from daq.config import BusSection, RunInfo, VehicleConfig
+from daq import BusSection, RunInfo, VehicleConfig
+from daq.can import FrameBatch
 from daq.host_clock import HostClock, monotonic_ns
+from daq.logger import is_being_recorded
 from daq.logger.listener import Arrival
 from daq.logger.recorder import Recorder, RecorderOptions
-from daq.logger.run_files import RunFiles, folder_lock, is_being_recorded
-from daq.recording import PartWriter, Recording
-from daq.recording.part_writer import part_path
-from daq.runs.signals import MessageFacts
+from daq.logger.run_files import RunFiles, folder_lock
+from daq.recording import PartWriter, Recording, part_path
+from daq.runs import MessageFacts
 from wheelsoil.cli.recordings import _print_messages
-from wheelsoil.workflows.recordings import FileFacts
+from wheelsoil.workflows import FileFacts
 
 
 def frames_at(time_ns: int, count: int = 50) -> FrameBatch:

@@ -13,13 +13,14 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, processed_of
 
-from daq.notes import Note, Severity
-from model.diagnosis.core.result import Cause, ParameterEstimate, Verdict
-from model.notes import DiagnosisCode
-from wheelsoil.fleet.roots import Source
+from daq import Note, Severity
+from model import DiagnosisCode
+from model.diagnosis import Cause, ParameterEstimate
+from model.diagnosis.core.result import Verdict
+from wheelsoil.fleet import Source
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.notebook import diagnosis_html
-from wheelsoil.report.build import build_report
+from wheelsoil.report import build_report
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.overview import _traction_tiles
 from wheelsoil.to_json import plain
@@ -30,8 +31,8 @@ from wheelsoil.wording.cost_text import cost_meaning, cost_rows
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.workflows import wheel_of
 from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, highest_slip_of, usual_driving
-from wheelsoil.workflows.fit import wheel_of
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
 from wheelsoil.workflows.traction import pull_at, traction_of
 

@@ -12,8 +12,8 @@ from live_client import page, until
 from live_support import START_UTC_S, bus, reason
 from playwright.sync_api import Browser, Page, expect
 
-from daq.logger.panel import Command
-from wheelsoil.live.panel import PagePanel
+from daq.logger import Command
+from wheelsoil.live import PagePanel
 
 STUCK = reason(
     "amber", "signal_stuck", "can0: WFT_Forces.Fx", "has stood at 3104 N for 6.2 s.", "check the transducer's plug"

@@ -17,8 +17,8 @@ from starlette.applications import Starlette
 from uvicorn import Config
 from uvicorn.server import ServerState
 
-from daq.logger.panel import Command
-from wheelsoil.live.panel import PagePanel
+from daq.logger import Command
+from wheelsoil.live import PagePanel
 from wheelsoil.web.serving import LARGEST_BODY_BYTES, Connection, Rules
 
 TOKEN = "a-token-of-the-test"

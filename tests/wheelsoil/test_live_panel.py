@@ -16,10 +16,10 @@ import pytest
 from live_client import PATIENCE_S, ask, command, connect, events, next_event, page, until
 from live_support import snapshot
 
-from daq.errors import ConfigError, HardwareError
-from daq.logger.panel import Command
+from daq import ConfigError, HardwareError
+from daq.logger import Command
+from wheelsoil.live import PagePanel
 from wheelsoil.live.hub import MOST_STREAMS
-from wheelsoil.live.panel import PagePanel
 from wheelsoil.web.listening import listen
 
 _LOGGER = """

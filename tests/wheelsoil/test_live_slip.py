@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_support import drive, snapshot
 
-from processing.pipeline.pipeline import process
+from processing.pipeline import process
 from wheelsoil.live.hub import SPAN_S, Curve, LiveSlip
 
 

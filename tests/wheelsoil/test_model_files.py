@@ -15,31 +15,33 @@ import pytest
 from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
 
+from daq import ConfigError, SignalName
 from daq.config import SensorSection
-from daq.errors import ConfigError
 from daq.runs import Run
 from daq.series import Series, SeriesReport
-from daq.vehicle_sections import SignalName
-from model.diagnosis.core.average import Average, FittedSet
-from model.diagnosis.core.campaign import Campaign, considered
-from model.diagnosis.core.result import Cause, Diagnosis, ParameterEstimate, SoilEstimate
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
-from model.diagnosis.time_series.samples import coverage_of
+from model import ExtendedEffect, ExtendedModel
+from model.diagnosis import Average, Campaign, Cause, Diagnosis, FittedSet, ParameterEstimate, SoilEstimate, considered
+from model.diagnosis.time_series import coverage_of, linearise_campaigns
 from model.effects import EFFECTS
-from model.extended import ExtendedEffect, ExtendedModel, ModelSet
-from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Wheel
-from model.wheel_soil.run_conditions import conditions_of
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, prior_of
+from model.extended import ModelSet
+from model.wheel_soil import REFERENCE_INFLATION_KPA, SOIL_PARAMETERS, SOILS, Wheel, conditions_of, prior_of
 from processing import ProcessedRun, ProcessOptions
 from processing.processed_run import AppliedZero
-from wheelsoil.simulation.options import SimulationOptions, with_model
+from wheelsoil.simulation import SimulationOptions
+from wheelsoil.simulation.options import with_model
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.verdict import sentence_of
-from wheelsoil.workflows import campaigns_of
-from wheelsoil.workflows.diagnosis import diagnosis_options
-from wheelsoil.workflows.fit import FitChoices, fit_runs
-from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of, refuse_mended
-from wheelsoil.workflows.runs import open_and_process
+from wheelsoil.workflows import (
+    campaigns_of,
+    diagnosis_options,
+    fit_runs,
+    load_model,
+    model_toml,
+    models_of,
+    open_and_process,
+)
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.model_files import model_targets, refuse_mended
 
 CLAY = SOILS["clay"]
 CAMPAIGN = Campaign("clay", (), Wheel(0.47, 0.318), CLAY, prior_of(CLAY))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from itertools import chain
 
-from daq.notes import Note, RecordingCode, Severity
-from model.notes import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode, StepCode
-from processing.notes import RunCode, ZeroCode
+from daq import Note, RecordingCode, Severity
+from model import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode, StepCode
+from processing import RunCode, ZeroCode
 from wheelsoil.wording import diagnosis_notes, model_notes, run_notes
 from wheelsoil.wording.notes import note_text, noted_of_runs, texts_of
 

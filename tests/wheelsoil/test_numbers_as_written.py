@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from daq import Note
-from daq.formatting import moment
+from daq import Note, moment
 from model import DiagnosisCode
 from model.diagnosis import Detectable
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed

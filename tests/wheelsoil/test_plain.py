@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.config import RunInfo
+from daq import RunInfo
 from wheelsoil.to_json import plain, to_json
 
 

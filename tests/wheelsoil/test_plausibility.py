@@ -13,7 +13,8 @@ from implausible import implausible
 from daq.runs import SetAsideRun, open_runs
 from processing import ProcessOptions
 from wheelsoil.wording.plausibility_text import plausibility_sentence, refusal
-from wheelsoil.workflows.runs import doubted_by_most, process_runs
+from wheelsoil.workflows import process_runs
+from wheelsoil.workflows.runs import doubted_by_most
 
 _TURNED = ('driving_torque = "WFT_Moments.My"', 'driving_torque = "-WFT_Moments.My"')
 _KNOTS = ('ground_speed = "GNSS_2.Speed"', 'ground_speed = {signal = "GNSS_2.Speed", unit = "m/s"}')

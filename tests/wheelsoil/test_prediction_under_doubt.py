@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.runs.open import open_runs
+from daq.runs import open_runs
+from model import ExtendedModel
 from model.diagnosis import Campaign, DiagnosisOptions, diagnose
-from model.extended import ExtendedModel
 from model.wheel_soil import conditions_of
 from processing import ProcessedRun, ProcessOptions
-from wheelsoil.workflows.diagnosis import campaigns_of
-from wheelsoil.workflows.model_files import models_of
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows import campaigns_of, models_of, process_runs
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 _SLIP = 0.2

@@ -16,15 +16,15 @@ from cli_support import invoke, ok
 from report_support import cells_of, diagnosed_by_hand, section_of, text_of
 
 from daq.recording import Recording, RecordingWriter
-from processing.options import ProcessOptions
-from wheelsoil.report.build import build_report
+from processing import ProcessOptions
+from wheelsoil.report import build_report
 from wheelsoil.report.content import Contents
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
 from wheelsoil.report.sections.glance import _dates, header_facts
 from wheelsoil.report.sections.verdict import rank
+from wheelsoil.workflows import report_of_processed
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.report import report_of_processed
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 EVIL = '<script>alert("x")</script></script><b>&{{7*7}}'

@@ -11,12 +11,13 @@ import pytest
 from diagnosis_samples import diagnosis, seen
 from report_support import material_of, processed_of
 
-from daq.notes import Note
+from daq import Note
 from daq.runs import SetAsideRun
-from model.diagnosis.core.result import Candidate, Cause, Detectable, Grounds, LackOfFit, ParameterEstimate, Verdict
-from model.notes import DiagnosisCode, LackCode
+from model import DiagnosisCode, LackCode
+from model.diagnosis import Candidate, Cause, Detectable, Grounds, LackOfFit, ParameterEstimate
+from model.diagnosis.core.result import Verdict
 from processing import RunCode
-from wheelsoil.report.build import build_report
+from wheelsoil.report import build_report
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.numbers import load_text
 from wheelsoil.wording.transducer_text import transducer_words

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from diagnosis_samples import BRAKING, SENTENCES, diagnosis
 
-from daq.runs.open import open_runs
-from model.diagnosis.core.result import CauseSet, NextRun, ParameterEstimate
-from model.extended import ExtendedEffect, ExtendedModel
-from processing.options import ProcessOptions
-from wheelsoil.report.build import build_report
-from wheelsoil.report.content import Checks, Drawing, Panels, Section, Step, Steps, Table, Text, blocks_of
+from daq.runs import open_runs
+from model import ExtendedEffect, ExtendedModel
+from model.diagnosis import CauseSet, NextRun, ParameterEstimate
+from processing import ProcessOptions
+from wheelsoil.report import Drawing, build_report, checks_of
+from wheelsoil.report.content import Checks, Panels, Section, Step, Steps, Table, Text, blocks_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.recommendation import checks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.evidence import gain
 from wheelsoil.report.sections.glance import glance
@@ -24,9 +23,9 @@ from wheelsoil.report.sections.misfit import misfit
 from wheelsoil.report.sections.overview import fit
 from wheelsoil.report.sections.planning import detectable
 from wheelsoil.report.sections.verdict import Ranking, verdict
-from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows import fit_runs, process_runs
+from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.last_report import LastReport, Stated
-from wheelsoil.workflows.runs import process_runs
 
 
 def text(section: Section) -> str:

@@ -14,11 +14,11 @@ import pytest
 from cli_support import invoke, ok
 from report_support import text_of
 
-from daq.runs.open import open_runs
-from processing.options import LOOK, ProcessOptions
+from daq.runs import open_runs
+from processing import LOOK, ProcessOptions
+from wheelsoil.workflows import process_runs, report_of, report_of_processed
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.report import diagnosed_runs, report_of, report_of_processed
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows.report import diagnosed_runs
 
 OTHER_ROLES = [pytest.param(role, marks=pytest.mark.slow) for role in ("vertical_load", "drawbar_pull")]
 SHOWN = ("wheel_speed", "ground_speed", "vertical_load", "drawbar_pull", "driving_torque")

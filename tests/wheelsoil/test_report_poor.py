@@ -14,14 +14,13 @@ from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
 from report_support import cells_of, diagnosed_by_hand, section_of
 
-from daq.errors import ConfigError
+from daq import ConfigError
 from daq.runs import SetAsideRun
-from processing.processed_run import ProcessedRun
-from wheelsoil.report.build import Report, build_report
+from processing import ProcessedRun
+from wheelsoil.report import Report, build_report
 from wheelsoil.report.content import texts_of
 from wheelsoil.report.sections.overview import _shown_runs
-from wheelsoil.workflows.report import report_of
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows import Files, report_of
 
 MOST_BYTES = 12_000_000
 ROLES = {"position and clock": ("latitude", "longitude", "gnss_time")}

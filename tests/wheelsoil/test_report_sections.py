@@ -15,7 +15,7 @@ from daq import Note
 from daq.recording import Event
 from model import FitCode
 from wheelsoil.cli.runs import print_fit
-from wheelsoil.report.build import build_report
+from wheelsoil.report import build_report
 from wheelsoil.report.content import Panels, Table
 from wheelsoil.report.inputs import model_sigmas, source_of
 from wheelsoil.report.sections.quality import sensors

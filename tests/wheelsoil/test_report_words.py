@@ -10,14 +10,13 @@ import pytest
 from diagnosis_samples import BRAKING, cause, diagnosis
 from report_support import cells_of, section_of, text_of
 
-from daq.notes import Note, Severity
-from model.diagnosis.core.result import Candidate, Grounds, NextRun, ParameterEstimate, Reduction
-from model.notes import DiagnosisCode, StepCode
-from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
-from processing.notes import RunCode
-from processing.processed_run import Reason
+from daq import Note, Severity
+from model import DiagnosisCode, StepCode
+from model.diagnosis import Candidate, Grounds, NextRun, ParameterEstimate, Reduction
+from model.sinkage_from_forces import Estimate, Growth
+from processing import Reason, RunCode
 from wheelsoil.notebook import diagnosis_html
-from wheelsoil.report.build import build_report
+from wheelsoil.report import build_report
 from wheelsoil.report.content import Checks, Steps, Table, Text, Tiles, blocks_of
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.coefficients import coefficients, criteria

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from cli_support import ok, small_campaign
 
-from daq.can.frames import concatenate, split
-from daq.config import BusSection
-from daq.recording import Event, PartWriter, Recording
-from daq.recording.part_writer import part_path, parts_on_disk
-from daq.runs.open import open_runs
-from daq.sources.interfaces import open_source
-from daq.sources.player import replay
+from daq import BusSection
+from daq.can import concatenate, split
+from daq.recording import Event, PartWriter, Recording, part_path
+from daq.recording.part_writer import parts_on_disk
+from daq.runs import open_runs
+from daq.sources import open_source, replay
 
 _BATCH = 997
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from wheelsoil.cli.app import run as wheelsoil
-from wheelsoil.simulation.campaign import simulate_campaign
-from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation import SimulationOptions, simulate_campaign
 
 H_M = 0.06
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from cli_support import ok
 
-from daq.can.frames import FrameBatch, concatenate
+from daq.can import FrameBatch, concatenate
 from daq.recording import Recording
-from daq.runs.open import open_runs
+from daq.runs import open_runs
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import campaign_frames, frames_sha256, simulated_run
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 
 FOLDER = Path(__file__).parents[2] / "recordings"

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.config import LoggerSection, VehicleConfig, load_toml
+from daq import LoggerSection, VehicleConfig, load_toml
 from daq.recording import Recording
 
 ROOT = Path(__file__).parents[2]

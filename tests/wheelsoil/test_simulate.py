@@ -13,25 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.can.frames import FrameBatch, concatenate
-from daq.config import RunsConfig, TerrainConfig, VehicleConfig, load_toml
-from daq.errors import ConfigError
-from daq.runs.open import open_runs
+from daq import ConfigError, RunsConfig, TerrainConfig, VehicleConfig, load_toml
+from daq.can import FrameBatch, concatenate
+from daq.runs import open_runs
 from model.effects import EFFECTS
-from model.wheel_soil.soils import SOILS, soil_from_terrain
+from model.wheel_soil import SOILS, soil_from_terrain
 from processing import REBOUND_M, REBOUND_SIGMA_M
-from processing.pipeline.pipeline import process
+from processing.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
-from wheelsoil.simulation.campaign import (
-    frames_sha256,
-    lifted_runs,
-    simulate_campaign,
-    simulated_roles,
-    simulated_run,
-    simulated_ruts,
-    true_soil,
-)
-from wheelsoil.simulation.options import SimulationOptions, parse_effect
+from wheelsoil.simulation import SimulationOptions, parse_effect, simulate_campaign, simulated_roles
+from wheelsoil.simulation.campaign import frames_sha256, lifted_runs, simulated_run, simulated_ruts, true_soil
 from wheelsoil.simulation.vehicle import virtual_frames
 
 LYASKO = {"lyasko": {"m1": 0.1, "m2": 0.05}}

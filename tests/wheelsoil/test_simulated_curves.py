@@ -13,15 +13,13 @@ import tomli_w
 from cli_support import ok
 from shared_results import made_once
 
-from daq import FloatArray
-from daq.config import VehicleConfig, load_toml
-from daq.errors import ConfigError
+from daq import ConfigError, FloatArray, VehicleConfig, load_toml
 from model.simulation import Truth, whole
 from processing import LOOK, ProcessedRun, ProcessOptions, Reason
 from wheelsoil.simulation import SimulationOptions, simulate_campaign
 from wheelsoil.simulation.campaign import simulated_stretches, simulated_vehicle
+from wheelsoil.workflows import Files, process_runs
 from wheelsoil.workflows.diagnosis import Processed
-from wheelsoil.workflows.runs import Files, process_runs
 from wheelsoil.workflows.vehicle import doubts_of_wheels
 
 IDS = ("FL", "FR", "RL", "RR")

@@ -14,19 +14,18 @@ import tomli_w
 from cli_support import invoke, ok
 from stressed_wheel import StressedWheel
 
-from daq.can.codec import encode, merge
-from daq.can.databases import load_database
+from daq.can import encode, load_database, merge
 from daq.logs import write_candump
-from daq.runs.open import open_runs
-from processing.options import ProcessOptions
-from processing.pipeline.pipeline import process
+from daq.runs import open_runs
+from processing import ProcessOptions
+from processing.pipeline import process
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.against_slip import sinkage
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_run
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
-from wheelsoil.workflows.fit import FitChoices, fit_runs
-from wheelsoil.workflows.runs import process_runs
+from wheelsoil.workflows import fit_runs, process_runs
+from wheelsoil.workflows.fit import FitChoices
 
 RIDE_DBC = """VERSION ""
 NS_ :

@@ -14,7 +14,7 @@ from bench_soil import plate_tests, shear_tests
 from measured_plates import TESTBED, measured_plates, write_table
 from support import data_dir
 
-from daq.config import TerrainConfig, load_toml
+from daq import TerrainConfig, load_toml
 from wheelsoil.cli.app import run
 from wheelsoil.cli.soil import spread
 

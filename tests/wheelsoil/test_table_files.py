@@ -10,8 +10,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from property_settings import examples
 
-from daq import ConfigError, DataError, parse_toml
-from daq.config import VehicleConfig
+from daq import ConfigError, DataError, VehicleConfig, parse_toml
 from daq.series import read_wheel_table, read_wheel_tables
 from model.diagnosis import Lugs
 from wheelsoil.workflows import TableFiles, bench_of, read_benches

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from cli_support import ok
 
-from wheelsoil.workflows.choice import Choice
+from wheelsoil.workflows import Choice
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 WHOLE = ("file", "sha256")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from cli_support import ok, small_campaign
 
-from daq.can.frames import FrameFlag, split
+from daq.can import FrameFlag, split
 from daq.recording import Recording, RecordingWriter
 
 

@@ -17,22 +17,21 @@ from diagnosis_samples import diagnosis
 from report_support import diagnosed_by_hand
 from shared_results import made_once
 
-from daq import Fault, FloatArray, Note
-from daq.errors import ConfigError, DataError
+from daq import ConfigError, DataError, Fault, FloatArray, Note
 from model import LackCode
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions, Reason
 from wheelsoil.cli.per_wheel import PerWheel
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.vehicle import verdict_of_all
-from wheelsoil.simulation.campaign import setup_of_wheel, simulate_campaign, simulated_stretches
-from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation import SimulationOptions, simulate_campaign
+from wheelsoil.simulation.campaign import setup_of_wheel, simulated_stretches
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.verdict import headline_of
+from wheelsoil.workflows import Diagnosed, Files, process_runs
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.last_report import load_last
-from wheelsoil.workflows.report import Diagnosed, WheelReport
-from wheelsoil.workflows.runs import Files, process_runs
+from wheelsoil.workflows.report import WheelReport
 from wheelsoil.workflows.traction import highest
 from wheelsoil.workflows.vehicle import Place, Vehicle, doubts_of_wheels, figures_of_vehicle, vehicle_of
 

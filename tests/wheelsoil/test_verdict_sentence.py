@@ -9,10 +9,9 @@ from math import nan
 import pytest
 from diagnosis_samples import MORE_LOAD, diagnosis
 
-from daq.config import VehicleConfig
-from daq.errors import Fault
-from daq.notes import Note, Severity
-from model.diagnosis.core.result import (
+from daq import Fault, Note, Severity, VehicleConfig
+from model import DiagnosisCode, LackCode
+from model.diagnosis import (
     Adequacy,
     Candidate,
     Cause,
@@ -21,17 +20,15 @@ from model.diagnosis.core.result import (
     Finding,
     Gain,
     Grounds,
+    Kind,
     NextRun,
     ParameterEstimate,
-    PriorShift,
     Reduction,
-    RefutedSoil,
     Scores,
-    undecided,
+    Shape,
 )
-from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis.core.result import PriorShift, RefutedSoil, undecided
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
-from model.notes import DiagnosisCode, LackCode
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.wording.grounds_text import Statement, nothing_words, rival_words, unexplained_words, want_words
 from wheelsoil.wording.mending import next_steps, step_of

@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 from view_client import View, taken_from
 
-from processing.options import ProcessOptions
-from processing.pipeline.quality import keep_only
-from processing.processed_run import ProcessedRun, Reason
-from wheelsoil.workflows.report import report_of
-from wheelsoil.workflows.runs import open_and_process
+from processing import ProcessedRun, ProcessOptions, Reason, keep_only
+from wheelsoil.workflows import open_and_process, report_of
 
 ROOT = Path(__file__).parents[2]
 KEEP = [[0.0, 13.0]]
@@ -120,7 +117,7 @@ def test_grade_and_usable_share_of_a_cut_run_are_those_of_the_report(
 ) -> None:
     choice = {"run": [{"id": "run-1", "keep": keep}, {"id": "run-2", "keep": KEEP}]}
     view.post("/api/choose", campaign="c1", choice=choice)
-    from wheelsoil.workflows.choice import parse_choice
+    from wheelsoil.workflows import parse_choice
 
     graded = report_of([folder], choice=parse_choice({"schema": "wheelsoil/choice/1", **choice}), diagnose=False)
     said = graded.numbers()["sections"]["glance"]["grades"]

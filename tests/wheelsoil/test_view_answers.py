@@ -16,15 +16,11 @@ from cli_support import ok
 from view_client import View, taken_from
 from view_in_process import viewing_here
 
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.soils import SOIL_PARAMETERS
-from model.wheel_soil.wheel_soil_model import WheelSoilModel
-from processing.options import ProcessOptions
-from processing.processed_run import ProcessedRun
+from model.effects import EFFECTS
+from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from processing import ProcessedRun, ProcessOptions
 from wheelsoil.view.curve import SLIPS, Base
-from wheelsoil.workflows.choice import load_choice
-from wheelsoil.workflows.fit import known_soil, wheel_of
-from wheelsoil.workflows.runs import open_and_process
+from wheelsoil.workflows import known_soil, load_choice, open_and_process, wheel_of
 
 ROOT = Path(__file__).parents[2]
 ARRAYS = (

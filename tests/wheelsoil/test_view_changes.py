@@ -12,7 +12,7 @@ import pytest
 from cli_support import invoke
 from diagnosis_samples import diagnosis
 
-from model.diagnosis.core.result import Diagnosis, SoilEstimate
+from model.diagnosis import Diagnosis, SoilEstimate
 from wheelsoil.to_json import plain
 from wheelsoil.view.changes import changes_since_last, rows_of_difference
 from wheelsoil.view.jobs import shown_of

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.effects.catalogue import EFFECTS
-from model.wheel_soil.conditions import Wheel
-from model.wheel_soil.soils import SOILS, Soil
-from model.wheel_soil.stresses import speed_ratio
+from model.effects import EFFECTS
+from model.wheel_soil import SOILS, Soil, Wheel, speed_ratio
 from wheelsoil.view.curve import SLIPS, Base, curve_of, effect_entries, over_time
 
 WHEEL = Wheel(0.47, 0.318)

@@ -13,7 +13,7 @@ import pytest
 
 from wheelsoil.view.analysis_session import AnalysisSession
 from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows import Files
 
 
 class Helpers:

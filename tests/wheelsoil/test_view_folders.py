@@ -10,7 +10,7 @@ from view_client import taken_from
 from view_in_process import viewing_here
 
 from wheelsoil.view.campaigns import open_campaigns
-from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows import Files
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from daq.errors import ConfigError, HardwareError
-from daq.runs.open import open_runs
+from daq import ConfigError, HardwareError
+from daq.runs import open_runs
 from model.progress import note_share
 from wheelsoil.view.helper import Helper, HelperEndedError
-from wheelsoil.workflows.fit import known_soil
+from wheelsoil.workflows import known_soil
 
 PATIENCE_S = 60.0
 

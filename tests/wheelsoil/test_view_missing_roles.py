@@ -9,7 +9,7 @@ import pytest
 from view_client import View, taken_from
 from view_in_process import viewing_here
 
-from wheelsoil.workflows.report import report_of
+from wheelsoil.workflows import report_of
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 POINTS = {

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.options import ProcessOptions
-from processing.processed_run import ProcessedRun, Reason
+from processing import ProcessedRun, ProcessOptions, Reason
 from wheelsoil.view.trace import MOST_POINTS, rows_to_draw, trace_as_json, trace_of
-from wheelsoil.workflows.runs import open_and_process
+from wheelsoil.workflows import open_and_process
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
 ARRAYS = [name for name, kind in ProcessedRun.__annotations__.items() if "Array" in kind and "dict" not in kind]

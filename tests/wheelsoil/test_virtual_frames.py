@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from virtual_support import simulated
 
-from daq.can.codec import Decoder
-from daq.can.databases import load_database, shipped_dbc
-from daq.can.frames import FrameBatch
-from daq.channels import Channel
-from daq.errors import DataError
+from daq import Channel, DataError, Quantity, find_unit
+from daq.can import Decoder, FrameBatch, load_database, shipped_dbc
 from daq.logs import read_log, write_candump
 from daq.recording import Recording, RecordingWriter
-from daq.units import Quantity, find_unit
 from model.simulation import Steering, TransducerSetup, VirtualSetup
 from wheelsoil.simulation.campaign import frames_sha256
 from wheelsoil.simulation.vehicle import _LAYOUT, DBC_FILES, MOTION_DBC, virtual_frames

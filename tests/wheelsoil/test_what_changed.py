@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.config import VehicleConfig
-from daq.errors import ConfigError
-from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from daq import ConfigError, VehicleConfig
+from model.diagnosis import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.wheel_soil import SOILS, Wheel
 from wheelsoil.wording.change_text import change_row, change_summary, of_another_thing

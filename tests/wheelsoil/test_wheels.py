@@ -19,30 +19,35 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
-from daq import OUTPUTS, Fault
-from daq.config import VehicleConfig, load_toml
-from daq.errors import ConfigError
-from daq.notes import Note
+from daq import OUTPUTS, ConfigError, Fault, InstrumentedWheel, Note, VehicleConfig, WheelSection, load_toml
 from daq.runs import Run, open_runs
-from daq.vehicle_sections import InstrumentedWheel, WheelSection
+from model import DiagnosisCode, FitCode
 from model.diagnosis import Campaign, Diagnosis
 from model.diagnosis.findings.set_fit import fit_set
-from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
+from model.diagnosis.time_series import linearise_campaigns
 from model.fit.observations import observations_of
-from model.notes import DiagnosisCode, FitCode
 from model.simulation import whole
 from processing import LOOK, ProcessedRun, ProcessOptions
 from wheelsoil.cache import nothing_kept
+from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_stretches
-from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
 from wheelsoil.wording.verdict import sentence_of
-from wheelsoil.workflows import campaigns_of, diagnose_campaigns
-from wheelsoil.workflows.diagnosis import diagnosis_options, vehicles_of, with_advice
-from wheelsoil.workflows.fit import FitChoices, fit_runs
-from wheelsoil.workflows.model_files import load_model
-from wheelsoil.workflows.runs import Files, open_and_process, process_runs, wheel_id
+from wheelsoil.workflows import (
+    Files,
+    campaigns_of,
+    diagnose_campaigns,
+    diagnosis_options,
+    fit_runs,
+    load_model,
+    open_and_process,
+    process_runs,
+    vehicles_of,
+)
+from wheelsoil.workflows.diagnosis import with_advice
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.runs import wheel_id
 
 IDS = ("FL", "RL")
 QUICK = ("--effects", "torque_zero", "--most-causes", 1)

@@ -12,9 +12,8 @@ from cli_support import invoke, ok
 from scipy.stats import binomtest
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
-from daq.can.databases import shipped_dbc
-from daq.config import VehicleConfig, parse_toml
-from daq.zero_file import ChannelZero, Determination, ZeroConfig, load_zeros, parse_zeros
+from daq import ChannelZero, Determination, VehicleConfig, ZeroConfig, load_zeros, parse_toml, parse_zeros
+from daq.can import shipped_dbc
 from processing.transducer_zero.parts import fit_harmonics
 
 WHEEL = Bench(frame="wheel", angle_offset_deg=40.0)

@@ -12,17 +12,16 @@ from cli_support import busy, invoke, ok
 from virtual_support import START_NS, WHEEL, simulated
 from zero_support import Bench, write_lifted
 
-from daq.can.databases import shipped_dbc
-from daq.channels import Channel
+from daq import Channel, load_zeros
+from daq.can import shipped_dbc
 from daq.recording import Recording, RecordingWriter
-from daq.runs.run import vehicle_from_file
-from daq.zero_file import load_zeros
+from daq.runs import vehicle_from_file
 from model.simulation import TransducerSetup, VirtualRun, VirtualSetup
-from processing.processed_run import ProcessedRun
+from processing import ProcessedRun
 from wheelsoil.simulation.campaign import to_toml
 from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames
 from wheelsoil.wording.notes import texts_of
-from wheelsoil.workflows.runs import open_and_process
+from wheelsoil.workflows import open_and_process
 
 HOUR_NS = 3600 * 10**9
 COLUMNS = {
@@ -84,7 +83,7 @@ def _folder(path: Path, setup: VirtualSetup, run: VirtualRun, zero_file: str) ->
 
 
 def _processed(folder: Path) -> ProcessedRun:
-    from processing.options import ProcessOptions
+    from processing import ProcessOptions
 
     ((_, run),) = open_and_process([folder], ProcessOptions())
     return run

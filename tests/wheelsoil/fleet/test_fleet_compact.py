@@ -16,8 +16,8 @@ import pytest
 from cli_support import invoke, ok
 from fleet_support import contents, differing, rows_of
 
-from wheelsoil.fleet import Store, ask, compact, holdings_of, open_store, packs
-from wheelsoil.fleet.manifests import Manifest, pack_of, sealed, text_of_pack, unsealed
+from wheelsoil.fleet import Manifest, Store, ask, compact, holdings_of, open_store, packs
+from wheelsoil.fleet.manifests import pack_of, sealed, text_of_pack, unsealed
 
 SQL = "select campaign, run, grade, duration_s from runs order by campaign, run"
 

@@ -20,8 +20,7 @@ from daq import ConfigError, DataError
 from daq.runs import SetAsideRun
 from processing import LOOK
 from wheelsoil.cache import entries
-from wheelsoil.fleet import FleetOptions, Shard, find_sources, holdings_of, open_store, plan_fleet
-from wheelsoil.fleet.roots import Source
+from wheelsoil.fleet import FleetOptions, Shard, Source, find_sources, holdings_of, open_store, plan_fleet
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.workflows import Choice
 
@@ -114,8 +113,7 @@ def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: P
 
 @pytest.mark.usefixtures("warm")
 def test_evidence_is_what_the_diagnosis_weighed(fleet: Path, store: Path) -> None:
-    from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options
-    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.workflows import campaigns_of, diagnose_campaigns, diagnosis_options, open_and_process
 
     folder = fleet / "spring" / "day-3"
     campaigns = campaigns_of([folder], open_and_process([folder], Choice().process_options(LOOK)))

@@ -16,8 +16,7 @@ from cli_support import ok
 from fleet_support import rows_of
 
 from model.diagnosis.pooling import Passport, Point, Trend
-from wheelsoil.fleet import Change, Store, holdings_of, open_store, overview_of, pool
-from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet import Change, Manifest, Store, holdings_of, open_store, overview_of, pool
 from wheelsoil.fleet.overview import _map
 from wheelsoil.fleet.pooled import _observations
 from wheelsoil.fleet.tables import schema_of

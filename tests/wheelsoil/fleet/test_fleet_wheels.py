@@ -22,8 +22,7 @@ from shared_results import made_once
 
 from daq import DataError
 from model.diagnosis import Campaign, Diagnosis
-from wheelsoil.fleet import Overview, ask, compact, holdings_of, open_store, overview_of, plan_fleet, pool
-from wheelsoil.fleet.tables import COLUMNS
+from wheelsoil.fleet import COLUMNS, Overview, ask, compact, holdings_of, open_store, overview_of, plan_fleet, pool
 
 IDS = ("FL", "RL")
 ZERO_NM = 150.0
@@ -305,8 +304,7 @@ def test_a_store_of_before_takes_wheels_and_is_compacted_without_loss(
 
 def test_a_pack_of_before_is_compacted_with_wheels(made: Path, tmp_path: Path) -> None:
     """What compaction wrote before there was a column for the wheel."""
-    from wheelsoil.fleet import packs, tables
-    from wheelsoil.fleet.manifests import Manifest
+    from wheelsoil.fleet import Manifest, packs, tables
 
     with tarfile.open(Path(__file__).with_name("store_of_2026_11_24.tar.xz")) as kept:
         kept.extractall(tmp_path, filter="data")

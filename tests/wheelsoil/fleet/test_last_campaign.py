@@ -13,8 +13,7 @@ import pytest
 from fleet_support import rows_of
 
 from daq import ConfigError
-from wheelsoil.fleet import Store, last_campaign, open_store
-from wheelsoil.fleet.manifests import Manifest
+from wheelsoil.fleet import Manifest, Store, last_campaign, open_store
 from wheelsoil.fleet.tables import schema_of
 from wheelsoil.wording.change_text import of_another_thing
 from wheelsoil.workflows.diagnosis import Processed

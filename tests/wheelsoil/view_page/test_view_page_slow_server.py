@@ -10,7 +10,7 @@ from playwright.sync_api import APIResponse, Page, Route, expect
 from view_browser import Held, add_effect, drawn, unfold
 from view_client import PATIENCE_S, View
 
-from wheelsoil.workflows.choice import load_choice
+from wheelsoil.workflows import load_choice
 
 ROWS = ("slip", "pull")
 
