@@ -443,7 +443,8 @@ def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Di
 
 def _small_forces(campaign: Campaign) -> list[Note]:
     """Return a note on each static test whose known force is next to nothing beside the load, as kN written as N."""
-    load_n = float(np.nanmedian(np.concatenate([run.vertical_load_n[run.used] for run in campaign.runs])))
+    loads = np.concatenate([run.vertical_load_n[run.used] for run in campaign.runs])
+    load_n = float(np.median(loads[np.isfinite(loads)])) if campaign.static else 0.0
     usual = {"dp": load_n, "t": load_n * campaign.wheel.radius_m}
     return [
         Note(DiagnosisCode.STATIC_SMALL, values={"channel": c, "applied": force, "share": abs(force) / usual[c]})
