@@ -235,12 +235,12 @@ def doubt_of_the_peak(found: Diagnosis) -> Note | None:
 
 def like_radius(found: Diagnosis) -> tuple[Note, ...]:
     """Return the notes on causes of the verdict and of probable sets that a larger wheel radius looks the same as."""
-    return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.LIKE_RADIUS)
+    return _cautions(found, DiagnosisCode.LIKE_RADIUS)
 
 
 def against_tests(found: Diagnosis) -> tuple[Note, ...]:
     """Return the notes on static tests that the runs contradict."""
-    return tuple(note for note in found.grounds.cautions if note.code == DiagnosisCode.STATIC_CONTRADICTS)
+    return _cautions(found, DiagnosisCode.STATIC_CONTRADICTS)
 
 
 def _name_of(cause: Cause, found: Diagnosis) -> str:
@@ -252,7 +252,11 @@ def _name_of(cause: Cause, found: Diagnosis) -> str:
 
 
 def _caution(found: Diagnosis, code: DiagnosisCode) -> Note | None:
-    return next((note for note in found.grounds.cautions if note.code == code), None)
+    return next(iter(_cautions(found, code)), None)
+
+
+def _cautions(found: Diagnosis, code: DiagnosisCode) -> tuple[Note, ...]:
+    return tuple(note for note in found.grounds.cautions if note.code == code)
 
 
 class Groups(NamedTuple):

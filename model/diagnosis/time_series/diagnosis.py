@@ -151,6 +151,7 @@ class _Weighed:
     lack: LackOfFit
     shifts: tuple[PriorShift, ...]
     told: tuple[Note, ...]
+    against_static: tuple[Note, ...]
 
 
 def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
@@ -202,7 +203,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         disputes = (
             *weighed.told,
             *_disputes(linearised, verdict, explained, fits),
-            *static_disputes(linearised),
+            *weighed.against_static,
             *runs_apart(linearised.grams, linearised.best, runs_of(linearised)),
         )
         one_campaign = verdict.verdict == "unexplained" and len(runs_of(linearised)) == 1
@@ -285,8 +286,12 @@ def _weighed(
             fits.fit((), linearised.best.keys)
             gain, remarks = held_out(linearised, fits.known)
 
-    against = next((note.values["sigmas"] for note in static_disputes(linearised)), None)
-    contradiction = Note(LackCode.AGAINST_STATIC, values={"sigmas": against}) if against else cancelling(linearised)
+    against = tuple(static_disputes(linearised))
+    contradiction = (
+        Note(LackCode.AGAINST_STATIC, values={"sigmas": against[0].values["sigmas"]})
+        if against
+        else cancelling(linearised)
+    )
 
     def judge(other: Posterior) -> Judgement:
         lacking = unshown(linearised.not_identifiable, other, judged)
@@ -307,7 +312,7 @@ def _weighed(
         left_by = linearised.best.keys if unnamed else ()
         lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, other, factor) if unnamed else LackOfFit()
         wrong = findings(linearised.grams, linearised.campaigns, left_by, factor, inputs=unnamed)
-    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts, told), remarks
+    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts, told, against), remarks
 
 
 def _onward(
