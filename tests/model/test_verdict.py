@@ -199,20 +199,26 @@ def test_a_name_that_is_less_probable_beside_the_usual_soil_says_so() -> None:
 
 
 def test_a_name_is_sure_by_the_runs_as_they_are_too(grams: Grams) -> None:
-    """The average says .95 of "a"; the runs themselves .985 or .995, and no word of tables, which have no average."""
-    found = made(grams, {("a",): 0.95, ("b",): 0.05})
-    said = {}
-    for alone in (0.985, 0.995):
+    """What the average and the runs themselves say of "a"; a table has no average."""
+
+    def said(averaged: float, alone: float, unlisted: float = 0.0) -> Judgement:
+        found = made(grams, {("a",): averaged, ("b",): 1.0 - averaged})
         chances = np.full(len(found.hypotheses), 1e-12)
         chances[[found.hypotheses.index_of((key,)) for key in "ab"]] = alone, 1.0 - alone
         own = replace(found, log_evidence=np.log(chances) - found.hypotheses.log_prior)
-        assert judgement(own, FINE, gain(9.0)).verdict == "named"
-        said[alone] = judgement(own, FINE, gain(9.0), sure_at=0.99)
-    assert said[0.995] == Judgement("named", ("a",))
-    why = said[0.985].barred
-    assert why is not None and why.code == LackCode.NOT_SURE and why.values["probability"] == pytest.approx(0.985)
-    assert said[0.985] == Judgement("one_of", ("a", "b"), barred=why)
-    assert said[0.985].kept_back == (("a", why),)
+        assert (judgement(own, FINE, gain(9.0)).verdict == "named") == (averaged > 0.9)
+        return judgement(own, Adequacy(unlisted, 0.5, ok=True, measure="probability"), gain(9.0), of_runs=True)
+
+    for averaged in (0.81, 0.95):
+        assert said(averaged, 0.98) == Judgement("named", ("a",))
+        assert said(averaged, 0.85).kept_back == ()
+        [(family, why)] = said(averaged, 0.96).kept_back
+        assert (family, why.code) == ("a", LackCode.NOT_SURE)
+        assert why.values["probability"] == pytest.approx(0.96)
+        assert said(averaged, 0.96) == Judgement("one_of", ("a", "b"), barred=why)
+        assert said(averaged, 0.98, 0.09).kept_back[0][1].code == LackCode.UNLISTED_MAY_ACT
+        assert said(averaged, 0.999, 0.09) == Judgement("named", ("a",))
+    assert said(0.79, 0.999) == Judgement("one_of", ("a", "b"))
 
 
 def test_a_prior_that_decides_is_said(grams: Grams) -> None:
@@ -230,11 +236,11 @@ def test_a_prior_that_decides_is_said(grams: Grams) -> None:
     assert prior_shifts(sure, judge(sure), judge) == ()
 
     def strictly(found: Posterior) -> Judgement:
-        return judgement(found, FINE, gain(9.0), sure_at=0.99)
+        return judgement(found, FINE, gain(9.0), of_runs=True)
 
     evidence = np.full(len(sure.hypotheses), -99.0)
     evidence[sure.hypotheses.index_of(("a",))] = 0.0
-    evidence[sure.hypotheses.index_of(("b",))] = -np.log(150.0)  # .993 of the runs as they are: .98 with a third
+    evidence[sure.hypotheses.index_of(("b",))] = -np.log(60.0)  # .984 of the runs as they are: .95 with a third
     alone = replace(sure, log_evidence=evidence - sure.hypotheses.log_prior)
     assert {(one.family, one.factor > 1) for one in prior_shifts(alone, strictly(alone), strictly)} == {
         ("a", False),

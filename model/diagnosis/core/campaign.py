@@ -173,7 +173,7 @@ class DiagnosisOptions:
     most_causes : int
         Largest set of causes that is weighed.
     name_at : float
-        Probability from which on a family is named.
+        Probability from which on a family is named; see `model.diagnosis.core.naming`.
     seed : int
         Of the resampling of runs and of simulated thresholds.
     next_run : bool

@@ -4,10 +4,10 @@
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
    held-out runs any better: `nothing_detectable`; but `unexplained` where the held-out error of a channel is more than
    `MOST_ERROR` times what soil and noise give, and more than few runs show by chance.
-3. A family above `name_at` is `named` where
+3. A family above `name_at`, also where something unlisted may act, is `named` where
 
-   - of driven runs, its probability by the runs as they are is above `SURE_AT`, too: the average over resampled runs is
-     careful of what is confounded, and too kind to what is barely there;
+   - of driven runs, its probability by the runs as they are is above `SURE_AT`, and averaged over resampled runs above
+     `AVERAGED_AT`: the average is careful of what is confounded, and too kind to what is barely there;
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`, or the held-out error of a channel falls
      for certain: the score is of linearised models, and that of one far from the truth is too high;
    - the held-out error of no measured channel grows notably and for certain, also where the channel was not used;
@@ -54,8 +54,11 @@ MOST_ERROR = 1.5
 _BY_CHANCE = 1e-4
 """Chance of so large an error of few runs. A run is worth one error, as its own soil is one value, and each is
 predicted from the others: of n runs n - 1 are free."""
-SURE_AT = 0.99
-"""Probability by the runs as they are that a name of driven runs needs (docs/decisions/naming.md)."""
+AVERAGED_AT = 0.8
+"""Probability averaged over resampled runs that a name of driven runs needs (docs/decisions/naming.md). One run that
+decides, which a third of the resampled campaigns lack, gives .83 where the others say even chances."""
+SURE_AT = 0.97
+"""Probability by the runs as they are that it needs, too."""
 BESIDE_USUAL = 0.5
 """Probability beside what soils usually do that a physical name of driven runs needs; below `name_at` it is told."""
 SHOWN_AT = 0.97
@@ -103,7 +106,7 @@ def judgement(
     name_at: float = 0.9,
     converged: bool = True,
     contradiction: Note | None = None,
-    sure_at: float = 0.0,
+    of_runs: bool = False,
 ) -> Judgement:
     """Return the verdict.
 
@@ -119,8 +122,8 @@ def judgement(
         Whether the linearisation converged.
     contradiction : Note or None
         Which of the most probable causes cancel each other, or which static test the runs contradict.
-    sure_at : float
-        Probability without averaging from which on a family is named.
+    of_runs : bool
+        Whether driven runs are judged, with their average over resampled runs; else a table.
     """
     if not judged.ok:
         return Judgement("unexplained", barred=Note(LackCode.NOTHING_JUDGED) if np.isnan(judged.statistic) else None)
@@ -130,8 +133,9 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         left = _more_than_noise(gain)
         return Judgement("unexplained" if left else "nothing_detectable", barred=left)
-    likely = tuple(family for family, p in found.families().items() if p > name_at)
-    sure = [family for family in likely if found.families()[family] * judged.listed > name_at]
+    chances = (found.as_they_are() if of_runs else found).families()
+    likely = tuple(f for f, p in found.families().items() if p > AVERAGED_AT and chances[f] > name_at)
+    sure = [family for family in likely if chances[family] * judged.listed > name_at]
     doubted = _each(
         [x for x in likely if x not in sure],
         Note(LackCode.UNLISTED_MAY_ACT, values={"probability": 1.0 - judged.listed}),
@@ -139,7 +143,7 @@ def judgement(
     barred = _barred(found, gain) or contradiction
     if barred:
         return one_of(found, barred if sure else None, likely, (*_each(sure, barred), *doubted))
-    unsure = _unsure(found, sure, sure_at) | dict(not_identifiable or {})
+    unsure = (_unsure(chances, sure) if of_runs else {}) | dict(not_identifiable or {})
     lacking = tuple((family, unsure[family]) for family in sure if family in unsure)
     named = tuple(family for family in sure if family not in dict(lacking))
     if named:
@@ -147,12 +151,11 @@ def judgement(
     return one_of(found, lacking[0][1] if lacking else None, likely, (*lacking, *doubted))
 
 
-def _unsure(found: Posterior, families: Sequence[str], sure_at: float) -> dict[str, Note]:
-    chances = found.as_they_are().families()
+def _unsure(chances: Mapping[str, float], families: Sequence[str]) -> dict[str, Note]:
     return {
-        family: Note(LackCode.NOT_SURE, values={"family": family, "probability": chances[family], "least": sure_at})
+        family: Note(LackCode.NOT_SURE, values={"family": family, "probability": chances[family], "least": SURE_AT})
         for family in families
-        if chances[family] < sure_at
+        if chances[family] < SURE_AT
     }
 
 

@@ -24,7 +24,7 @@ from scipy.special import bdtr
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, probabilities
-from model.diagnosis.core.naming import BESIDE_USUAL, NOTHING_AT, SHOWN_AT, SURE_AT, is_physical
+from model.diagnosis.core.naming import AVERAGED_AT, BESIDE_USUAL, NOTHING_AT, SHOWN_AT, SURE_AT, is_physical
 from model.diagnosis.findings.held_out import FEWEST_RUNS, drawn_anew, kinds_of
 from model.diagnosis.findings.usual_soil import usual_effects, with_usual_soil
 from model.diagnosis.time_series.columns import Grams
@@ -122,7 +122,7 @@ class Outlook:
 
     def _allowed(self, code: StepCode) -> FloatArray:
         """Return the probability above which each family may be named after a step, shape (families,)."""
-        least = np.full(len(self.listed.families), self.name_at / self.adequate)
+        least = np.full(len(self.listed.families), AVERAGED_AT)
         zeros = {effect.name for effect in EFFECTS.values() if effect.needs.zero_of}
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
@@ -137,7 +137,7 @@ class Outlook:
         each = probabilities(found, self.listed.log_prior)
         none, mean = each[:, 0, 0], each[:, 1:].mean(axis=1)
         mean[:, 1:] *= ((1.0 - none) / np.maximum(mean[:, 1:].sum(axis=1), 1e-300))[:, None]
-        sure = each[:, 0] @ self.listed.has_family >= SURE_AT
+        sure = each[:, 0] @ self.listed.has_family >= max(SURE_AT, self.name_at / self.adequate)
         return np.asarray((mean @ self.listed.has_family > above) & sure & (none < NOTHING_AT)[:, None])
 
     def _beside_usual_soil(self, totals: FloatArray) -> BoolArray:

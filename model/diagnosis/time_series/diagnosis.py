@@ -19,7 +19,6 @@ from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets
 from model.diagnosis.core.naming import (
     BESIDE_USUAL,
-    SURE_AT,
     Judgement,
     asked_again,
     barred_causes,
@@ -296,7 +295,7 @@ def _weighed(
     def judge(other: Posterior) -> Judgement:
         lacking = unshown(linearised.not_identifiable, other, judged)
         rules = (other, judged, gain, lacking, name_at, linearised.converged)
-        return judgement(*rules, contradiction, sure_at=SURE_AT)
+        return judgement(*rules, contradiction, of_runs=True)
 
     verdict = judge(found)
     shifts = prior_shifts(found, verdict, judge)
