@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from daq import DataError, FloatArray, Note
 from model.bevameter.window import FitFault
@@ -199,7 +199,7 @@ def _sandwich(slopes: FloatArray, omega: FloatArray, points: FloatArray) -> Floa
 
 
 def _quantile(freedom: FloatArray) -> FloatArray:
-    return np.asarray(stdtrit(np.where(np.isinf(freedom), 1e12, freedom), 0.975))
+    return np.asarray(scipy.special.stdtrit(np.where(np.isinf(freedom), 1e12, freedom), 0.975))
 
 
 def _few_repeats(tests: int, free: float, assumed: tuple[float, float]) -> tuple[Note, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import BoolArray, FloatArray, Note
 from model.fit.covariance import covariance
@@ -47,7 +47,7 @@ def estimates_of(
 
     An interval ends at the parameter's bounds. One that a bound holds has the bound and a limit on the other side.
     """
-    t = float(stdtrit(found.degrees, 0.5 + 0.5 * confidence))
+    t = float(scipy.special.stdtrit(found.degrees, 0.5 + 0.5 * confidence))
     estimates = []
     for i, parameter in enumerate(problem.free):
         if result.at_bound[i]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.notes import SinkageCode
@@ -232,5 +232,5 @@ def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:
     found = np.linalg.lstsq(columns, measured, rcond=None)[0]
     left = measured - columns @ found
     variance = np.linalg.inv(columns.T @ columns)[0, 0] * (left @ left) / freedom
-    half = float(stdtrit(freedom, 0.975) * np.sqrt(variance))
+    half = float(scipy.special.stdtrit(freedom, 0.975) * np.sqrt(variance))
     return Estimate(float(found[0]), (float(found[0]) - half, float(found[0]) + half))

@@ -8,7 +8,7 @@ from functools import cached_property, reduce
 from math import nan
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import BoolArray, DataError, Fault, FloatArray, IntArray, VehicleConfig
 from processing import ProcessedRun
@@ -142,7 +142,9 @@ class Vehicle:
             return None
         inverse = np.linalg.pinv(design.T @ design)
         found = inverse @ design.T @ gained
-        half = stdtrit(free, 0.975) * np.sqrt(np.sum((gained - design @ found) ** 2) / free * np.diag(inverse))
+        half = scipy.special.stdtrit(free, 0.975) * np.sqrt(
+            np.sum((gained - design @ found) ** 2) / free * np.diag(inverse)
+        )
         return {
             name: (float(value), (float(value - width), float(value + width)))
             for name, value, width in zip(("acceleration", "pull"), found[:2], half[:2], strict=True)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import BoolArray, FloatArray
 from model.diagnosis.core.result import Gain, Reduction, Scores
@@ -166,7 +166,7 @@ def _reduction(squares: FloatArray) -> Reduction:
     if folds < _FEWEST_FOR_INTERVAL:
         return Reduction(_fall(middle), (float("nan"), float("nan")))
     moves = 0.5 * (squares[:, 1] / after - squares[:, 0] / before)
-    reach = float(stdtrit(folds - 1, 0.975) * np.sqrt(folds / (folds - 1) * np.sum(moves**2)))
+    reach = float(scipy.special.stdtrit(folds - 1, 0.975) * np.sqrt(folds / (folds - 1) * np.sum(moves**2)))
     return Reduction(_fall(middle), (_fall(middle + reach), _fall(middle - reach)))
 
 

@@ -35,7 +35,7 @@ from dataclasses import dataclass, field, replace
 from math import log
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from daq import Note
 from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form, nearest_rival, short_set
@@ -228,7 +228,7 @@ def _more_than_noise(gain: Gain | None) -> Note | None:
     if gain is None:
         return None
     free = max(len(gain.chosen) - 1, 1)
-    most = max(MOST_ERROR, float(np.sqrt(chdtri(free, _BY_CHANCE) / free)))
+    most = max(MOST_ERROR, float(np.sqrt(scipy.special.chdtri(free, _BY_CHANCE) / free)))
     for channel, expected in gain.expected.items():
         error = gain.base[channel].R0
         if not error <= most * expected:

@@ -22,7 +22,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, logsumexp
+import scipy
 
 from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.result import Adequacy, Finding, LackOfFit
@@ -100,7 +100,7 @@ class Unlisted:
     @property
     def probability(self) -> float:
         """That something of any kind acts."""
-        return float(expit(self.log_odds))
+        return float(scipy.special.expit(self.log_odds))
 
 
 def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3) -> Unlisted:
@@ -136,11 +136,11 @@ def over_noises(
             return Unlisted(-np.inf, np.arange(0), None, SCALES[0])
         each.append(_log_weights(grams, kinds, excluded, most))
         priors.append(log_prior)
-    found = logsumexp([larger + p for (larger, _), p in zip(each, priors, strict=True)], axis=0)
-    against = logsumexp([listed + p for (_, listed), p in zip(each, priors, strict=True)])
+    found = scipy.special.logsumexp([larger + p for (larger, _), p in zip(each, priors, strict=True)], axis=0)
+    against = scipy.special.logsumexp([listed + p for (_, listed), p in zip(each, priors, strict=True)])
     kind, scale = np.unravel_index(int(np.argmax(found)), found.shape)
     shapes, run, _ = kinds[int(kind)]
-    return Unlisted(float(logsumexp(found) - against), shapes, run, SCALES[int(scale)])
+    return Unlisted(float(scipy.special.logsumexp(found) - against), shapes, run, SCALES[int(scale)])
 
 
 def _log_weights(

@@ -36,7 +36,7 @@ from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincc, stdtr
+import scipy
 
 from daq import OUTPUTS, BoolArray, FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
@@ -210,7 +210,7 @@ def _judged(parameter: ParameterEstimate, own: tuple[Own, ...]) -> list[Disagree
     values, variances = np.array([o.value for o in own]), np.array([o.sigma**2 for o in own])
     mean = float((values / variances).sum() / (1.0 / variances).sum())
     q = float(((values - mean) ** 2 / variances).sum())
-    chance = float(gammaincc(0.5 * (len(own) - 1), 0.5 * q))
+    chance = float(scipy.special.gammaincc(0.5 * (len(own) - 1), 0.5 * q))
     return [Disagreement(parameter.name, parameter.unit, own, q, chance)] if chance < AT else []
 
 
@@ -314,7 +314,7 @@ def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str
     apart, sigma = off(best)
     i = int(np.argmax(np.abs(apart) / sigma))
     apart, sigma = off(estimate(grams.without(there[i]), best.keys))[:, i]  # soil and causes without it
-    chance = 2 * len(there) * stdtr(others - 1, -abs(apart) / sigma)
+    chance = 2 * len(there) * scipy.special.stdtr(others - 1, -abs(apart) / sigma)
     values = {"run": grams.run_names[there[i]], "family": key, "channel": _ZEROS[parted(key)[0]]}
     return {**values, "size": float(apart), "sigma": float(sigma), "chance": float(chance)}
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from daq import OUTPUTS, FloatArray
 from model.cores import in_parallel
@@ -124,7 +124,9 @@ def averaged(each: Sequence[HeldOutPrediction], weights: FloatArray) -> HeldOutP
     """
     first = each[0]
     alike = [prediction.numbers == first.numbers for prediction in each]
-    likelihood = logsumexp([prediction.log_likelihood for prediction in each], b=np.where(alike, weights, 0.0))
+    likelihood = scipy.special.logsumexp(
+        [prediction.log_likelihood for prediction in each], b=np.where(alike, weights, 0.0)
+    )
     predicted = {}
     for channel in first.predicted:
         values = np.stack([prediction.predicted[channel] for prediction in each])

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy
 
 from daq import IndexArray
 from model.diagnosis.core.shapes import Kind
@@ -73,7 +73,9 @@ def with_free_form(linearised: LinearisedCampaign, other: Unlisted) -> FreeForm 
     excluded, most = linearised.excluded, linearised.most_causes
     found = [log_evidence_of_sets(_only(freed, own), excluded, most, freed.basis[own[0]].cause) for own in kinds]
     strict = log_evidence_of_sets(_only(freed), excluded, most) + np.log1p(-UNLISTED)
-    against = np.logaddexp(strict + np.log1p(-DEPARTS), float(logsumexp(found)) + np.log(DEPARTS / len(kinds)))
+    against = np.logaddexp(
+        strict + np.log1p(-DEPARTS), float(scipy.special.logsumexp(found)) + np.log(DEPARTS / len(kinds))
+    )
     left = replace(other, log_odds=float(strict + other.log_odds - against))
     if left.probability > LIMIT:
         return None

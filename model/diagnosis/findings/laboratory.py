@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from daq import FloatArray, IndexArray
 from model.diagnosis.core.hypotheses import Posterior
@@ -76,7 +76,7 @@ def refuted_soil(
     for keys, probability in sets.items():
         plain, _ = _weighed(grams, keys, own)
         wider = [_weighed(grams, keys, prior.precision) for prior in asked]
-        given = softmax([0.0, *(log_odds + found - plain for found, _ in wider)])[1:]
+        given = scipy.special.softmax([0.0, *(log_odds + found - plain for found, _ in wider)])[1:]
         share = probability / sum(sets.values()) * given
         chances += share
         sizes += share * [prior.in_sigmas @ soil for prior, (_, soil) in zip(asked, wider, strict=True)]
@@ -148,7 +148,7 @@ def soil_instead(
         plain, _ = _weighed(grams, fewer, own)
         wider = [_weighed(grams, fewer, prior.precision) for prior in asked]
         others = [float(log_weight[place] + each + value - plain) for value, _ in wider]
-        chances = softmax([float(log_weight[whole]) + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
+        chances = scipy.special.softmax([float(log_weight[whole]) + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
         best = int(np.argmax(chances))
         if chances[best] > INSTEAD_AT:
             chosen, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])

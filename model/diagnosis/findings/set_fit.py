@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import BoolArray, FloatArray
 from model.cores import in_parallel, one_thread
@@ -162,7 +162,7 @@ def _over_runs(problem: SetProblem, x: FloatArray) -> tuple[Sandwich, FloatArray
 
 def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
     """Return Student's 95 % interval."""
-    reach = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * sigma
+    reach = float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * sigma
     return value - reach, value + reach
 
 

@@ -13,7 +13,7 @@ A run begins at an unknown angle: only the size of its swing counts, not its pha
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from daq import BoolArray, FloatArray
 from model.diagnosis.core.plot_data import WheelOrders
@@ -66,7 +66,7 @@ def _orders(data: CampaignData, left: FloatArray, channel: str) -> WheelOrders |
     order = np.arange(_LOWEST, highest + _STEP / 2, _STEP)
     pieces = [_swings(data, left, row, order[i : i + _AT_ONCE], long) for i in range(0, len(order), _AT_ONCE)]
     power, weight = np.concatenate(pieces, axis=1)
-    by_chance = float(chdtri(2 * int(long.sum()), 1.0 - _CHANCE))
+    by_chance = float(scipy.special.chdtri(2 * int(long.sum()), 1.0 - _CHANCE))
     return WheelOrders(order, np.sqrt(power / weight), np.sqrt(by_chance / weight))
 
 

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import bdtr
+import scipy
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, probabilities
@@ -228,7 +228,7 @@ def _with_one_more(kinds: IndexArray, rng: np.random.Generator) -> FloatArray:
     common = np.flatnonzero(kinds == np.bincount(kinds).argmax())
     found = np.c_[drawn_anew(kinds, _REPLICATES, rng), np.zeros(_REPLICATES)]
     count = common.size + 1
-    at_most = bdtr(np.arange(count + 1.0), count, 1.0 / count)
+    at_most = scipy.special.bdtr(np.arange(count + 1.0), count, 1.0 / count)
     times = np.searchsorted(at_most, (np.arange(_REPLICATES) + 0.5) / _REPLICATES)
     found[:, -1] = rng.permutation(times)
     for row in found:

@@ -25,7 +25,7 @@ from itertools import combinations, product
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc, logsumexp
+import scipy
 
 from daq import FloatArray
 from model.diagnosis.pooling.reduced import OF_THE_TRANSDUCER, Observation, Reduced, may_be_shared, reduced, scales_of
@@ -187,7 +187,7 @@ def _weights(data: Sequence[Reduced], hypotheses: Sequence[Hypothesis], shared: 
     beside = np.log([1.0 - _SHARED] + [_SHARED / shared] * shared) if shared else np.zeros(1)
     joint = np.array([_evidences(_sums(data, tau, middle), hypotheses, shared) for tau in _SCATTER])
     joint += prior[:, None] + beside
-    found: FloatArray = np.exp(joint - logsumexp(joint))
+    found: FloatArray = np.exp(joint - scipy.special.logsumexp(joint))
     return found
 
 
@@ -318,7 +318,7 @@ def _disagreeing(
         basis = axes[:, seen]
         spread = basis.T @ (own + rows @ covariance @ rows.T + tau**2 * own @ own) @ basis
         along = basis.T @ error
-        p_value = float(chdtrc(int(seen.sum()), float(along @ np.linalg.solve(spread, along))))
+        p_value = float(scipy.special.chdtrc(int(seen.sum()), float(along @ np.linalg.solve(spread, along))))
         if p_value < _DISAGREES / len(data):
             found[ordered[i].campaign] = p_value
     return found

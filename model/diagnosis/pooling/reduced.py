@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from daq import FloatArray
 from model.diagnosis.core.information import Information
@@ -169,7 +169,7 @@ def soil_departure(observation: Observation, known: Mapping[str, float] | None =
     along = axes.T @ score
     statistic = float(np.sum(along[seen] ** 2 / (size[seen] + size[seen] ** 2)))
     mean = np.linalg.solve(np.eye(len(soil)) + precision, score)
-    p_value = float(chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
+    p_value = float(scipy.special.chdtrc(int(seen.sum()), statistic)) if seen.any() else 1.0
     sigmas = {names[at - 1]: float(x) for at, x in zip(soil, mean, strict=True)}
     return SoilDeparture(observation.campaign, sigmas, p_value, observation.wheel)
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from daq import ConfigError, FloatArray
 from model.diagnosis.core.campaign import Bench
@@ -174,8 +174,10 @@ class CauseCoordinate:
     def standard(self, value: float) -> float:
         """Return the standard-normal coordinate of a value inside the bounds."""
         x = (value - self.centre) / self.scale
-        above, below = ndtr(-self.lower), ndtr(-self.upper)
-        return float(-ndtri(np.clip((ndtr(-x) - below) / (above - below), 1e-12, 1 - 1e-12)))
+        above, below = scipy.special.ndtr(-self.lower), scipy.special.ndtr(-self.upper)
+        return float(
+            -scipy.special.ndtri(np.clip((scipy.special.ndtr(-x) - below) / (above - below), 1e-12, 1 - 1e-12))
+        )
 
 
 def cut_off(standard: FloatArray, lower: float, upper: float) -> tuple[FloatArray, FloatArray]:
@@ -190,6 +192,6 @@ def cut_off(standard: FloatArray, lower: float, upper: float) -> tuple[FloatArra
         x, slope = cut_off(-standard, -upper, np.inf)
         return -x, slope
     standard = np.clip(standard, -_FAR, _FAR)
-    above, below = ndtr(-lower), ndtr(-upper)
-    x = np.clip(-ndtri(below + (above - below) * ndtr(-standard)), lower, upper)
+    above, below = scipy.special.ndtr(-lower), scipy.special.ndtr(-upper)
+    x = np.clip(-scipy.special.ndtri(below + (above - below) * scipy.special.ndtr(-standard)), lower, upper)
     return x, (above - below) * np.exp(0.5 * (x * x - standard * standard))

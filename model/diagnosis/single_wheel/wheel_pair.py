@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, fdtrc
 
 from daq import DataError, Fault, FloatArray
 from model.cores import one_thread
@@ -222,7 +222,7 @@ class _Carried:
         if not count:
             return 1.0, found, sigmas
         # F distribution: the scatter is itself estimated from the repeats, where it is not known
-        p_value = fdtrc(count, freedom, total / count) if freedom else chdtrc(count, total)
+        p_value = scipy.special.fdtrc(count, freedom, total / count) if freedom else scipy.special.chdtrc(count, total)
         return float(p_value), found, sigmas
 
     def _partner(self, group: int) -> int | None:

@@ -30,7 +30,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, log_ndtr, logit, logsumexp
+import scipy
 
 from daq import FloatArray, IntArray
 from model import compiled
@@ -76,7 +76,7 @@ def _interval(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, Flo
     flip = a > 0.0
     a, b = np.where(flip, -b, a), np.where(flip, -a, b)
     a, b = np.maximum(a, -_FAR * 100), np.minimum(b, _FAR)
-    high, low = log_ndtr(b), log_ndtr(a)
+    high, low = scipy.special.log_ndtr(b), scipy.special.log_ndtr(a)
     log_p = high + np.log1p(-np.exp(np.minimum(low - high, -1e-12)))
     at_a, at_b = (np.exp(-0.5 * x * x - _LOG_SQRT_2PI - log_p) for x in (a, b))
     mean = at_a - at_b
@@ -332,7 +332,7 @@ def _size_precision(grams: Grams, keys: tuple[str, ...]) -> float:
     products, (lower, upper) = without_soil(grams, grams.total)[..., None], box(grams.causes)
     masses = _prior_masses(lower, upper).items()
     usual, large = (_of_one_size(products, own[:, None], lower, upper, *each).item() for each in masses)
-    share = expit(large - usual + logit(LARGE_SHARE))
+    share = scipy.special.expit(large - usual + scipy.special.logit(LARGE_SHARE))
     return float(1.0 - share * (1.0 - LARGE**-2.0))
 
 
@@ -430,4 +430,4 @@ def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key:
     reduced = without_soil(grams, grams.total)
     listed, found = weighed(grams, reduced, excluded, most, BEAM)
     among = np.ones(len(listed), bool) if key is None else listed.has_effect[:, listed.effects.index(key)]
-    return log_evidence_of_none(grams, reduced) + float(logsumexp((found + listed.log_prior)[among]))
+    return log_evidence_of_none(grams, reduced) + float(scipy.special.logsumexp((found + listed.log_prior)[among]))

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from daq import BoolArray, FloatArray, IndexArray
 from model.compiled import NoiseAt, NoiseProcesses
@@ -76,7 +76,7 @@ class Block:
     columns: FloatArray
     seconds: FloatArray
     metres: FloatArray
-    processes: tuple[tuple[Process, csr_array], ...]
+    processes: tuple[tuple[Process, scipy.sparse.csr_array], ...]
     constants: tuple[tuple[str, FloatArray], ...]
     white: tuple[tuple[str, BoolArray], ...]
     fixed: FloatArray
@@ -161,10 +161,10 @@ def _block(
     site = site.reshape(ticks.shape)
     seconds, metres = ticks.ravel()[first], np.tile(samples.distance_m[piece], 3)[first]
 
-    def by_site(places: Sequence[tuple[int, FloatArray]]) -> csr_array:
+    def by_site(places: Sequence[tuple[int, FloatArray]]) -> scipy.sparse.csr_array:
         values = np.concatenate([of_drive(x) for _, x in places])
         at = np.concatenate([site[place, sample] for place, _ in places]), np.tile(np.arange(drives), len(places))
-        found = csr_array((values, at), shape=(len(seconds), len(both)))
+        found = scipy.sparse.csr_array((values, at), shape=(len(seconds), len(both)))
         found.eliminate_zeros()
         return found
 

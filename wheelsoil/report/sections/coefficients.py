@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from daq import OUTPUTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
@@ -184,7 +184,7 @@ def _pair(model: ModelFit) -> Figure | None:
     around = root @ np.array([np.cos(turn), np.sin(turn)])
     look, data = style(model.name), []
     for share, dash in ((0.5, "solid"), (0.95, "dash")):
-        x, y = normal.mean[[i, j], None] + np.sqrt(chdtri(2, 1.0 - share)) * around
+        x, y = normal.mean[[i, j], None] + np.sqrt(scipy.special.chdtri(2, 1.0 - share)) * around
         data.append(line(x, y, f"{100 * share:.0f} %", look.colour, dash))
     data.append(marked_line(normal.mean[[i]], normal.mean[[j]], "estimate", look))
     letters = [letter(names[at]) for at in (i, j)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from daq import OUTPUTS, DataError, FloatArray, IntArray
 from model.diagnosis import Diagnosis, Gain
@@ -361,5 +361,5 @@ def _block_t(difference: FloatArray, time_s: FloatArray, run: IntArray, length_s
     spread = sums - mean * counts
     blocks = len(counts)
     error = np.sqrt(np.sum(spread**2) * blocks / (blocks - 1)) / counts.sum()
-    critical = float(stdtrit(blocks - 1, _CONFIDENCE))
+    critical = float(scipy.special.stdtrit(blocks - 1, _CONFIDENCE))
     return (float(mean / error) if error > 0 else float("nan")), critical, blocks
