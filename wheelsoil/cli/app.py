@@ -71,6 +71,12 @@ COMMANDS: dict[str, Entry] = {
 
 _PREFIX = "Value error, "
 """Of the library that checks values, before the message of typer."""
+_LIBRARIES = {"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
+"""Environment of libraries, before they are imported: no threads that wait for work, which cost 0.03 s of a core each
+(`model.cores`), and no search for plugins in every package that is installed.
+"""
+_BEFORE_CYCLES = 200_000
+"""Objects before the first search for cycles among them; the modules that a command imports are half as many."""
 BROKEN_PIPE_EXIT = 141
 INTERRUPTED_EXIT = 130
 
@@ -168,6 +174,11 @@ def run(args: Sequence[str] | None = None) -> int:
 
 def main() -> None:
     """Run the command line and exit with its exit code; a character that the output cannot show is written out."""
+    for name, value in _LIBRARIES.items():
+        os.environ.setdefault(name, value)
+    usual = gc.get_threshold()
+    gc.set_threshold(_BEFORE_CYCLES)
+    gc.callbacks.append(lambda *_: gc.set_threshold(*usual))
     atexit.register(gc.freeze)  # what ends with the process need not be searched for cycles
     codecs.register_error("wheelsoil.plain", _in_plain)
     for stream in (sys.stdout, sys.stderr):
