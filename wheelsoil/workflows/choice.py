@@ -68,7 +68,7 @@ def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
 class Mark:
     """A remark at a moment of a run, in seconds since its time base begins."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
+    __pydantic_config__ = ConfigDict(extra="forbid", defer_build=True)
 
     at_s: Second
     text: Annotated[str, Field(max_length=200)] = ""
@@ -91,7 +91,7 @@ class ChosenRun:
     comment : str
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
+    __pydantic_config__ = ConfigDict(extra="forbid", defer_build=True)
 
     file: str = ""
     id: str = ""
@@ -281,7 +281,7 @@ _KEYS: dict[str, Any] = {
 """What the file says of the whole campaign: type and default."""
 _CAMPAIGN = create_model(
     "_Campaign",
-    __config__=ConfigDict(extra="forbid"),
+    __config__=ConfigDict(extra="forbid", defer_build=True),
     **_KEYS | {"schema_": (Annotated[Literal["wheelsoil/choice/1"], Field(alias="schema")], ...)},
 )
 _RUN = TypeAdapter(ChosenRun)
