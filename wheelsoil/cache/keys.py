@@ -33,8 +33,9 @@ def key_of(kind: str, packages: tuple[str, ...], inputs: object) -> str:
         The inputs cannot be written (`wheelsoil.cache.codec.encode`), or the source of some code is not there.
     """
     text, arrays = encode(inputs)
-    effects = _hash_of_effects() if "model" in packages else ""
-    digest = hashlib.sha256(f"{kind} {_hash_of_code(packages)} {effects} {len(text)} ".encode())
+    effects = _packages_of_effects() if "model" in packages else ()
+    code = [_versions(), *map(_hash_of_package, (*packages, *effects))]
+    digest = hashlib.sha256(f"{kind} {' '.join(code)} {len(text)} ".encode())
     digest.update(text)
     for array in arrays:
         digest.update(array)
@@ -42,32 +43,20 @@ def key_of(kind: str, packages: tuple[str, ...], inputs: object) -> str:
 
 
 @cache
-def _hash_of_code(packages: tuple[str, ...]) -> str:
-    versions = [platform.machine(), sys.version, np.__version__, *map(version, _LIBRARIES)]
-    digest = hashlib.sha256(repr(versions).encode())
-    for package in packages:
-        _take_sources(digest, package)
-    return digest.hexdigest()
+def _versions() -> str:
+    return repr([platform.machine(), sys.version, np.__version__, *map(version, _LIBRARIES)])
 
 
-def _hash_of_effects() -> str:
-    """Return the hash of the code of effects that installed packages bring."""
+def _packages_of_effects() -> tuple[str, ...]:
+    """Return the installed packages that bring effects."""
     from model.effects import EFFECTS
 
-    brought = {effect.__module__.partition(".")[0] for effect in EFFECTS.values()} - {"model"}
-    return _hash_of_packages(tuple(sorted(brought)))
+    return tuple(sorted({effect.__module__.partition(".")[0] for effect in EFFECTS.values()} - {"model"}))
 
 
 @cache
-def _hash_of_packages(packages: tuple[str, ...]) -> str:
-    digest = hashlib.sha256()
-    for package in packages:
-        _take_sources(digest, package)
-    return digest.hexdigest()
-
-
-def _take_sources(digest: hashlib._Hash, package: str) -> None:
-    """Take up the source of a package with all that is in it, or of a module; it must be what this process runs."""
+def _hash_of_package(package: str) -> str:
+    """Return the hash of the source of a package with all that is in it, or of a module; it must be what runs here."""
     try:
         spec = find_spec(package)
     except ValueError:  # as it is of __main__
@@ -75,12 +64,14 @@ def _take_sources(digest: hashlib._Hash, package: str) -> None:
     origin = Path(spec.origin) if spec and spec.origin else Path()
     if origin.suffix != ".py" or not origin.is_file():
         raise NotKeptError(f"no source of {package}")
+    digest = hashlib.sha256()
     for file in sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin]:
         if file.stat().st_mtime > _imported_s:
             raise NotKeptError(f"{file} was changed while it was in use")
         content = file.read_bytes()
         digest.update(f"{package} {file.relative_to(origin.parent).as_posix()} {len(content)} ".encode())
         digest.update(content)
+    return digest.hexdigest()
 
 
 def content_of(paths: Iterable[Path]) -> tuple[str, ...]:
