@@ -11,16 +11,13 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 from daq.can.frames import FrameBatch, concatenate, split
+from daq.deferred import deferred
 from daq.errors import Fault, RecordingError, every_error_as, nearest
 from daq.gunzip import Gunzip, unpacked
-from daq.logs.asc import read_asc
-from daq.logs.blf import read_blf
 from daq.logs.busmaster import MARK, read_busmaster
 from daq.logs.candump import LINE, read_candump
 from daq.logs.frame_tables import FrameColumns, is_frame_table, read_frame_table
-from daq.logs.mf4 import read_mf4
 from daq.logs.report import LogReport, share_of_file
-from daq.logs.trc import read_trc
 
 Reader = Callable[[BinaryIO, LogReport], Iterator[FrameBatch]]
 _HEAD_BYTES = 64 << 10
@@ -44,10 +41,10 @@ class OtherFormat:
 
 
 _CANDUMP = LogFormat("candump -L text", (".log", ".candump"), read_candump)
-_BLF = LogFormat("Vector BLF", (".blf",), read_blf)
-_ASC = LogFormat("Vector ASC", (".asc",), read_asc)
-_TRC = LogFormat("PEAK TRC", (".trc",), read_trc)
-_MF4 = LogFormat("MF4 (ASAM MDF 4)", (".mf4",), read_mf4)
+_BLF = LogFormat("Vector BLF", (".blf",), deferred("daq.logs.blf:read_blf"))
+_ASC = LogFormat("Vector ASC", (".asc",), deferred("daq.logs.asc:read_asc"))
+_TRC = LogFormat("PEAK TRC", (".trc",), deferred("daq.logs.trc:read_trc"))
+_MF4 = LogFormat("MF4 (ASAM MDF 4)", (".mf4",), deferred("daq.logs.mf4:read_mf4"))
 _CSV = LogFormat("CSV", (".csv",), read_frame_table)
 _BUSMASTER = LogFormat("BusMaster text", (".log", ".txt"), read_busmaster)
 LOG_FORMATS = (_CANDUMP, _BLF, _ASC, _TRC, _MF4, _CSV, _BUSMASTER)

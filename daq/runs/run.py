@@ -22,7 +22,7 @@ from daq.recording import RunRecording
 from daq.runs.commanded_slip import CommandedSlip, replaced_speed, with_commanded_slip
 from daq.series import Series, SeriesBlock, read_series
 from daq.series.time_stamps import unstretched
-from daq.zero_file import carried_zeros
+from daq.zero_file import ZERO_FILE, Determination, carried_zeros, load_zeros, parse_zeros
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -215,6 +215,34 @@ class Run:
     def files(self) -> tuple[Path, ...]:
         """The log, or the recording's parts in order."""
         return self.recording.files if self.recording else (self.path,)
+
+    def zeros(self, given: Path | None = None) -> tuple[tuple[Determination, ...], str]:
+        """Return the determinations that the run is to be zeroed with, and where they were read; no frame is read.
+
+        Parameters
+        ----------
+        given : Path, optional
+            A zero file in place of the one that vehicle.toml names.
+
+        Raises
+        ------
+        ConfigError
+            It is wrong, or vehicle.toml names one that neither the recording carries nor lies beside it.
+        """
+        name = self.vehicle.transducer.zero_file
+        attached = {**(self.recording.attachments if self.recording else {}), **self.attachments}
+        if given is not None:
+            return load_zeros(given).zero, str(given)
+        if not name:
+            return (), ZERO_FILE
+        if name in attached:
+            return parse_zeros(attached[name], f"{self.path}: {name}").zero, name
+        raise ConfigError.of(
+            f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
+            self.vehicle_source,
+            next_step=f"determine it (wheelsoil zero RECORDING{self.vehicle.wheel_option}), give --zero FILE, or take "
+            "zero_file out of [transducer]",
+        )
 
     def frame_batches(self) -> Iterator[FrameBatch]:
         """Yield the raw frames in bounded memory; none where the run is of decoded series. A log gives a `LogReading`.

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from daq import RecordingError, SeriesSection, WheelsoilError, every_error_as
 from daq.can.roles import plain_name
+from daq.deferred import deferred
 from daq.gunzip import unpacked
 from daq.logs.frame_tables import is_frame_table
 from daq.recording.contents import MAGIC, read_contents
@@ -17,11 +18,6 @@ from daq.recording.reader import raw_channels
 from daq.recording.series_topics import series_topics
 from daq.series.apart import apart
 from daq.series.blocks import Blocks, Series, SeriesBlock, SeriesReport, together
-from daq.series.readers.bags import read_bag
-from daq.series.readers.delimited import read_delimited
-from daq.series.readers.parquet import read_parquet
-from daq.series.readers.rpc3 import read_rpc3
-from daq.series.readers.tdms import read_tdms
 
 Reader = Callable[[Path, SeriesSection, SeriesReport], Series]
 _HEAD_BYTES = 4096
@@ -39,16 +35,18 @@ class SeriesFormat:
 
 _MATLAB = SeriesFormat("MATLAB", (".mat",), b"MATLAB", apart("daq.series.readers.matlab:read_mat"))
 _HDF5 = SeriesFormat("HDF5", (".h5", ".hdf5"), b"\x89HDF", apart("daq.series.readers.matlab:read_hdf5"))
-_BAG = SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", read_bag)
+_BAG = SeriesFormat("ROS 2 bag", (".db3",), b"SQLite format 3", deferred("daq.series.readers.bags:read_bag"))
 _MDF = SeriesFormat("MF4 channels", (".mf4", ".mdf", ".dat"), b"MDF     ", apart("daq.series.readers.mdf:read_mdf"))
-_TEXT = SeriesFormat("delimited text", (".csv", ".tsv", ".txt"), b"", read_delimited)
+_TEXT = SeriesFormat(
+    "delimited text", (".csv", ".tsv", ".txt"), b"", deferred("daq.series.readers.delimited:read_delimited")
+)
 SERIES_FORMATS = (
-    SeriesFormat("Parquet", (".parquet", ".pq"), b"PAR1", read_parquet),
+    SeriesFormat("Parquet", (".parquet", ".pq"), b"PAR1", deferred("daq.series.readers.parquet:read_parquet")),
     _MATLAB,
     _HDF5,
-    SeriesFormat("TDMS", (".tdms",), b"TDSm", read_tdms),
-    SeriesFormat("RPC III", (".rsp", ".rpc", ".tim", ".drv"), b"FORMAT", read_rpc3),
-    SeriesFormat("ROS 1 bag", (".bag",), b"#ROSBAG", read_bag),
+    SeriesFormat("TDMS", (".tdms",), b"TDSm", deferred("daq.series.readers.tdms:read_tdms")),
+    SeriesFormat("RPC III", (".rsp", ".rpc", ".tim", ".drv"), b"FORMAT", deferred("daq.series.readers.rpc3:read_rpc3")),
+    SeriesFormat("ROS 1 bag", (".bag",), b"#ROSBAG", deferred("daq.series.readers.bags:read_bag")),
     _BAG,
     _MDF,
     _TEXT,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daq import Note
 from model import LackCode
-from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores, Shape
+from model.diagnosis import Shape
 from model.effects import parted
 from wheelsoil.wording.grounds_text import chances_of
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
 from wheelsoil.wording.verdict import like_radius, sentence_of
+
+if TYPE_CHECKING:
+    from model.diagnosis import Cause, Diagnosis, Finding, Gain, NextRun, Plan, Scores
 
 _SCHEMA = "wheelsoil/diagnosis/1"
 _PLAN_SCHEMA = "wheelsoil/plan/1"

@@ -11,7 +11,6 @@ from daq.runs import Run
 from processing import ProcessedRun, ProcessOptions, purposes_served
 from wheelsoil.cache.keys import OF_PROCESSING, content_of
 from wheelsoil.cache.store import folder, get, key_for, put
-from wheelsoil.workflows.zero import stated_zeros
 
 _KIND = "processed"
 _Facts = tuple[tuple[int, int, int], ...]
@@ -76,7 +75,7 @@ def _inputs(run: Run, zero: Path | None) -> tuple[object, ...]:
         for bus, there in run.databases.items()
     }
     names = tuple(file.name for file in run.files)
-    return names, content_of(run.files), counts, run.info, run.vehicle, databases, stated_zeros(run, zero)
+    return names, content_of(run.files), counts, run.info, run.vehicle, databases, run.zeros(zero)
 
 
 def _facts(files: Sequence[Path]) -> _Facts:

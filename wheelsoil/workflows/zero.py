@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from math import isfinite
@@ -26,7 +26,6 @@ from daq import (
     ZeroConfig,
     find_unit,
     load_zeros,
-    parse_zeros,
     zero_file_name,
     zeros_toml,
 )
@@ -412,38 +411,7 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     return zeros
 
 
-def stated_zeros(run: Run, given: Path | None = None) -> RunZeros:
-    """Return the determinations that a run is to be zeroed with; no frame is read.
-
-    Parameters
-    ----------
-    given : Path, optional
-        A zero file in place of the one that vehicle.toml names.
-
-    Raises
-    ------
-    ConfigError
-        It is wrong, or vehicle.toml names one that neither the recording carries nor lies beside it.
-    """
-    name = run.vehicle.transducer.zero_file
-    attached = {**(run.recording.attachments if run.recording else {}), **run.attachments}
-    if given is not None:
-        zeros, source = load_zeros(given), str(given)
-    elif not name:
-        return RunZeros()
-    elif name in attached:
-        zeros, source = parse_zeros(attached[name], f"{run.path}: {name}"), name
-    else:
-        raise ConfigError.of(
-            f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
-            run.vehicle_source,
-            next_step=f"determine it (wheelsoil zero RECORDING{run.vehicle.wheel_option}), give --zero FILE, or take "
-            "zero_file out of [transducer]",
-        )
-    return RunZeros(zeros.zero, source)
-
-
 def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
-    """Return the determinations that a run is to be zeroed with, and its temperature; raises as `stated_zeros`."""
-    zeros = stated_zeros(run, given)
-    return replace(zeros, temperature_degc=first_temperature_degc(run)) if zeros.determinations else zeros
+    """Return the determinations that a run is to be zeroed with, and its temperature; raises as `Run.zeros`."""
+    determinations, source = run.zeros(given)
+    return RunZeros(determinations, source, first_temperature_degc(run)) if determinations else RunZeros()
