@@ -25,6 +25,7 @@ from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost_title
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.wording.grounds_text import chances_of, verdict_words
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import (
@@ -222,6 +223,7 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
     figures |= {cell.key: cell for row in rows for cell in row if isinstance(cell, KeyFigure)}
     _, *others = statements_of(diagnosis)
     return {
+        "words": typeset(verdict_words(diagnosis.verdict, chances_of(diagnosis))),
         "finding": typeset(finding_of(diagnosis)),
         "details": typeset(
             " ".join(statement.text for statement in others if statement.about not in ("next", "as_if"))

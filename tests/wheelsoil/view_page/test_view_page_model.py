@@ -186,6 +186,7 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     told = view.get("/api/diagnosis?campaign=c1")
     expect(page.locator("#verdict")).to_have_attribute("title", told["sentence"])
     assert told["sentence"].startswith(page.locator("#verdict b").inner_text())
+    expect(page.locator("#campaigns .hint").first).to_contain_text(f"· verdict: {told['words']}")
     unfold(page, "causes-box")
     names = page.locator("#candidates .name").all_inner_texts()
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
