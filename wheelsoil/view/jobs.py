@@ -75,6 +75,8 @@ class PlotData:
         Losses of its recording, as sentences.
     missing : mapping role -> str
         See `processing.processed_run.QualityReport`.
+    no_use : str
+        Why a run on firm ground shows no rolling radius; empty where it does, and of a run on soil.
     conditions : Conditions
         Of the drawn samples; place on the line and clock as if the run were alone.
     medians : mapping
@@ -89,6 +91,7 @@ class PlotData:
     notes: tuple[str, ...]
     sha256: str
     missing: dict[str, str]
+    no_use: str
     conditions: Conditions
     medians: dict[str, float | None]
     marks: tuple[tuple[float, str], ...]
@@ -134,12 +137,24 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         notes=(*map(typeset, texts_of(processed.quality.notes)), *filter(None, stderr.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
+        no_use=_no_use(processed),
         conditions=conditions.rows(trace.rows),
         medians=medians_of(processed),
         marks=tuple(
             ((event.time_ns - processed.start_ns) * 1e-9, event.text) for event in source.events if event.name == "mark"
         ),
     )
+
+
+def _no_use(processed: ProcessedRun) -> str:
+    from model.diagnosis import coasted
+
+    try:
+        if processed.run.ground == "firm":
+            coasted(processed)
+    except DataError as error:
+        return typeset("; ".join(f"{fault.what}: {fault.found}; {fault.next_step}" for fault in error.faults))
+    return ""
 
 
 def decode_run(run: Run, start_ns: int, target: Path) -> None:

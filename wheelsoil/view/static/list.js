@@ -91,7 +91,7 @@ function showRun(item, campaign, run) {
   write(load, ready && run.load_n !== null ? `${fixed(run.load_n / 1000, 1)} kN` : "");
   const facts = [run.direction, `pass ${run.pass_number}`, chosenRun(campaign.key, run)?.keep ? "cut" : "", run.rut_readings ? `${run.rut_readings} ruts` : ""];
   write(more, run.refused ?? (run.state === "failed" ? run.why : facts.filter(Boolean).join(", ")));
-  write(tag, run.refused ? "✕ impossible" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
+  write(tag, run.refused ? "✕ set aside" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
   tag.dataset.level = ready ? run.grade : run.state;
 }
 
@@ -125,7 +125,7 @@ function showMenus() {
 }
 
 function showView() {
-  const run = runOf(state.a), campaign = current(), all = state.campaigns.flatMap(({ key, runs }) => runs.map((each) => isUsed(key, each)));
+  const run = runOf(state.a), campaign = current(), all = state.campaigns.flatMap(({ key, runs }) => runs.map((each) => isUsed(key, each) && !each.refused));
   write(get("used-count"), `${all.filter(Boolean).length} of ${all.length} used`);
   write(get("view-title"), run ? `${campaign.name}: ${run.id}` : "No run");
   document.title = run ? `${run.id} · ${campaign.name} · wheelsoil` : "wheelsoil view";
