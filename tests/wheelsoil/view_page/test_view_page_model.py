@@ -55,6 +55,10 @@ def test_the_curve_follows_a_slider_and_is_the_model_s(page: Page, view: View) -
 
 def test_boxes_arrows_resets_reading_load_and_soil_bend_it_too(page: Page, view: View) -> None:
     switch_on(page, "vasilev", "H_m")
+    resets = [row(page, name).locator(".reset") for name in ("cohesion_pa", "tan_phi", "H_m")]
+    titles = [reset.get_attribute("title") or "" for reset in resets]
+    assert titles[0].endswith("\u202f580 Pa") and re.fullmatch(r"back to 0\.\d{1,4}", titles[1])
+    assert titles[2] == "back to 0 m"
     row(page, "H_m").locator("input[type=number]").fill("0.05")
     row(page, "H_m").locator("input[type=number]").press("Enter")
     row(page, "H_m").locator("input[type=range]").press("ArrowRight")
