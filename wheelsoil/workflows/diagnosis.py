@@ -22,6 +22,7 @@ from daq import (
     RunsConfig,
     Severity,
     SoilSection,
+    StaticTest,
     VehicleConfig,
     WheelSection,
     contradict,
@@ -276,8 +277,7 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
         radius_m, usual_m = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0), members[0].rolling_m
         if test.wheel_speed_radps and abs(radius_m / usual_m - 1.0) > _MOST_OFF:
             raise ConfigError.of(
-                f"{f'run {test.run}' if test.run else f'test {number}: the wheel'} coasts on another radius than that "
-                "of the slip",
+                f"{_called(number, test)} coasts on another radius than that of the slip",
                 f"run {test.run} on firm ground" if test.run else where,
                 f"ground speed / wheel speed is {radius_m:.3g} m, that is {radius_m / usual_m:.3g} times {usual_m:g} m",
                 f"{1.0 - _MOST_OFF:g} to {1.0 + _MOST_OFF:g} times",
@@ -289,7 +289,8 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
             known = next(zeros, None)
             if known and contradict(reading, sigma, known.offset, known.systematic_sigma):
                 raise ConfigError.of(
-                    f"test {number} reads another zero of {ROLES[role].name} than {', '.join(known.recordings)}",
+                    f"{_called(number, test)} reads another zero of {ROLES[role].name} than "
+                    f"{', '.join(known.recordings)}",
                     where,
                     f"{reading:g} and {known.offset:.4g} {ROLES[role].unit_text}",
                     "the same within five sigmas",
@@ -297,10 +298,15 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
                 )
 
 
+def _called(number: int, test: StaticTest) -> str:
+    """Return what a user knows a static test by: its run, or its place among those of runs.toml for its wheel."""
+    return f"run {test.run}" if test.run else f"[[static]] {number + 1}{test.wheel and f' of wheel {test.wheel}'}"
+
+
 def _check_rolled(run: Run) -> None:
     """Refuse tests of a coasting wheel that roll on different radii."""
     rolled = {
-        test.run or f"test {i}": (speed / spin, hypot(sigma / spin, ROLLING_RADIUS_SHARE * speed / spin))
+        _called(i, test): (speed / spin, hypot(sigma / spin, ROLLING_RADIUS_SHARE * speed / spin))
         for i, test in enumerate(run.static)
         if (speed := test.ground_speed_mps)
         and (spin := test.wheel_speed_radps)
