@@ -37,8 +37,8 @@ def _findings(passport: Passport) -> Iterator[str]:
         yield f"something is wrong ({chance} %), open which: {names}"
         yield "calibrate these channels against weights"
     else:
-        weighed = {each.effect: each.probability for each in passport.candidates}
-        yield verdict_words("nothing_detectable", {"none": 1.0 - passport.wrong} | weighed)
+        weighed = ((each.effect, each.probability) for each in passport.candidates)
+        yield verdict_words("nothing_detectable", {"none": 1.0 - passport.wrong, **dict(weighed)})
         for effect, trend in list(passport.trends.items())[:1]:
             yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
     if passport.shared and passport.shared[0].probability > _LIKELY:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
-from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,7 +30,17 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import ROLLING_RADIUS_SHARE, Bench, Campaign, Cause, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
+from model.diagnosis import (
+    ROLLING_RADIUS_SHARE,
+    Bench,
+    Campaign,
+    Cause,
+    Diagnosis,
+    DiagnosisOptions,
+    Lugs,
+    OfVehicle,
+    rolled,
+)
 from model.effects import EFFECTS, Effect, Remedy, parted
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
@@ -305,19 +314,13 @@ def _called(number: int, test: StaticTest) -> str:
 
 def _check_rolled(run: Run) -> None:
     """Refuse tests of a coasting wheel that roll on different radii."""
-    rolled = {
-        _called(i, test): (speed / spin, hypot(sigma / spin, ROLLING_RADIUS_SHARE * speed / spin))
-        for i, test in enumerate(run.static)
-        if (speed := test.ground_speed_mps)
-        and (spin := test.wheel_speed_radps)
-        and (sigma := test.ground_speed_sigma_mps)
-    }
-    for name, other in combinations(rolled, 2):
-        if contradict(*rolled[name], *rolled[other]):
+    radii = {_called(i, test): radius for i, test in enumerate(run.static) if (radius := rolled(test))}
+    for name, other in combinations(radii, 2):
+        if contradict(*radii[name], *radii[other]):
             raise ConfigError.of(
                 f"{name} and {other} contradict each other: a coasting wheel rolls on one radius",
                 f"{run.path.parent / RUNS_FILE}",
-                f"{rolled[name][0]:.4g} and {rolled[other][0]:.4g} m",
+                f"{radii[name][0]:.4g} and {radii[other][0]:.4g} m",
                 "the same within five sigmas",
                 "take out the wrong one, or switch the run off in choice.toml",
             )

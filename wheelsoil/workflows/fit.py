@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from math import isclose
 from pathlib import Path
@@ -46,12 +46,8 @@ NOT_AT_AN_END = (
 
 _FEW_SAMPLES = 1_000_000
 """Of all runs, whose predictions by every model take 200 MB."""
-_LATE = ("wheel_speed", "ground_speed", *TRANSDUCER_ROLES)
-"""Roles of which a delay that is not stated counts."""
 _MOUNTING = ("side", "angle_offset_deg", "angle_direction")
 """Of a transducer whose axes turn with the wheel."""
-_OF_RUNS = {"direction": "direction", "pass_number": "pass_number", "line_position": "direction"}
-"""Conditions of effects, with the key of runs.toml that they follow from."""
 _SAME_SIZE = 0.01
 """Share by which the wheel of a model file may differ from that of the runs."""
 
@@ -205,17 +201,19 @@ def _defaults(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices
     return taken
 
 
-def _unstated(vehicle: VehicleConfig, info: RunInfo, conditions: Collection[str]) -> Iterator[tuple[str, float | str]]:
+def _unstated(vehicle: VehicleConfig, info: RunInfo, conditions: Set[str]) -> Iterator[tuple[str, float | str]]:
     """Yield keys of one run that no file states, and what is taken for each."""
-    late = {
-        f"[sensors.{role}]": vehicle.sensors.get(role, SensorSection()) for role in _LATE if role in vehicle.signals
-    }
     rotating, mounted = vehicle.transducer.frame == "wheel", vehicle.transducer.model_fields_set
     for table, section, keys in (
         *([("[wheel]", vehicle.wheel, ("outboard_mass_kg", "outboard_inertia_kgm2"))] if vehicle.wheel else []),
-        *((table, sensor, ("latency_s",)) for table, sensor in late.items()),
+        *(
+            (f"[sensors.{role}]", vehicle.sensors.get(role, SensorSection()), ("latency_s",))
+            for role in ("wheel_speed", "ground_speed", *TRANSDUCER_ROLES)
+            if role in vehicle.signals
+        ),
         ("[transducer]", vehicle.transducer, _MOUNTING if rotating else ("frame",) if mounted & {*_MOUNTING} else ()),
-        ("[[run]]", info, sorted({key for name, key in _OF_RUNS.items() if name in conditions})),
+        ("[[run]]", info, ("direction",) if conditions & {"direction", "line_position"} else ()),
+        ("[[run]]", info, ("pass_number",) if "pass_number" in conditions else ()),
     ):
         yield from ((f"{table} {key}", getattr(section, key)) for key in keys if key not in section.model_fields_set)
     if "inflation_kpa" in conditions and not info.inflation_kpa:

@@ -154,8 +154,8 @@ def _cost(inputs: ReportInputs) -> str:
     if _rests_on_nothing(inputs):
         return "Not known: no cause is named."
     if not found.causes:
-        unsure = unsure_words(found)
-        return f"Not known. {unsure}." if unsure else "Nothing that these data show: no cause is detected."
+        none = "Nothing that these data show: no cause is detected."
+        return f"Not known. {unsure_words(found)}." if unsure_words(found) else none
     wheel, soil, reading, driving = _ground(inputs)
     if found.verdict == "named":
         highest = highest_slip_of(inputs.fitted) if inputs.runs else ends_of_slip(inputs)[1]
