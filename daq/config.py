@@ -534,7 +534,7 @@ class RunsConfig(Section):
                 (a, a_sigma), (b, b_sigma) = test.readings[channel], other.readings[channel]
                 if test.applied == other.applied and contradict(a, a_sigma, b, b_sigma):
                     raise ValueError(
-                        f"tests {i} and {j} contradict each other: {a:g} and {b:g} under one force, "
+                        f"[[static]] {i + 1} and {j + 1} contradict each other: {a:g} and {b:g} under one force, "
                         f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
                     )
         return static

@@ -182,7 +182,7 @@ class FitCode(StrEnum):
     LOAD_NOT_CARRIED = "load_not_carried"
     """samples"""
     DEFAULTS_TAKEN = "defaults_taken"
-    """values: number of each key that no file states, by the key with its table or file"""
+    """values: by the runs or wheels that it is of ("": all), number or word of each key that no file states"""
     RUNS_LACK_SIGNALS = "runs_lack_signals"
     """signals: (run, roles) of each"""
     ROWS_NOT_DRIVEN = "rows_not_driven"

@@ -48,4 +48,5 @@ from .single_wheel import diagnose_bench as diagnose_bench
 from .time_series import ROLLING_RADIUS_SHARE as ROLLING_RADIUS_SHARE
 from .time_series import coasted as coasted
 from .time_series import diagnose as diagnose
+from .time_series import rolled as rolled
 from .time_series import samples_of as samples_of

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from daq import FloatArray, VehicleConfig
+from daq import FloatArray, SensorSection, VehicleConfig
 from model.wheel_soil import Conditions, Dual, Number, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
@@ -133,8 +133,12 @@ class Correction:
         return f"[sensors.{self.role}]" if self.role else "[wheel]"
 
     def line(self, vehicle: VehicleConfig, size: float) -> str:
-        """Return the line of vehicle.toml that mends an effect of a size, from what it declares now."""
-        now = getattr(vehicle.sensors.get(self.role) if self.role else vehicle.wheel, self.share_of or self.key, 0.0)
+        """Return the line of vehicle.toml that mends an effect of a size; a comment where it declares no number now."""
+        section = vehicle.sensors.get(self.role, SensorSection()) if self.role else vehicle.wheel
+        now = getattr(section, self.share_of or self.key, None) if section else 0.0
+        if not isinstance(now, int | float):
+            share = f" of {self.share_of}" if self.share_of else ""
+            return f"# {self.key}: add {size * (1.0 if share else self.per_unit):{self.form}}{share} to what it is"
         return f"{self.key} = {now + size * (now if self.share_of else self.per_unit):{self.form}}"
 
 

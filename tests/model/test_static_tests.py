@@ -311,7 +311,7 @@ def test_a_static_test_that_lacks_something_is_refused_with_what(wrong: dict, to
 
 def test_two_static_tests_that_contradict_each_other_are_named_with_their_sizes() -> None:
     readings = [{**TORQUE, "driving_torque_nm": size} for size in (10000.0, 11000.0)]
-    with pytest.raises(ConfigError, match=r"0 and 1 contradict each other: 10000 and 11000"):
+    with pytest.raises(ConfigError, match=r"\[\[static\]\] 1 and 2 contradict each other: 10000 and 11000"):
         parse_mapping({"static": readings}, RunsConfig, "runs.toml")
 
 

@@ -84,3 +84,16 @@ def test_an_effect_of_another_package_says_how_it_is_mended(monkeypatch: pytest.
     said = mending_of(cause("late", -0.15), VEHICLE)
     assert (said.what, said.paste) == ("Check the wheel speed.", "[sensors.wheel_speed]\nlatency_s = 0.30")
     assert mending_of(cause("unsaid", 1.0), VEHICLE).what.startswith("Check the sensor of this cause")
+
+
+@pytest.mark.parametrize(
+    ("correction", "line"),
+    [
+        (Correction("lug_height_m", 0.02), "# lug_height_m: add 0.01 to what it is"),
+        (Correction("camber_deg", -1.5), "# camber_deg: add -0.75 to what it is"),
+        (Correction("camber_deg", share_of="camber_deg"), "# camber_deg: add 0.5 of camber_deg to what it is"),
+        (Correction("sigma", 0.1, "ground_speed"), "# sigma: add 0.05 to what it is"),
+    ],
+)
+def test_a_number_that_vehicle_toml_does_not_have_is_no_crash(correction: Correction, line: str) -> None:
+    assert line == correction.line(VEHICLE, 0.5)

@@ -125,7 +125,7 @@ def test_speeds_in_another_unit_are_refused_with_what_they_would_be(with_road: P
         file.write("wheel_speed_radps = 6.38\n")
     refused = invoke("diagnose", folder)
     assert refused.code == 2 and "is 1.69 m, that is 3.6 times 0.47 m" in refused.err
-    assert "test 0: the wheel coasts" in refused.err and "check the units" in refused.err
+    assert "[[static]] 1 coasts on another radius" in refused.err and "check the units" in refused.err
 
 
 def test_a_run_that_coasts_on_another_radius_is_named(with_road: Path) -> None:
@@ -140,3 +140,14 @@ def test_a_run_that_coasts_on_another_radius_is_named(with_road: Path) -> None:
     [fault] = refused.value.faults
     assert fault.what.startswith("run road coasts on another radius") and fault.where == "run road on firm ground"
     assert fault.found.startswith("ground speed / wheel speed is 0.61") and "[[static]]" not in str(fault)
+
+
+def test_tests_that_roll_on_two_radii_are_named_as_in_their_files(with_road: Path, tmp_path: Path) -> None:
+    """A run by its id; a [[static]] by its place in runs.toml, counted from 1 as in its other faults."""
+    folder = shutil.copytree(with_road, tmp_path / "clay")
+    with (folder / "runs.toml").open("a") as file:
+        file.write('\n[[static]]\ntest = "lifted"\ndriving_torque_nm = 1.0\ndriving_torque_sigma_nm = 9.0\n')
+        file.write('\n[[static]]\ntest = "coasting"\nground_speed_mps = 3.3\nground_speed_sigma_mps = 0.001\n')
+        file.write("wheel_speed_radps = 6.38\n")
+    refused = invoke("diagnose", folder)
+    assert refused.code == 2 and "[[static]] 2 and run road contradict each other" in refused.err

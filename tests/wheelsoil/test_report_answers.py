@@ -189,6 +189,15 @@ def test_what_is_beyond_what_is_plausible_is_not_shown_by_the_runs() -> None:
     assert "load zero from 300 N on would show; these runs do not show load gain" in load
 
 
+def test_a_cause_that_is_not_sure_is_not_nothing(material: ReportInputs) -> None:
+    null, weighed = diagnosis("nothing_detectable"), (Candidate("none", 0.124), Candidate("wheel_radius", 0.778))
+    for found, cost in (
+        (null, "Nothing that these data show: no cause is detected."),
+        (replace(null, candidates=weighed), "Not known. No cause is sure (no cause: 12.4 %)"),
+    ):
+        assert answers(replace(material, diagnosed=found))["What does it cost?"].startswith(cost)
+
+
 def test_both_errors_are_labelled_where_no_cause_is_named(material: ReportInputs) -> None:
     text = answers(replace(material, diagnosed=diagnosis("one_of")))["How good is the model elsewhere?"]
     assert "120 N and driving torque 40.0 N m without a cause, drawbar pull 66.0 N" in text

@@ -198,7 +198,8 @@ def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser:
         page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 40)
         here = page.locator("#time .place .here")
         here.and_(page.locator("[visibility=visible]")).wait_for()
-        assert "ground: " in page.locator("#plot-drive-speed .tip").inner_text(), "values at the pointer"
+        told = page.locator("#plot-drive-speed .tip").inner_text()
+        assert re.fullmatch(r"time \d+\.\d+\ss\nrim: −?\d\.\d+\sm/s\nground: −?\d\.\d+\sm/s", told)
         before, place = page.evaluate(cursors), here.bounding_box()
         assert max(before) - min(before) < 1e-3
         path = page.locator("#time .place .start").bounding_box()
@@ -215,6 +216,32 @@ def test_time_histories_share_a_cursor_with_the_track_and_zoom_together(browser:
         page.mouse.dblclick(box["x"] + 50, box["y"] + 20)
         whole = page.evaluate(f"{drawn}.map(({{ X }}) => X.limits)")
         assert whole == [whole[0]] * len(whole) and whole[0][0] <= 0.0 < limits[0][1] < whole[0][1]
+
+
+TOLD = """() => [...document.querySelectorAll(".plot")].flatMap(({ figure }) => {
+  const told = figure.shown.filter(({ kind, quiet }) => !quiet && ["bar", "line", "points"].includes(kind));
+  return ["x", "y"].filter((along) => !figure.axes[along].order).flatMap((along) => {
+    const { title = "" } = figure.axes[along], [low, high] = figure[along.toUpperCase()].limits;
+    const values = told.flatMap((trace) => trace[along]).filter((value) => value !== null);
+    return values.map((value) => [title, value, figure.told(along, value), high - low]);
+  });
+})"""
+UNITS = {"(N)": "N", "(N m)": "N m", "(m/s)": "m/s", "(s)": "s", "(m)": "m", "(mm)": "mm", "(σ)": "σ", "(%)": "%"}
+
+
+def test_a_value_at_the_pointer_has_its_unit_and_five_digits(browser: Browser, each: Written) -> None:
+    with opened(browser, each.page) as page:
+        page.evaluate(DRAW, ".plot")
+        values = page.evaluate(TOLD)
+    assert values
+    for title, value, told, span in values:
+        written, _, unit = told.partition("\u00a0")
+        ends = "%" if "(% of" in title else next((unit for end, unit in UNITS.items() if title.endswith(end)), "")
+        assert unit == ends, title
+        digits = re.sub(r"\D", "", written).lstrip("0")
+        assert len(digits) <= 5 and "e" not in written, (title, value, told)
+        number = float(written.replace("−", "-").replace("\u202f", ""))
+        assert number == pytest.approx(value, rel=5e-3, abs=1e-3 * span), title
 
 
 def test_a_name_in_the_legend_hides_its_line(browser: Browser, written: Written) -> None:

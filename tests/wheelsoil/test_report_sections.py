@@ -11,7 +11,7 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import cells_of, material_of, section_of, text_of
 
-from daq import Note
+from daq import Note, StaticTest
 from daq.recording import Event
 from model import FitCode
 from wheelsoil.cli.runs import print_fit
@@ -146,3 +146,21 @@ def test_the_band_is_what_the_coefficients_leave_open(material):
     assert np.allclose(again["dp"]["ding"][seen], 2 * ding[seen])
     slip = material.pool.slip
     assert np.median(ding[seen & (slip > 0.5)]) > 3 * np.median(ding[seen & (slip > 0) & (slip < 0.1)])
+
+
+def test_the_radius_on_which_the_wheel_coasted_is_shown_beside_that_of_the_slip(material):
+    speeds = {"test": "coasting", "ground_speed_mps": 3.0, "ground_speed_sigma_mps": 0.01, "wheel_speed_radps": 6.4}
+    tests = (
+        StaticTest(test="lifted", driving_torque_nm=1.0, driving_torque_sigma_nm=0.5),
+        StaticTest.model_validate(speeds),
+        StaticTest.model_validate({**speeds, "run": "road", "ground_speed_mps": 3.04}),
+    )
+    report = build_report(replace(material, diagnosed=replace(diagnosis(), static=tests)))
+    shown = " ".join(cells_of(section_of(report, "sensors")))
+    assert "by hand, 3.0 m/s 468.8 463.2 474.3 470.0 run road 475.0 469.4 480.6 470.0" in shown
+    radii = report.numbers()["sections"]["sensors"]["rolling_radius_mm"]
+    assert {name: radius for name, (radius, *_) in radii.items()} == pytest.approx(
+        {"by hand, 3.0 m/s": 468.75, "run road": 475.0}
+    )
+    without = build_report(replace(material, diagnosed=diagnosis())).numbers()["sections"]["sensors"]
+    assert "rolling_radius_mm" not in without

@@ -30,7 +30,15 @@ from model.diagnosis import (
 from model.diagnosis.core.result import PriorShift, RefutedSoil, undecided
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from wheelsoil.view.jobs import shown_of
-from wheelsoil.wording.grounds_text import Statement, nothing_words, rival_words, unexplained_words, want_words
+from wheelsoil.wording.grounds_text import (
+    Statement,
+    chances_of,
+    nothing_words,
+    rival_words,
+    unexplained_words,
+    verdict_words,
+    want_words,
+)
 from wheelsoil.wording.mending import next_steps, step_of
 from wheelsoil.wording.names import stretches
 from wheelsoil.wording.notes import note_text, step_text
@@ -368,6 +376,12 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
         assert step_of(doubted).what.startswith("Drive another run") and "detected" not in headline_of(doubted)
         of_table = replace(doubted, grounds=Grounds(table_channels=("dp",)))
         assert sentence_of(of_table).startswith(headline_of(doubted))
+        in_words = "no cause is sure: wheel radius (77.8 %) is most probable"
+        assert verdict_words(doubted.verdict, chances_of(doubted)) == shown_of(doubted)["words"] == in_words
+        assert headline_of(doubted).replace(" (no cause: 12.4 %)", "").lower().startswith(in_words)
+    for chances in ({}, {"none": 0.5, "slope": 0.4}, {"none": nan, "slope": 0.4}):
+        assert verdict_words("nothing_detectable", chances) == "nothing detectable"
+    assert verdict_words("one_of", {"none": 0.1, "slope": 0.4}) == "one of several"
     nothing = words(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
     assert "no cause: 93.0 %" in nothing
     assert "a slip sinkage of H = 0.0034 m or more would be detected in half of such campaigns" in nothing

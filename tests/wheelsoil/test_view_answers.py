@@ -20,6 +20,7 @@ from model.effects import EFFECTS
 from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
 from processing import ProcessedRun, ProcessOptions
 from wheelsoil.view.curve import SLIPS, Base
+from wheelsoil.wording.grounds_text import verdict_words
 from wheelsoil.workflows import known_soil, load_choice, open_and_process, wheel_of
 
 ROOT = Path(__file__).parents[2]
@@ -256,7 +257,7 @@ def test_the_diagnosis_is_that_of_the_command_line(view: View, folder: Path) -> 
         "state": "done",
         "share": 1.0,
         "left_s": None,
-        "verdict": ours["verdict"],
+        "verdict": verdict_words(ours["verdict"], {c["name"]: c["probability"] for c in ours["candidates"]}),
         "sentence": sentence,
         "why": None,
     }

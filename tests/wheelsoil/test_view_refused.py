@@ -22,3 +22,17 @@ def test_a_refused_run_is_struck_out_and_not_fitted(campaign: Path, tmp_path: Pa
             assert run["refused"] in run["notes"]
         answer = view.tell("/api/fit", campaign=found["key"])
         assert answer.status == 400 and "impossible as it is declared" in answer.faults[0]["what"]
+
+
+def test_a_run_on_firm_ground_that_hardly_coasts_is_struck_out_and_no_other(campaign: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(campaign, tmp_path / "clay")
+    listed = (folder / "runs.toml").read_text(encoding="utf-8")
+    (folder / "runs.toml").write_text(listed.replace("[[run]]\n", '[[run]]\nground = "firm"\n', 1), encoding="utf-8")
+    with viewing_here(folder) as view:
+        view.settled()
+        [found] = view.campaigns()
+        firm, *others = found["runs"]
+        assert firm["refused"].startswith("a run on firm ground that hardly coasts shows no rolling radius: ")
+        assert "mean torque while it turned" in firm["refused"] and firm["refused"].endswith("of a run on soil")
+        assert all(run["refused"] is None for run in others)
+        assert view.post("/api/fit", campaign=found["key"])["models"]

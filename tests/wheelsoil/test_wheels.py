@@ -19,7 +19,19 @@ from cli_support import busy, invoke, ok, silence
 from diagnosis_samples import diagnosis
 from shared_results import made_once
 
-from daq import OUTPUTS, ConfigError, Fault, InstrumentedWheel, Note, VehicleConfig, WheelSection, load_toml
+from daq import (
+    OUTPUTS,
+    ConfigError,
+    Fault,
+    InstrumentedWheel,
+    Note,
+    RunInfo,
+    SensorSection,
+    TransducerSection,
+    VehicleConfig,
+    WheelSection,
+    load_toml,
+)
 from daq.runs import Run, open_runs
 from model import DiagnosisCode, FitCode
 from model.diagnosis import Campaign, Diagnosis
@@ -33,6 +45,7 @@ from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.campaign import simulated_stretches
 from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.view.messages import commands_of
+from wheelsoil.wording.notes import texts_of
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import (
     Files,
@@ -146,15 +159,47 @@ def test_a_fit_notes_the_numbers_that_no_file_states(two: Path) -> None:
         return [note.values["values"] for note in notes if note.code == FitCode.DEFAULTS_TAKEN]
 
     assert defaults(run) == [] and defaults(run, "tyre_flattening", kpa=250.0) == []
-    assert defaults(run, "tyre_flattening") == [{"inflation_kpa of runs.toml": 340.0}]
-    [unstated] = defaults(bare)
+    assert defaults(run, "tyre_flattening") == [{"": {"[[run]] inflation_kpa": 340.0}}]
+    unstated = defaults(bare)[0][""]
     assert list(unstated) == [
         "[wheel] outboard_mass_kg",
         "[wheel] outboard_inertia_kgm2",
         "[sensors.wheel_speed] latency_s",
         "[sensors.ground_speed] latency_s",
+        "[sensors.vertical_load] latency_s",
+        "[sensors.drawbar_pull] latency_s",
+        "[sensors.driving_torque] latency_s",
     ]
     assert set(unstated.values()) == {0.0}
+    turning = TransducerSection(frame="wheel", angle_offset_deg=0.0)
+    for transducer, values in (
+        (turning, {"side": "left", "angle_direction": 1}),
+        (TransducerSection(side="right"), {"frame": "vehicle"}),
+        (TransducerSection(zero="lifted"), {}),
+    ):
+        mounted = replace(run, vehicle=run.vehicle.model_copy(update={"transducer": transducer}))
+        expected = {f"[transducer] {key}": value for key, value in values.items()}
+        assert defaults(mounted) == ([{"": expected}] if expected else [])
+
+
+def test_a_default_of_some_runs_or_wheels_is_noted_with_their_names(two: Path) -> None:
+    [(run, done)] = open_and_process([two], ProcessOptions(), Files(wheel="FL"))
+    silent = RunInfo.model_validate({"id": "run-2", "inflation_kpa": 250.0})
+    vehicle = run.vehicle.model_copy(
+        update={"sensors": {**run.vehicle.sensors, "wheel_speed": SensorSection(sigma=0.1)}}
+    )
+    rear = InstrumentedWheel.model_validate({"id": "RL", "radius_m": 0.47, "width_m": 0.318}).section
+    second = vehicle.model_copy(update={"wheel": rear, "transducer": TransducerSection(frame="wheel")})
+    pairs = [(run, done), (replace(run, vehicle=second, id="run-2", info=silent), replace(done, run=silent))]
+    with nothing_kept():
+        notes = fit_runs(pairs, FitChoices(effects=("slope",)), None).notes
+        [text] = [text for text in texts_of(notes) if "by default" in text]
+    assert text == (
+        "taken by default, because no file states it: of RL [wheel] outboard_mass_kg = 0, "
+        "[wheel] outboard_inertia_kgm2 = 0, [sensors.wheel_speed] latency_s = 0, "
+        '[transducer] side = "left", [transducer] angle_offset_deg = 0, [transducer] angle_direction = 1, '
+        '[[run]] direction = "out"; state each, even if it is the same'
+    )
     two_of_it = InstrumentedWheel.model_validate({"id": "FL", "radius_m": 0.47, "width_m": 0.3})
     assert "outboard_mass_kg" not in two_of_it.section.model_fields_set
 

@@ -36,7 +36,7 @@ from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_d
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
 from wheelsoil.web.bidi import in_texts, isolated
-from wheelsoil.wording.grounds_text import HALF, VERDICT_WORDS
+from wheelsoil.wording.grounds_text import verdict_words
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.numbers import number, typeset
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
@@ -267,7 +267,6 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
     report = of_wheel if row["wheel"] and of_wheel.is_file() else of_campaign
     verdict = str(row["verdict"]) if row["verdict"] == row["verdict"] and row["verdict"] else ""
     known = {name: "" if value is None or value != value else value for name, value in row.items()}
-    unsure = verdict == "nothing_detectable" and row["none_probability"] < HALF
     grades = [(level, int(known[level])) for level in ("good", "fair", "poor") if known[level]]
     return {
         "name": row["campaign"],
@@ -278,7 +277,7 @@ def _cells(row: Mapping[Any, Any], folder: Path) -> dict[str, Any]:
         "transducer": known["transducer"],
         "failed": row["state"] == "failed",
         "silent": row["state"] == "silent",
-        "verdict": known["fault"] or ("no cause is sure" if unsure else VERDICT_WORDS.get(verdict, verdict)),
+        "verdict": known["fault"] or verdict_words(verdict, {"none": row["none_probability"]}),
         "cause": known["cause"],
         "base": known["R0_base"],
         "extended": known["R0_extended"],

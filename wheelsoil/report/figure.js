@@ -35,8 +35,22 @@ function fitted(words, room, x, y, attributes) {
   return svg("text", { x, y, ...attributes }, `${short}…`, svg("title", {}, words));
 }
 
-/** A value as it is written at an axis and the pointer. */
+/** A value as it is written at an axis. */
 const written = (value) => (typeof value === "number" ? String(value).replace("-", "−") : value);
+
+/** The title of an axis, as its name and its unit. */
+function partsOf(title = "") {
+  const found = /^(.*) \((%|N m|[^\s()]+)( of [^()]*)?\)$/.exec(title);
+  return found ? [found[1], `\u00a0${found[2]}`] : [title, ""];
+}
+
+/** A value at the pointer, with its unit: as fine as 1/250 of the step of the ticks asks for, with at most five digits. */
+function told(value, { title, order, log }, marks) {
+  if (order || typeof value !== "number") return value;
+  const power = (size) => Math.floor(Math.log10(size)), five = power(Math.abs(value) || 1) - 4;
+  const finest = 10 ** (log ? five + 2 : marks.length < 2 ? five : Math.max(five, power((marks[1][0] - marks[0][0]) / 250)));
+  return `${tickText(Math.round(value / finest) * finest, finest)}${partsOf(title)[1]}`;
+}
 
 /** What an axis needs: `units` turns a value into a place on its linear scale, `marks` are the ticks as [place, text]. */
 function axisOf({ title, range, order, log, zero }) {
@@ -47,7 +61,7 @@ function axisOf({ title, range, order, log, zero }) {
     if (log) return found.filter(Number.isInteger).map((value) => [value, written(10 ** value)]);
     return found.map((value) => [value, tickText(value, step)]);
   };
-  return { title, range, order, zero, units, marks };
+  return { title, range, order, log, zero, units, marks };
 }
 
 /** The least and the greatest of some places with a margin; [0, 1] where there is none. */
@@ -117,7 +131,7 @@ const DRAWN = {
     return trace.x.map((value, i) => {
       const from = beside ? 0 : stacked.get(y[i]) ?? 0, top = Y(y[i]) - high / 2 + (beside ? beside.turn * each : 0);
       stacked.set(y[i], from + value);
-      return rectangle([X(from), X(from + value)], [top, top + each], fill, svg("title", {}, `${trace.name}, ${trace.y[i]}: ${written(value)}`));
+      return rectangle([X(from), X(from + value)], [top, top + each], fill, svg("title", {}, `${trace.name}, ${trace.y[i]}: ${around.tell("x", value)}`));
     });
   },
   column: (trace, { X, Y, x, y }) => y.map((value, i) => rectangle([X(x[i] - 0.25), X(x[i] + 0.25)], [Y(trace.base), Y(trace.base + value)], paint(trace.colour))),
@@ -208,7 +222,7 @@ class Figure {
   groups(defs, isGrouped) {
     const { X, Y, box, key, shown, axes } = this, stacked = new Map(), bars = shown.filter(({ kind }) => kind === "bar");
     return shown.map((trace, i) => {
-      const around = { X, Y, box, key, defs, stacked, before: shown[i - 1], x: trace.x?.map(axes.x.units), y: trace.y?.map(axes.y.units) };
+      const around = { X, Y, box, key, defs, stacked, tell: (along, value) => this.told(along, value), before: shown[i - 1], x: trace.x?.map(axes.x.units), y: trace.y?.map(axes.y.units) };
       const beside = isGrouped ? { count: bars.length, turn: bars.indexOf(trace) } : null;
       const group = svg("g", { class: "trace", "data-name": trace.name }, ...DRAWN[trace.kind](trace, { ...around, beside }));
       group.trace = trace;
@@ -315,12 +329,16 @@ class Figure {
     if (this.linked) moveCursor(this.block, this.X.back(pointer.x));
     const found = this.nearest(pointer), [best] = found.toSorted((a, b) => a.away - b.away);
     if (!best) return this.leave();
-    const { trace, i, x, y } = best, where = trace.texts?.[i] ?? `${this.axes.x.title} ${written(trace.x[i])}`;
-    this.tip.textContent = [where, ...(this.linked ? found : [best]).map((each) => `${each.trace.name}: ${written(each.trace.y[each.i])}`)].join("\n");
+    const { trace, i, x, y } = best, where = trace.texts?.[i] ?? `${partsOf(this.axes.x.title)[0]} ${this.told("x", trace.x[i])}`;
+    this.tip.textContent = [where, ...(this.linked ? found : [best]).map((each) => `${each.trace.name}: ${this.told("y", each.trace.y[each.i])}`)].join("\n");
     this.tip.hidden = false;
     const left = x > this.width / 2 ? x - this.tip.offsetWidth - 12 : x + 12, top = Math.min(y - 12, this.box.bottom - this.tip.offsetHeight);
     Object.assign(this.tip.style, { left: `${left}px`, top: `${Math.max(0, top)}px` });
     return set(this.here, { cx: x, cy: y, visibility: "visible" });
+  }
+
+  told(along, value) {
+    return told(value, this.axes[along], along === "x" ? this.across : this.up);
   }
 
   leave() {

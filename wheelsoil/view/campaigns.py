@@ -73,9 +73,9 @@ class ViewedRun:
 
     @property
     def refused(self) -> str:
-        """Why the run is impossible as it is declared; empty where it is not."""
+        """Why the run is impossible as it is declared, or on firm ground without having coasted; empty where not."""
         if self.plot_data is None or not is_refused(self.plot_data.run):
-            return ""
+            return self.plot_data.no_use if self.plot_data else ""
         return texts_of(plausibility_of(self.plot_data.run))[0]
 
     def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None, short: list[str]) -> Grade:

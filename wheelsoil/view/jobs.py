@@ -25,6 +25,7 @@ from wheelsoil.view.trace import Signals, Trace, signals_of, trace_of
 from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost_title
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
+from wheelsoil.wording.grounds_text import chances_of, verdict_words
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import (
@@ -74,6 +75,8 @@ class PlotData:
         Losses of its recording, as sentences.
     missing : mapping role -> str
         See `processing.processed_run.QualityReport`.
+    no_use : str
+        Why a run on firm ground shows no rolling radius; empty where it does, and of a run on soil.
     conditions : Conditions
         Of the drawn samples; place on the line and clock as if the run were alone.
     medians : mapping
@@ -88,6 +91,7 @@ class PlotData:
     notes: tuple[str, ...]
     sha256: str
     missing: dict[str, str]
+    no_use: str
     conditions: Conditions
     medians: dict[str, float | None]
     marks: tuple[tuple[float, str], ...]
@@ -133,12 +137,24 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         notes=(*map(typeset, texts_of(processed.quality.notes)), *filter(None, stderr.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
+        no_use=_no_use(processed),
         conditions=conditions.rows(trace.rows),
         medians=medians_of(processed),
         marks=tuple(
             ((event.time_ns - processed.start_ns) * 1e-9, event.text) for event in source.events if event.name == "mark"
         ),
     )
+
+
+def _no_use(processed: ProcessedRun) -> str:
+    from model.diagnosis import coasted
+
+    try:
+        if processed.run.ground == "firm":
+            coasted(processed)
+    except DataError as error:
+        return typeset("; ".join(f"{fault.what}: {fault.found}; {fault.next_step}" for fault in error.faults))
+    return ""
 
 
 def decode_run(run: Run, start_ns: int, target: Path) -> None:
@@ -222,6 +238,7 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
     figures |= {cell.key: cell for row in rows for cell in row if isinstance(cell, KeyFigure)}
     _, *others = statements_of(diagnosis)
     return {
+        "words": typeset(verdict_words(diagnosis.verdict, chances_of(diagnosis))),
         "finding": typeset(finding_of(diagnosis)),
         "details": typeset(
             " ".join(statement.text for statement in others if statement.about not in ("next", "as_if"))

@@ -156,7 +156,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
             "state": diagnosis.state,
             "share": diagnosis.share,
             "left_s": diagnosis.left_s,
-            "verdict": found.get("verdict"),
+            "verdict": found.get("words"),
             "sentence": found.get("sentence"),
             "why": fault_line(diagnosis.faults) or diagnosis.ended or None,
         },

@@ -265,15 +265,29 @@ def detectable_words(sizes: Mapping[str, Detectable]) -> str:
     return f"{listed(shown, 'or')} or more would be detected in half of such campaigns"
 
 
+def verdict_words(verdict: str, chances: Mapping[str, float]) -> str:
+    """Return a verdict in a few words; where "no cause" of the candidates is improbable, that none is sure."""
+    if verdict != "nothing_detectable" or not chances.get("none", 1.0) < HALF:
+        return VERDICT_WORDS.get(verdict, verdict)
+    best = _most_probable(chances)
+    return f"no cause is sure: {best} is most probable" if best else "no cause is sure"
+
+
+def _most_probable(chances: Mapping[str, float]) -> str:
+    """Return the most probable cause, with its probability; "" where there is none."""
+    best = max((name for name in chances if name != "none"), key=chances.__getitem__, default="")
+    return best and with_chance(best, chances[best])
+
+
 def unsure_words(found: Diagnosis) -> str:
     """Return which cause is most probable and why it has no name, where "no cause" is improbable; "" elsewhere."""
     chances = chances_of(found)
-    best = max((name for name in chances if name != "none"), key=chances.__getitem__, default="")
+    best = _most_probable(chances)
     if found.verdict != "nothing_detectable" or not best or chances.get("none", 1.0) >= HALF:
         return ""
     idle = found.gain is not None and not found.gain.log_likelihood_gain > 0
     return (
-        f"No cause is sure (no cause: {chance(chances['none'])}): {with_chance(best, chances[best])} is most probable, "
+        f"No cause is sure (no cause: {chance(chances['none'])}): {best} is most probable, "
         f"but {'held-out data do not confirm it' if idle else 'chance may explain these data too'}"
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 
 import numpy as np
@@ -147,6 +147,11 @@ def _si(x: float, channel: str) -> str:
     return f"{1e3 * x:.3g} mm" if OUTPUTS[channel].unit == "m" else f"{x:.3g} {OUTPUTS[channel].unit_text}"
 
 
+def _taken(whom: str, values: Mapping[str, float | str]) -> str:
+    pairs = (f'{key} = "{x}"' if isinstance(x, str) else f"{key} = {x:g}" for key, x in values.items())
+    return f"{whom and f'of {whom} '}{', '.join(pairs)}"
+
+
 SENTENCES: dict[str, Sentence] = {
     FitCode.AVERAGE_OF_SETS: _average,
     FitCode.OTHER_SOIL: "the model file is of soil {model}, and this is soil {soil}: extended predicts {model}",
@@ -171,7 +176,7 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.LOAD_NOT_CARRIED: "{samples} driven samples excluded: the soil does not carry their load above the axle",
     FitCode.DEFAULTS_TAKEN: lambda v: (
         f"taken by default, because no file states it: "
-        f"{', '.join(f'{key} = {value:g}' for key, value in v['values'].items())}; state each, even if it is the same"
+        f"{'; '.join(_taken(whom, values) for whom, values in v['values'].items())}; state each, even if it is the same"
     ),
     FitCode.RUNS_LACK_SIGNALS: _without_signals,
     FitCode.ROWS_NOT_DRIVEN: (

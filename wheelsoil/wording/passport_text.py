@@ -8,6 +8,7 @@ from daq import ALL_WHEELS, number
 from model.diagnosis.pooling import Passport, SoilDeparture, Trend
 from wheelsoil.fleet import Change, NamedError, day_of
 from wheelsoil.wording.change_text import size_sentence
+from wheelsoil.wording.grounds_text import verdict_words
 from wheelsoil.wording.names import SOIL_LETTERS, chance, plain_name
 
 _Z95 = 1.96
@@ -36,7 +37,8 @@ def _findings(passport: Passport) -> Iterator[str]:
         yield f"something is wrong ({chance} %), open which: {names}"
         yield "calibrate these channels against weights"
     else:
-        yield "nothing detectable"
+        weighed = ((each.effect, each.probability) for each in passport.candidates)
+        yield verdict_words("nothing_detectable", {"none": 1.0 - passport.wrong, **dict(weighed)})
         for effect, trend in list(passport.trends.items())[:1]:
             yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
     if passport.shared and passport.shared[0].probability > _LIKELY:

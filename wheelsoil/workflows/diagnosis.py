@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
-from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,6 +21,7 @@ from daq import (
     RunsConfig,
     Severity,
     SoilSection,
+    StaticTest,
     VehicleConfig,
     WheelSection,
     contradict,
@@ -30,7 +30,17 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import ROLLING_RADIUS_SHARE, Bench, Campaign, Cause, Diagnosis, DiagnosisOptions, Lugs, OfVehicle
+from model.diagnosis import (
+    ROLLING_RADIUS_SHARE,
+    Bench,
+    Campaign,
+    Cause,
+    Diagnosis,
+    DiagnosisOptions,
+    Lugs,
+    OfVehicle,
+    rolled,
+)
 from model.effects import EFFECTS, Effect, Remedy, parted
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
@@ -276,8 +286,7 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
         radius_m, usual_m = (test.ground_speed_mps or 0.0) / (test.wheel_speed_radps or 1.0), members[0].rolling_m
         if test.wheel_speed_radps and abs(radius_m / usual_m - 1.0) > _MOST_OFF:
             raise ConfigError.of(
-                f"{f'run {test.run}' if test.run else f'test {number}: the wheel'} coasts on another radius than that "
-                "of the slip",
+                f"{_called(number, test)} coasts on another radius than that of the slip",
                 f"run {test.run} on firm ground" if test.run else where,
                 f"ground speed / wheel speed is {radius_m:.3g} m, that is {radius_m / usual_m:.3g} times {usual_m:g} m",
                 f"{1.0 - _MOST_OFF:g} to {1.0 + _MOST_OFF:g} times",
@@ -289,7 +298,8 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
             known = next(zeros, None)
             if known and contradict(reading, sigma, known.offset, known.systematic_sigma):
                 raise ConfigError.of(
-                    f"test {number} reads another zero of {ROLES[role].name} than {', '.join(known.recordings)}",
+                    f"{_called(number, test)} reads another zero of {ROLES[role].name} than "
+                    f"{', '.join(known.recordings)}",
                     where,
                     f"{reading:g} and {known.offset:.4g} {ROLES[role].unit_text}",
                     "the same within five sigmas",
@@ -297,21 +307,20 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
                 )
 
 
+def _called(number: int, test: StaticTest) -> str:
+    """Return what a user knows a static test by: its run, or its place among those of runs.toml for its wheel."""
+    return f"run {test.run}" if test.run else f"[[static]] {number + 1}{test.wheel and f' of wheel {test.wheel}'}"
+
+
 def _check_rolled(run: Run) -> None:
     """Refuse tests of a coasting wheel that roll on different radii."""
-    rolled = {
-        test.run or f"test {i}": (speed / spin, hypot(sigma / spin, ROLLING_RADIUS_SHARE * speed / spin))
-        for i, test in enumerate(run.static)
-        if (speed := test.ground_speed_mps)
-        and (spin := test.wheel_speed_radps)
-        and (sigma := test.ground_speed_sigma_mps)
-    }
-    for name, other in combinations(rolled, 2):
-        if contradict(*rolled[name], *rolled[other]):
+    radii = {_called(i, test): radius for i, test in enumerate(run.static) if (radius := rolled(test))}
+    for name, other in combinations(radii, 2):
+        if contradict(*radii[name], *radii[other]):
             raise ConfigError.of(
                 f"{name} and {other} contradict each other: a coasting wheel rolls on one radius",
                 f"{run.path.parent / RUNS_FILE}",
-                f"{rolled[name][0]:.4g} and {rolled[other][0]:.4g} m",
+                f"{radii[name][0]:.4g} and {radii[other][0]:.4g} m",
                 "the same within five sigmas",
                 "take out the wrong one, or switch the run off in choice.toml",
             )

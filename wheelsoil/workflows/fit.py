@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 from math import isclose
 from pathlib import Path
@@ -10,7 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, near_names
+from daq import (
+    TRANSDUCER_ROLES,
+    ConfigError,
+    DataError,
+    Fault,
+    Note,
+    RunInfo,
+    SensorSection,
+    TerrainConfig,
+    VehicleConfig,
+    load_toml,
+    near_names,
+)
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
@@ -34,12 +46,8 @@ NOT_AT_AN_END = (
 
 _FEW_SAMPLES = 1_000_000
 """Of all runs, whose predictions by every model take 200 MB."""
-_ZERO_UNLESS_STATED = (
-    "[wheel] outboard_mass_kg",
-    "[wheel] outboard_inertia_kgm2",
-    "[sensors.wheel_speed] latency_s",
-    "[sensors.ground_speed] latency_s",
-)
+_MOUNTING = ("side", "angle_offset_deg", "angle_direction")
+"""Of a transducer whose axes turn with the wheel."""
 _SAME_SIZE = 0.01
 """Share by which the wheel of a model file may differ from that of the runs."""
 
@@ -171,7 +179,7 @@ def fit_runs(
     if len(passages) > len(set(drives)):
         differ = Note(FitCode.SEVERAL_PASSAGES, values={"passages": sorted({passage for _, passage in passages})})
         fit = replace(fit, notes=(*fit.notes, differ))
-    if taken := _defaults(first.vehicle, runs, choices):
+    if taken := _defaults(processed, choices):
         fit = replace(fit, notes=(*fit.notes, Note(FitCode.DEFAULTS_TAKEN, values={"values": taken})))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
@@ -179,15 +187,37 @@ def fit_runs(
     return replace(fit, notes=(Note(FitCode.RUNS_LACK_SIGNALS, values={"signals": lacking}), *fit.notes))
 
 
-def _defaults(vehicle: VehicleConfig, runs: Sequence[ProcessedRun], choices: FitChoices) -> dict[str, float]:
-    """Return the numbers that change this fit and that no file states, by key."""
-    stated = {f"[sensors.{role}] {key}" for role, sensor in vehicle.sensors.items() for key in sensor.model_fields_set}
-    stated |= {f"[wheel] {key}" for key in (vehicle.wheel.model_fields_set if vehicle.wheel else ())}
-    taken = {key: 0.0 for key in _ZERO_UNLESS_STATED if key not in stated}
+def _defaults(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices) -> dict[str, dict[str, float | str]]:
+    """Return what changes this fit and no file states, by key, for the runs or wheels named; all of them: ""."""
     effects = [EFFECTS[key] for key in (*choices.effects, *(choices.extended.keys if choices.extended else ()))]
-    if any(effect.needs.pressures for effect in effects) and not all(run.run.inflation_kpa for run in runs):
-        taken["inflation_kpa of runs.toml"] = REFERENCE_INFLATION_KPA
+    conditions = {name for effect in effects for name in effect.needs.conditions}
+    lacking: dict[tuple[str, float | str], list[str]] = {}
+    for run, done in processed:
+        for key, value in _unstated(run.vehicle, done.run, conditions):
+            lacking.setdefault((key, value), []).append(" ".join(run.vehicle.wheel_ids) or run.id)
+    taken: dict[str, dict[str, float | str]] = {}
+    for (key, value), names in lacking.items():
+        taken.setdefault("" if len(names) == len(processed) else ", ".join(dict.fromkeys(names)), {})[key] = value
     return taken
+
+
+def _unstated(vehicle: VehicleConfig, info: RunInfo, conditions: Set[str]) -> Iterator[tuple[str, float | str]]:
+    """Yield keys of one run that no file states, and what is taken for each."""
+    rotating, mounted = vehicle.transducer.frame == "wheel", vehicle.transducer.model_fields_set
+    for table, section, keys in (
+        *([("[wheel]", vehicle.wheel, ("outboard_mass_kg", "outboard_inertia_kgm2"))] if vehicle.wheel else []),
+        *(
+            (f"[sensors.{role}]", vehicle.sensors.get(role, SensorSection()), ("latency_s",))
+            for role in ("wheel_speed", "ground_speed", *TRANSDUCER_ROLES)
+            if role in vehicle.signals
+        ),
+        ("[transducer]", vehicle.transducer, _MOUNTING if rotating else ("frame",) if mounted & {*_MOUNTING} else ()),
+        ("[[run]]", info, ("direction",) if conditions & {"direction", "line_position"} else ()),
+        ("[[run]]", info, ("pass_number",) if "pass_number" in conditions else ()),
+    ):
+        yield from ((f"{table} {key}", getattr(section, key)) for key in keys if key not in section.model_fields_set)
+    if "inflation_kpa" in conditions and not info.inflation_kpa:
+        yield "[[run]] inflation_kpa", REFERENCE_INFLATION_KPA
 
 
 def _refuse_another_wheel(extended: ExtendedModel | None, wheel: Wheel, where: str) -> None:

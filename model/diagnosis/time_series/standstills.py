@@ -265,6 +265,12 @@ def coasted(run: ProcessedRun, wheel: str = "") -> StaticTest:
     )
 
 
+def rolled(test: StaticTest) -> tuple[float, float] | None:
+    """Return the radius on which a wheel coasted, m, and its one-sigma as that on soil; None of another test."""
+    speed, spin, sigma = test.ground_speed_mps, test.wheel_speed_radps, test.ground_speed_sigma_mps
+    return (speed / spin, hypot(sigma, ROLLING_RADIUS_SHARE * speed) / spin) if speed and spin and sigma else None
+
+
 def _row(run: ProcessedRun, index: int, load: float, clock: float, x: float) -> dict[str, float]:
     """Return what every standstill has, whatever it reads."""
     return {

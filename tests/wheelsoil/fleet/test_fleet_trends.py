@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -183,6 +184,10 @@ def test_a_passport_says_what_is_shared_and_who_disagrees(probability: float, sa
     one = Passport("7", ("a", "b"), "nothing", (), 0.2, (), {}, 0.0, {"b": 0.001}, shared)  # type: ignore[arg-type]
     expected = f"7: 2 campaigns, May to June: nothing detectable{said}; not as the others: b"
     assert passport_line(one, "May", "June") == expected
+    weighed = (SimpleNamespace(effect="torque_gain", probability=0.6),)
+    doubted = replace(one, wrong=0.7, candidates=weighed)  # type: ignore[arg-type]
+    unsure = "no cause is sure: torque gain (60.0 %) is most probable"
+    assert passport_line(doubted, "May", "June") == expected.replace("nothing detectable", unsure)
 
 
 @pytest.mark.parametrize(("east_deg", "north_deg"), [(0.05, 0.0), (0.0, 0.02), (0.03, -0.01)])

@@ -55,6 +55,10 @@ def test_the_curve_follows_a_slider_and_is_the_model_s(page: Page, view: View) -
 
 def test_boxes_arrows_resets_reading_load_and_soil_bend_it_too(page: Page, view: View) -> None:
     switch_on(page, "vasilev", "H_m")
+    resets = [row(page, name).locator(".reset") for name in ("cohesion_pa", "tan_phi", "H_m")]
+    titles = [reset.get_attribute("title") or "" for reset in resets]
+    assert titles[0].endswith("\u202f580 Pa") and re.fullmatch(r"back to 0\.\d{1,4}", titles[1])
+    assert titles[2] == "back to 0 m"
     row(page, "H_m").locator("input[type=number]").fill("0.05")
     row(page, "H_m").locator("input[type=number]").press("Enter")
     row(page, "H_m").locator("input[type=range]").press("ArrowRight")
@@ -186,6 +190,7 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     told = view.get("/api/diagnosis?campaign=c1")
     expect(page.locator("#verdict")).to_have_attribute("title", told["sentence"])
     assert told["sentence"].startswith(page.locator("#verdict b").inner_text())
+    expect(page.locator("#campaigns .hint").first).to_contain_text(f"· verdict: {told['words']}")
     unfold(page, "causes-box")
     names = page.locator("#candidates .name").all_inner_texts()
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]

@@ -26,7 +26,7 @@ from wheelsoil.report.sections.glance import (
 from wheelsoil.report.sections.overview import faults_of
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.cost_text import cost_meaning, cost_sentence, driving_text
-from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text
+from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text, unsure_words
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.numbers import load_text
@@ -154,7 +154,8 @@ def _cost(inputs: ReportInputs) -> str:
     if _rests_on_nothing(inputs):
         return "Not known: no cause is named."
     if not found.causes:
-        return "Nothing that these data show: no cause is detected."
+        none = "Nothing that these data show: no cause is detected."
+        return f"Not known. {unsure_words(found)}." if unsure_words(found) else none
     wheel, soil, reading, driving = _ground(inputs)
     if found.verdict == "named":
         highest = highest_slip_of(inputs.fitted) if inputs.runs else ends_of_slip(inputs)[1]

@@ -6,6 +6,7 @@ import numpy as np
 
 from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
+from model.diagnosis import ROLLING_RADIUS_SHARE, rolled
 from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, bars
@@ -13,6 +14,7 @@ from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, number, signed
 from wheelsoil.wording.losses import losses_as_texts
 from wheelsoil.wording.notes import noted_of_runs
+from wheelsoil.workflows.key_figures import Z95
 
 _REASONS = {
     Reason.USED: ("used", "#0072B2", ""),
@@ -119,6 +121,7 @@ def sensors(inputs: ReportInputs) -> Contents:
         *_losses(inputs.sources),
         *_events(inputs),
         *_zeros(inputs.runs),
+        *([_rolled_table(inputs)] if _rolled(inputs) else []),
     ]
     numbers = {
         run.run.id: {
@@ -134,7 +137,8 @@ def sensors(inputs: ReportInputs) -> Contents:
         }
         for run in inputs.runs
     }
-    return blocks, {"runs": numbers, "channels": _channels(inputs.runs)}
+    radii = {"rolling_radius_mm": _rolled(inputs)} if _rolled(inputs) else {}
+    return blocks, {"runs": numbers, "channels": _channels(inputs.runs), **radii}
 
 
 def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
@@ -220,6 +224,23 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     taken = "after subtraction of the zero in zero.toml" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
+
+
+def _rolled(inputs: ReportInputs) -> dict[str, list[float]]:
+    """Return the radius of each test of the diagnosis in which the wheel coasted, and its 95 % interval, mm."""
+    tests = inputs.diagnosed.static if inputs.diagnosed else ()
+    radii = [
+        (f"run {test.run}" if test.run else f"by hand, {test.ground_speed_mps} m/s", rolled(test)) for test in tests
+    ]
+    return {name: [1e3 * (found[0] + z * found[1]) for z in (0.0, -Z95, Z95)] for name, found in radii if found}
+
+
+def _rolled_table(inputs: ReportInputs) -> Table:
+    slip = number(1e3 * inputs.vehicle.wheel.rolling_m, 4) if inputs.vehicle.wheel else "–"
+    rows = [[name, *(number(size, 4) for size in sizes), slip] for name, sizes in _rolled(inputs).items()]
+    head = ["coasting", "ground / wheel speed (mm)", "from (mm)", "to (mm)", "radius of the slip (mm)"]
+    note = f"95 % interval, with {100 * ROLLING_RADIUS_SHARE:g} % by which the radius on soil may differ (one sigma)."
+    return Table("Rolling radius on firm ground", head, rows, note)
 
 
 def _clocks(inputs: ReportInputs) -> Table:

@@ -8,7 +8,6 @@ import { select } from "./selection.js";
 import { current, on, runOf, state, tell } from "./store.js";
 
 const GRADES = { good: "", fair: "▲ fair", poor: "✕ poor" };
-const VERDICTS = { named: "cause named", one_of: "one of several causes", unexplained: "unexplained", nothing_detectable: "nothing detectable" };
 
 /** Look at a run, from its beginning to its end. */
 export function pick(place) {
@@ -38,8 +37,8 @@ function pickFirst() {
   if (first) pick({ campaign: first.campaign, run: first.run });
 }
 
-export const verdictOf = ({ state: now, verdict, sentence, why }) =>
-  ({ none: why ? `Not diagnosed: ${why}. Diagnose starts it again.` : "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence || VERDICTS[verdict] })[now] ?? "";
+export const verdictOf = ({ state: now, sentence, why }) =>
+  ({ none: why ? `Not diagnosed: ${why}. Diagnose starts it again.` : "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence })[now] ?? "";
 
 function makeCampaign() {
   const box = part("details", "campaign"), head = part("summary");
@@ -59,7 +58,7 @@ function showCampaign(box, campaign) {
   const ready = campaign.runs.find(({ start_ns: start }) => start), day = ready ? new Date(ready.start_ns / 1e6).toLocaleDateString("en-GB", { day: "numeric", month: "short", year: "numeric", timeZone: "UTC" }) : "";
   write(name, campaign.name);
   write(count, campaign.runs.length > 9 || !box.open ? `${campaign.runs.length} runs` : day);
-  write(about, [campaign.terrain !== campaign.name && campaign.terrain, campaign.vehicle, campaign.wheel && `wheel ${campaign.wheel.radius_m} × ${campaign.wheel.width_m} m`, campaign.diagnosis.state === "done" && VERDICTS[campaign.diagnosis.verdict]].filter(Boolean).join(" · "));
+  write(about, [campaign.terrain !== campaign.name && campaign.terrain, campaign.vehicle, campaign.wheel && `wheel ${campaign.wheel.radius_m} × ${campaign.wheel.width_m} m`, campaign.diagnosis.state === "done" && `verdict: ${campaign.diagnosis.verdict}`].filter(Boolean).join(" · "));
   about.title = campaign.diagnosis.sentence ?? "";
   list(runs, campaign.runs, makeRun, (item, run) => showRun(item, campaign, run));
 }
@@ -92,7 +91,7 @@ function showRun(item, campaign, run) {
   write(load, ready && run.load_n !== null ? `${fixed(run.load_n / 1000, 1)} kN` : "");
   const facts = [run.direction, `pass ${run.pass_number}`, chosenRun(campaign.key, run)?.keep ? "cut" : "", run.rut_readings ? `${run.rut_readings} ruts` : ""];
   write(more, run.refused ?? (run.state === "failed" ? run.why : facts.filter(Boolean).join(", ")));
-  write(tag, run.refused ? "✕ impossible" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
+  write(tag, run.refused ? "✕ set aside" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
   tag.dataset.level = ready ? run.grade : run.state;
 }
 
@@ -126,7 +125,7 @@ function showMenus() {
 }
 
 function showView() {
-  const run = runOf(state.a), campaign = current(), all = state.campaigns.flatMap(({ key, runs }) => runs.map((each) => isUsed(key, each)));
+  const run = runOf(state.a), campaign = current(), all = state.campaigns.flatMap(({ key, runs }) => runs.map((each) => isUsed(key, each) && !each.refused));
   write(get("used-count"), `${all.filter(Boolean).length} of ${all.length} used`);
   write(get("view-title"), run ? `${campaign.name}: ${run.id}` : "No run");
   document.title = run ? `${run.id} · ${campaign.name} · wheelsoil` : "wheelsoil view";

@@ -170,7 +170,7 @@ function showSoil() {
       moved(since);
     });
     soilSliders.set(each.name, slider);
-    slider.reset.title = `back to ${sensible(each.value)}`;
+    slider.backTo(each.value);
     return slider.row;
   });
   get("soil").replaceChildren(...rows);

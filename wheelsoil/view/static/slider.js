@@ -4,6 +4,7 @@ import { sensible } from "./channels.js";
 import { part, write } from "./dom.js";
 
 const SHORT = 5;
+const shownUnit = (words) => (words === "1" ? "" : words.replace("^(n+1)", "ⁿ⁺¹").replace("^(n+2)", "ⁿ⁺²"));
 
 /** Make the row of a parameter P = {name, label, words, letter, unit, value, neutral, low, high, step, source}; on(value) is called at each change. */
 export class Slider {
@@ -21,7 +22,7 @@ export class Slider {
     this.reset = part("button", "icon reset", "↺");
     this.reset.type = "button";
     this.reset.setAttribute("aria-label", `Reset ${label}`);
-    this.reset.title = `back to ${sensible(about.neutral)}`;
+    this.backTo(about.neutral);
     this.fit = part("p", "fitted");
     this.track = part("div", "track");
     this.interval = part("i", "interval");
@@ -38,8 +39,13 @@ export class Slider {
     this.put(start);
   }
 
+  /** Say what the reset goes back to. */
+  backTo(value) {
+    this.reset.title = `back to ${sensible(value)} ${shownUnit(this.about.unit)}`.trimEnd();
+  }
+
   unit(words) {
-    const made = part("span", "unit", words === "1" ? "" : words.replace("^(n+1)", "ⁿ⁺¹").replace("^(n+2)", "ⁿ⁺²"));
+    const made = part("span", "unit", shownUnit(words));
     made.title = words;
     return made;
   }
