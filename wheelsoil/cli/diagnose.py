@@ -241,13 +241,7 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
 
 
 def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: bool) -> Callable[[Diagnosis], None]:
-    """Return what prints a diagnosis.
-
-    Parameters
-    ----------
-    vehicles : mapping wheel -> VehicleConfig
-        Without a wheel whose runs are of several vehicles.
-    """
+    """Return what prints a diagnosis; `vehicles` is by wheel, without one whose runs are of several vehicles."""
 
     def show(diagnosis: Diagnosis) -> None:
         from model.effects import parted

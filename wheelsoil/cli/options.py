@@ -195,13 +195,7 @@ def keep_results(context: typer.Context, no_cache: bool) -> None:
 def configuration(
     vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
 ) -> Configuration:
-    """Load the files that the options name; DBCs alone become a vehicle.toml that lists only the buses.
-
-    Raises
-    ------
-    ConfigError
-        Lists every error.
-    """
+    """Load the files that the options name, or raise every error; DBCs alone become a vehicle.toml with buses only."""
     from daq.runs import Collected, Configuration, terrain_from_file, vehicle_from_file
 
     files = list(dbc)
@@ -222,13 +216,7 @@ def configuration(
 
 
 def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str, str]]:
-    """Parse ``a=b`` values of a repeated option.
-
-    Raises
-    ------
-    ConfigError
-        One is not of that form.
-    """
+    """Parse ``a=b`` values of a repeated option; `ConfigError` where one is not of that form."""
     parsed = [tuple(text.partition("=")[::2]) for text in texts or ()]
     ConfigError.stop_if_any(
         Fault(f"{option} {text} is not understood", expected=form)
@@ -363,13 +351,7 @@ def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
 
 
 def chosen(context: typer.Context) -> Choice:
-    """Return the choice of --choice, overridden by the other options of the command line.
-
-    Raises
-    ------
-    ConfigError
-        See `wheelsoil.workflows.choice.load_choice`.
-    """
+    """Return the choice of --choice, overridden by the other options of the command line."""
     from wheelsoil.workflows.choice import Choice, load_choice
 
     given = {key: context.params.get(key) for key in _OPTIONS}
@@ -379,13 +361,7 @@ def chosen(context: typer.Context) -> Choice:
 def run_info(
     file: str, run_id: str, direction: Direction, pass_number: int, added_load_kg: float, inflation_kpa: float | None
 ) -> RunInfo:
-    """Return the run information that the options give.
-
-    Raises
-    ------
-    ConfigError
-        A number is out of range.
-    """
+    """Return the run information that the options give; `ConfigError` where a number is out of range."""
     from pydantic import ValidationError
 
     from daq import RunInfo
@@ -406,13 +382,7 @@ def run_info(
 
 
 def page_token(file: Path | None) -> str | None:
-    """Return a page's token from the file or the environment; None if there is none.
-
-    Raises
-    ------
-    ConfigError
-        The file is unreadable or empty.
-    """
+    """Return a page's token from a file, which must have one, or the environment; None if there is none."""
     if file is None:
         return os.environ.get(TOKEN_VARIABLE) or None
     try:
@@ -427,13 +397,7 @@ def page_token(file: Path | None) -> str | None:
 
 
 def one_file(files: Sequence[str] | None) -> Path | None:
-    """Return the only --vehicle, for runs.
-
-    Raises
-    ------
-    ConfigError
-        There are several.
-    """
+    """Return the only --vehicle, for runs; `ConfigError` if there are several."""
     if files and len(files) > 1:
         step = "give one, or diagnose the vehicles one after the other"
         raise ConfigError(Fault("runs take one --vehicle", found=", ".join(files), next_step=step))
@@ -443,21 +407,10 @@ def one_file(files: Sequence[str] | None) -> Path | None:
 def refuse_two_sources(
     runs: Sequence[Path], table: object, choice: Path | None, wheel: str | None, columns: Sequence[str], verb: str
 ) -> None:
-    """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
+    """Check that a command takes runs, perhaps with a choice and a wheel, or a table, perhaps with `columns`.
 
-    Parameters
-    ----------
-    wheel : str or None
-        Of runs; rows of a table are chosen with --where.
-    columns : sequence of str
-        Values of --rename and --where.
-    verb : str
-        What the command does with one of both, for the message.
-
-    Raises
-    ------
-    ConfigError
-        Options of both are given.
+    The columns are the values of --rename and --where; `verb` is what the command does with one of both, for the
+    message.
     """
     if table and (runs or choice):
         other = "RUN" if runs else "--choice"
@@ -479,16 +432,7 @@ def processed_for(
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process the runs of one wheel as a choice says, and remark what makes them implausible.
 
-    Parameters
-    ----------
-    purpose : "fit", "diagnose", ...
-        Of the processing: what a run must hold.
-    check : callable, optional
-        See `wheelsoil.workflows.runs.open_and_process`.
-    set_aside : callable, optional
-        As there.
-    remark : callable, optional
-        Takes each text; prints it (stderr) by default.
+    `purpose` says what a run must hold; see `wheelsoil.workflows.runs.open_and_process` for `check` and `set_aside`.
     """
     from wheelsoil.workflows.grading import doubted_runs, doubted_soils
     from wheelsoil.workflows.runs import on_soil, process_runs, say_set_aside

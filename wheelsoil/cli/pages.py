@@ -205,13 +205,7 @@ def _report_vehicle(
 
 
 def _last(place: str, wheel: str = "") -> LastReport | Callable[[Processed], LastReport]:
-    """Return the last report, of one of several wheels, or what finds the last campaign in a store.
-
-    Raises
-    ------
-    ConfigError
-        There is no such report or store.
-    """
+    """Return the last report, of one of several wheels, or what finds the last campaign in a store."""
     from wheelsoil.workflows.last_report import load_last, store_meant
 
     url = store_meant(place)

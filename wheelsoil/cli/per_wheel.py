@@ -30,12 +30,8 @@ def print_set_aside(runs: Sequence[SetAsideRun]) -> None:
 class PerWheel:
     """Does the work of a command for each wheel: texts under headings, JSON of several wheels as one list.
 
-    Parameters
-    ----------
-    opened : mapping wheel -> list of Run
-        See `wheelsoil.workflows.runs.Files.runs_of_wheels`.
-    unreadable : sequence of SetAsideRun
-        What could not be opened: of every wheel.
+    `opened` has the runs of each wheel (`wheelsoil.workflows.runs.Files.runs_of_wheels`); what is `unreadable` could
+    not be opened, and is of every wheel.
     """
 
     def __init__(self, opened: Mapping[str, list[Run]], *, json: bool, unreadable: Sequence[SetAsideRun] = ()) -> None:

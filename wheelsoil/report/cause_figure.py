@@ -47,17 +47,10 @@ Own = Callable[[float, _Samples, FloatArray], FloatArray]
 
 
 class _View(NamedTuple):
-    """How a cause is shown.
+    """How a cause is shown: the abscissa's title, and what lies across of samples.
 
-    Attributes
-    ----------
-    axis : str
-        Title of the abscissa.
-    across : callable
-        The abscissa of samples.
-    own : callable, optional
-        What the cause adds to the channel itself, of its value, the samples, and what the recommended model predicts;
-        None for a cause that acts through slip or load.
+    `own` is what the cause adds to the channel itself, of its value, the samples, and what the recommended model
+    predicts; None for a cause that acts through slip or load.
     """
 
     axis: str
@@ -100,10 +93,7 @@ _HANGS_ON: Mapping[object, str] = {
 def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
     """Return the figure of the cause that changes most; None where slip shows it best, or there is none.
 
-    Parameters
-    ----------
-    channel : str
-        To show it in; a cause that acts in one channel itself is shown in that one.
+    A cause that acts in one channel itself is shown in that one, whichever `channel` is given.
     """
     found = inputs.diagnosed
     if found is None or not found.plot_data or not recommended_causes(found) or several_terrains(found) is not None:
@@ -160,11 +150,7 @@ def residual_figure(
     """Return the residual of the channel that leads the list of findings, or else is off most.
 
     It is of the driven samples, or of rows of tables, and against what the first finding of the channel hangs on.
-
-    Raises
-    ------
-    DataError
-        The noise of no channel is known.
+    `DataError` where the noise of no channel is known.
     """
     first = {ROLES[finding.channel].key: finding for finding in reversed(found.what_is_wrong)}
     of = {channel: _HANGS_ON.get(getattr(finding.place, "kind", None), "") for channel, finding in first.items()}

@@ -54,16 +54,10 @@ class Lights:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the appendix as plain JSON values; figure.js draws it.
+    """A figure of the appendix as plain JSON values without NaN; figure.js draws it.
 
-    Attributes
-    ----------
-    key : str
-        Unique in the report.
-    data, layout
-        See `wheelsoil.report.figures`: lists, mappings, texts, numbers and None, no NaN.
-    groups : sequence of str
-        Name of the choice that each trace belongs to ("" = always shown); the reader chooses among the groups.
+    `wheelsoil.report.figures` makes `data` and `layout`; `groups` names the choice that each trace belongs to ("" =
+    always shown); the reader chooses among them.
     """
 
     key: str

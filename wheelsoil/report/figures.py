@@ -321,19 +321,10 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
 def set_axis_range(
     layout: dict[str, Any], axis: str, values: FloatArray, *, also: FloatArray = _NONE, margin: float = 0.08
 ) -> None:
-    """Set the initial range of an axis to the 0.5th to 99.5th percentile of some values; double-click shows all.
+    """Set the initial range of an axis ("x" or "y") to the 0.5th to 99.5th percentile of some values, as far as known.
 
-    Parameters
-    ----------
-    layout : dict
-        From `axes`; changed in place.
-    axis : "x" or "y"
-    values : float64 array
-        NaN is ignored; without any number the axis is not changed.
-    also : float64 array
-        Further values to include, e.g. the lines of models, as far as the range is at most doubled.
-    margin : float
-        Share of the range added on either side.
+    Double-click shows all. `also` has further values to include, e.g. the lines of models, as far as the range is at
+    most doubled; `margin` is the share of the range added on either side.
     """
     known = values[np.isfinite(values)]
     if not len(known):

@@ -46,13 +46,10 @@ _NAMED = 5
 
 
 def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
-    """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
+    """Return one-sigma of each model's prediction from its coefficients alone, by channel and model, of the samples.
 
-    Returns
-    -------
-    mapping channel -> model -> float64 array, shape (n,)
-        For the used samples of all runs, one after the other; NaN where it was not worked out, and everywhere for a
-        model that has no coefficient with a standard error.
+    Of the used samples of all runs, one after the other; NaN where it was not worked out, and for a model without
+    standard errors.
     """
     used = [run.used for run in runs]
     slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
@@ -111,22 +108,10 @@ def _rows(slip: FloatArray, run: IntArray) -> IntArray:
 class Source:
     """The file of one run; None where a number is not known.
 
-    Attributes
-    ----------
-    loss : tuple of str
-        What of the file cannot be read.
-    gaps : tuple of str
-        What was not recorded between its parts.
-    losses : mapping str -> int
-        What the logger counted, see `daq.recording.RunRecording.losses`.
-    exit_status : str
-        How the recording ended; empty where its end is missing, None where it is a log.
-    clock : mapping str -> str
-        The recording's last fit of its host's clock to GNSS time.
-    clock_steps : mapping str -> str
-        Steps of the host's clock while it was recorded.
-    events : tuple of Event
-        Marks, and what went wrong while it was recorded.
+    `loss` is what of it cannot be read, `gaps` what was not recorded between its parts, `losses` what the logger
+    counted (`daq.recording.RunRecording.losses`). `exit_status` is empty where its end is missing, None where it is a
+    log. `clock` is the last fit of the host's clock to GNSS time, `clock_steps` the steps it made. `events` are marks,
+    and what went wrong while it was recorded.
     """
 
     run_id: str
@@ -158,27 +143,9 @@ class Source:
 class ReportInputs:
     """Inputs of the sections: runs, fits, diagnosis, and their sources.
 
-    Attributes
-    ----------
-    no_fit : str
-        Why there is no fit.
-    terrain : str
-        Name of the soil.
-    command : str
-        What made the report.
-    options : mapping
-        How it was made.
-    versions : mapping program -> version
-    no_diagnosis : str
-        Why there is none; empty where none was asked for, and then the page says nothing of it.
-    diagnosis_failed : bool
-        Whether a fault, and not the measurement, is why.
-    tables : tuple of BenchFiles
-        Single-wheel tables in place of runs.
-    last : LastReport, optional
-        An earlier report, with which this one is compared.
-    set_aside : tuple of SetAsideRun
-        Runs that were given and are not used.
+    `no_fit` and `no_diagnosis` say why there is none; where no diagnosis was asked for the latter is empty, and the
+    page says nothing of it. `diagnosis_failed`: a fault, and not the measurement, is why. `tables` are single-wheel
+    tests in place of runs, `last` an earlier report to compare with; runs `set_aside` were given and are not used.
     """
 
     runs: tuple[ProcessedRun, ...]

@@ -44,22 +44,11 @@ class Pool(Protocol):
 class Recommendation:
     """The recommended or most probable model and the one without its causes, on the same samples.
 
-    Attributes
-    ----------
-    title : str
-        What the model is called, see `wheelsoil.wording.verdict.model_title`, or the base.
-    name, base_name : str
-        Of the model and of the one beside it, in words.
-    is_base : bool
-        Whether nothing better than the base is known: then there is one model.
-    main_channel : "dp", "t" or "z"
-        Channel that the figure of the cause shows.
-    runs : tuple of str
-        ``run`` indexes them.
-    measured, base, recommended, noise : mapping channel -> float64 array, shape (n,)
-        ``noise`` is one sigma of a measured sample about the baseline; NaN where nobody estimated it.
-    adequate : bool
-        Whether a diagnosis, which knows the error of the slip, finds no more than noise about the model.
+    `title` is what the model is called (`wheelsoil.wording.verdict.model_title`), `name` and `base_name` are it and the
+    one beside it in words; with `is_base` nothing better than the base is known, and there is one model. `main_channel`
+    is that of the cause's figure; `run` indexes `runs`. Channels have arrays of shape (n,); `noise` is one sigma of a
+    measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the error of the
+    slip, finds no more than noise about the model.
     """
 
     title: str
@@ -157,12 +146,7 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
 class LoadShift:
     """What brings samples of a channel to one load: the recommended model's change with load, as a function of slip.
 
-    Attributes
-    ----------
-    load_n : float
-        The load that samples are brought to.
-    slope : float64 array, shape (k,)
-        Polynomial in slip, highest power first: channel per N of load.
+    `slope` is a polynomial in slip, highest power first: channel per N of load.
     """
 
     load_n: float

@@ -75,12 +75,8 @@ def build_vehicle_report(
 ) -> Report:
     """Build the page of a vehicle from the reports of its wheels, of which at least one was made.
 
-    Parameters
-    ----------
-    joint : Diagnosis, optional
-        Of the campaigns of all wheels with one soil.
-    doubts : sequence of Fault
-        See `wheelsoil.workflows.vehicle.doubts_of_wheels`: to be removed before all else.
+    `joint` is of all wheels with one soil; `doubts` (`wheelsoil.workflows.vehicle.doubts_of_wheels`) come before all
+    else.
     """
     there = [(wheel, report) for wheel in wheels if (report := wheel.report) is not None]
     given, first = [wheel for wheel, _ in there], there[0][1].head

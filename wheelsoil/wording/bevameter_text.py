@@ -77,15 +77,7 @@ def evaluate(
     *,
     shear_to_m: float = inf,
 ) -> BenchSoil:
-    """Fit what there is.
-
-    Raises
-    ------
-    ConfigError
-        There is no test at all, or tests that leave a parameter open.
-    DataError
-        Tests that cannot be fitted.
-    """
+    """Fit what there is; `ConfigError` where no test is there, or a parameter is left open, else `DataError`."""
     if not plates and not shears:
         raise ConfigError.of("there is no test", next_step="give --plate FILE..., --shear FILE..., or both")
     try:

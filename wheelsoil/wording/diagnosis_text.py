@@ -72,14 +72,7 @@ def reduction(gain: Gain) -> tuple[str, float, float]:
 
 
 def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
-    """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`.
-
-    Parameters
-    ----------
-    not_identifiable : mapping family -> why
-    sizes : mapping effect key -> Detectable
-        Smallest detectable sizes.
-    """
+    """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`."""
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
     by_title: dict[str, dict[str, str]] = {NOT_IDENTIFIABLE: {}, NOT_DETECTABLE: {}}
     for family, why in not_identifiable.items():
@@ -122,16 +115,9 @@ def diagnosis_lines(
 ) -> list[str]:
     """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
-    Parameters
-    ----------
-    vehicle : VehicleConfig, optional
-        What the next step may have to change; None where the runs are of several.
-    width : int
-        Of the terminal, in characters; held between 80 and 100.
-    checks : iterable of str
-        Where the recommended model is off.
-    verbose : bool
-        Everything: probabilities, residuals, detectable sizes, further steps.
+    `vehicle` is what the next step may have to change, None where the runs are of several. The width is held between 80
+    and 100. `checks` say where the recommended model is off. With `verbose` also probabilities, residuals, detectable
+    sizes and further steps.
     """
     width = limited(width)
     head = [*wrapped(headline_of(diagnosis), width), *_first_step(diagnosis, vehicle, width)]

@@ -144,16 +144,9 @@ def unexplained_words(
 ) -> list[Statement]:
     """Return the sentences of "unexplained".
 
-    Parameters
-    ----------
-    worst : sequence of Finding
-        Largest residual of the simulation with calibrated soil, as it leads the list of them; may be empty.
-    best : sequence of str
-        Families of that set.
-    soils : two sequences of str, optional
-        Runs that ask for one soil, and those that ask for another.
-    why : Note, optional
-        What leaves them unexplained where lack of fit does not.
+    `worst` leads the residuals of the simulation with calibrated soil, `best` are the families of the most probable
+    set, `soils` the runs that ask for one soil and those that ask for another; `why` is what leaves them unexplained
+    where lack of fit does not.
     """
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
     none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"

@@ -57,10 +57,7 @@ def next_steps(
 ) -> list[Step]:
     """Return what parts two terrains, else runs up to three, what removes named causes, and what decides most.
 
-    Parameters
-    ----------
-    wheels : mapping wheel -> VehicleConfig, optional
-        Of all wheels together: in place of `vehicle` for a cause at one of them.
+    Of all wheels together `wheels` has the configuration of each, in place of `vehicle` for a cause at one of them.
     """
     if several_terrains(found) is not None:
         return [parting_step(found)]
@@ -220,14 +217,9 @@ def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> Step:
-    """Return how to remove a measurement cause, or to check it where no file can.
+    """Return how to remove a measurement cause at a wheel of a vehicle, or to check it where no file can.
 
-    Parameters
-    ----------
-    vehicle : VehicleConfig
-        Of the wheel at which the cause acts.
-    table : bool
-        Whether it is of a table of single-wheel tests, which has columns and no DBC.
+    A table of single-wheel tests has columns and no DBC.
     """
     effect, wheel = EFFECTS.get(cause.key, Effect), parted(cause.name)[1]
     size, remedy = cause.parameters[0].value if cause.parameters else 0.0, effect.remedy or Remedy()

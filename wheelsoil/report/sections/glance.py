@@ -268,11 +268,7 @@ def hero(inputs: ReportInputs) -> Drawing:
     """Return the figure in which the cause shows, in the channel that it changes most.
 
     That is this channel against slip, with and without the cause, unless another abscissa shows the cause better.
-
-    Raises
-    ------
-    DataError
-        No driven sample has a measured channel.
+    `DataError` where no driven sample has a measured channel.
     """
     recommendation = inputs.recommendation
     if inputs.tables and inputs.diagnosed is not None:

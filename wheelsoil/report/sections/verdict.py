@@ -278,11 +278,8 @@ def _losses(inputs: ReportInputs) -> Text:
 class Rival:
     """Comparison of another model with the best one.
 
-    Attributes
-    ----------
-    t, critical_t : float
-        Mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
-        error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
+    `t` is the mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
+    error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
     """
 
     name: str
@@ -313,18 +310,11 @@ class Ranking:
 
 
 def rank(inputs: ReportInputs) -> Ranking:
-    """Compare the models by drawbar pull above the slip threshold.
+    """Compare the models by drawbar pull above the slip threshold; `DataError` where there is nothing to compare.
 
-    The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
-    the squared errors is averaged over blocks; their length is the longer one of the two fits.
+    The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of the
+    squared errors is averaged over blocks; their length is the longer one of the two fits.
 
-    Raises
-    ------
-    DataError
-        There is no fit, drawbar pull was not measured, or no slip is above the threshold.
-
-    Notes
-    -----
     Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
     """
     fit, pool = inputs.fit, inputs.pool
