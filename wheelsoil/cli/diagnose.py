@@ -118,16 +118,8 @@ def diagnose_command(
             show = _shown(alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose=verbose)
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
-    files = Files(
-        options.one_file(vehicle),
-        terrain,
-        runs_file,
-        zero,
-        soil,
-        lenient_dbc=lenient_dbc,
-        accept_implausible=accept_implausible,
-        wheel=wheel,
-    )
+    one = options.one_file(vehicle)
+    files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
     if plan:
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)

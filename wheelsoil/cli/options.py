@@ -17,10 +17,8 @@ from wheelsoil.console import say, say_folded
 if TYPE_CHECKING:
     from daq import RunInfo, TerrainConfig
     from daq.can import Database
-    from daq.runs import Configuration, Run
-    from processing import ProcessedRun
+    from daq.runs import Configuration
     from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.runs import Check, Files, SetAside
 
 Runs = Annotated[
     list[Path],
@@ -419,40 +417,6 @@ def refuse_two_sources(
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
     if table and wheel is not None:
         raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
-
-
-def processed_for(
-    purpose: str,
-    opened: Sequence[Run],
-    files: Files,
-    choice: Choice,
-    check: Check | None = None,
-    set_aside: SetAside | None = None,
-    remark: Callable[[str], None] = say_folded,
-) -> list[tuple[Run, ProcessedRun]]:
-    """Process the runs of one wheel as a choice says, and remark what makes them implausible.
-
-    `purpose` says what a run must hold; see `wheelsoil.workflows.runs.open_and_process` for `check` and `set_aside`.
-    """
-    from wheelsoil.workflows.grading import doubted_runs, doubted_soils
-    from wheelsoil.workflows.runs import on_soil, process_runs, say_set_aside
-
-    processed = on_soil(
-        process_runs(
-            opened,
-            choice.process_options(purpose),
-            zero=files.zero,
-            choice=choice,
-            accept_implausible=files.accept_implausible,
-            check=check,
-            set_aside=set_aside or say_set_aside,
-        ),
-        set_aside or say_set_aside,
-    )
-    soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
-    for text in (*doubted_runs([run for _, run in processed]), *soils):
-        remark(text)
-    return processed
 
 
 def say_doubted_soils(terrains: Iterable[TerrainConfig | None]) -> None:

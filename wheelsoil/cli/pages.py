@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
 def report_command(
     context: typer.Context,
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
+    runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -84,16 +82,8 @@ def report_command(
         choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
-        files = Files(
-            options.one_file(vehicle),
-            terrain,
-            runs_file,
-            zero,
-            soil,
-            lenient_dbc=lenient_dbc,
-            accept_implausible=accept_implausible,
-            wheel=wheel,
-        )
+        one = options.one_file(vehicle)
+        files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
         unreadable: list[SetAsideRun] = []
         opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
         models = models_of_wheels(model, opened)
