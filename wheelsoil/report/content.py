@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,6 +67,19 @@ class Figure:
     groups: Sequence[str] = ()
     wide: bool = False
     """Whether it takes a row of its own."""
+
+
+def grouped(
+    key: str,
+    title: str,
+    groups: Iterable[tuple[str, Sequence[Mapping[str, Any]]]],
+    layout: Mapping[str, Any],
+    *,
+    wide: bool = False,
+) -> Figure:
+    """Return a figure of the traces of each choice of the reader, given as (choice, traces)."""
+    named = [(trace, group) for group, traces in groups for trace in traces]
+    return Figure(key, title, [trace for trace, _ in named], layout, [group for _, group in named], wide)
 
 
 @dataclass(frozen=True)

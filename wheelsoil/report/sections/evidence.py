@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray
 from model.diagnosis import Diagnosis, Gain, PlotData
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     MEASURED,
     RECOMMENDED,
@@ -194,13 +194,8 @@ def _driven(figure: Figure) -> Figure:
 
 def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
     layout = axes("slip", f"measured − predicted ({OUTPUTS[channel].unit_text})", height=340)
-    return Figure(
-        f"evidence-{kind}-{channel}",
-        f"{OUTPUTS[channel].name.capitalize()}: {what}",
-        [trace for group in traces.values() for trace in group],
-        layout,
-        [campaign for campaign, group in traces.items() for _ in group],
-    )
+    title = f"{OUTPUTS[channel].name.capitalize()}: {what}"
+    return grouped(f"evidence-{kind}-{channel}", title, traces.items(), layout)
 
 
 @section("gain", "Gain of the extension")

@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import OUTPUTS, ROLES, FloatArray
 from model.diagnosis import Diagnosis, Finding, PlotData
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     EDGES,
     GREY_BAND,
@@ -138,12 +138,10 @@ def _panels(
     for key, across, title in _AGAINST:
         if key != "run" and not any(np.isfinite(getattr(seen, key)).any() for seen in views):
             continue  # rows of tables have no speed and no place
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown = []
         for seen in views:
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key, of_rows=of_rows)
-            data += traces
-            groups += [seen.campaign] * len(traces)
+            shown.append((seen.campaign, traces))
         unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
         layout = axes(across, f"measured − predicted ({unit})", height=310)
         if key == "slip":
@@ -157,7 +155,7 @@ def _panels(
         elif key != "slip":
             set_axis_range(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
         name = f"{OUTPUTS[channel].name.capitalize()} {title}"
-        figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
+        figures.append(grouped(f"misfit-{channel}-{key}", name, shown, layout))
     return figures, numbers
 
 
@@ -165,20 +163,18 @@ def _wheel_orders(everything: tuple[PlotData, ...]) -> list[Figure]:
     """Return a figure for each channel that swings once a turn of the wheel in some campaign."""
     figures = []
     for channel in dict.fromkeys(channel for seen in everything for channel in seen.wheel_orders):
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown = []
         for seen in everything:
             if found := seen.wheel_orders.get(channel):
                 nothing = np.zeros(len(found.order))
                 shades = band(found.order, nothing, found.by_chance, "noise, 95 %", GREY_BAND)
-                traces = [*shades, line(found.order, found.swing, "swing", MEASURED, "solid", 2.2)]
-                data += traces
-                groups += [seen.campaign] * len(traces)
+                swing = line(found.order, found.swing, "swing", MEASURED, "solid", 2.2)
+                shown.append((seen.campaign, [*shades, swing]))
         unit = OUTPUTS[channel].unit_text
         layout = axes("cycles a turn of the wheel", f"swing ({unit})", height=310)
         layout["yaxis"] |= {"zero": True}
         name = f"{OUTPUTS[channel].name.capitalize()} by wheel order"
-        figures.append(Figure(f"wheel-order-{channel}", name, data, layout, groups))
+        figures.append(grouped(f"wheel-order-{channel}", name, shown, layout))
     return figures
 
 
@@ -199,7 +195,7 @@ def _reach(seen: PlotData, channel: str) -> FloatArray:
 def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
     if key == "slip":
-        return _cloud_of_rows(seen.slip, residual, sigma) if of_rows else _cloud(seen.slip, residual, sigma, EDGES)
+        return _cloud(seen.slip, residual, sigma, None if of_rows else EDGES)
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(sigma > 0, residual / sigma, np.nan)
     if key == "run":
@@ -213,28 +209,21 @@ def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[l
 
 
 def _cloud(
-    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray
+    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray | None
 ) -> tuple[list[Trace], dict[str, Any]]:
-    curve, noise = binned(x, residual, edges), binned(x, sigma, edges)
+    """Return samples and their medians in bins; without bins every row of a table, and the medians of its repeats."""
+    if edges is None:
+        curve, noise, name = repeated(x, residual), repeated(x, sigma), "rows"
+        rows = np.arange(len(x))
+    else:
+        curve, noise, name = binned(x, residual, edges), binned(x, sigma, edges), "samples"
+        rows = thinned_rows(x, residual, cells=30, per_cell=1)
     if edges is EDGES:
         curve, noise = parted_at_zero(curve), parted_at_zero(noise)
         rows = thinned_by_sign(x, residual)
-    else:
-        rows = thinned_rows(x, residual, cells=30, per_cell=1)
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
-        dots(x[rows], residual[rows], "samples"),
-        line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
-    ]
-    return traces, {"median": curve, "noise_sigma": noise.median}
-
-
-def _cloud_of_rows(x: FloatArray, residual: FloatArray, sigma: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
-    """Return every row of a table, and the medians of its repeats."""
-    curve, noise = repeated(x, residual), repeated(x, sigma)
-    traces = [
-        *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
-        dots(x, residual, "rows"),
+        dots(x[rows], residual[rows], name),
         line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
     ]
     return traces, {"median": curve, "noise_sigma": noise.median}
