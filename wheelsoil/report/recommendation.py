@@ -12,7 +12,7 @@ from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
 from model.fit import CampaignFit
-from wheelsoil.report.figures import EDGES, Bins, binned, style
+from wheelsoil.report.figures import EDGES, Bins, binned, matched, style
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
 from wheelsoil.wording.verdict import model_title
@@ -267,8 +267,7 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
     side = (recommendation.slip > 0) == driving
     median = binned(recommendation.slip[side], recommendation.residual(channel)[side], EDGES)
     noise = binned(recommendation.slip[side], recommendation.noise[channel][side], EDGES)
-    known = dict(zip(noise.centre.tolist(), noise.median.tolist(), strict=True))
-    sigma = np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
+    sigma = matched(median.centre, noise)
     if len(median.centre) == 0 or not np.isfinite(sigma).any():
         return None
     sides = np.sign(median.median)
