@@ -278,7 +278,12 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
         and float(np.nanmedian(np.abs(median.median) / sigma)) > _HALF_NOISE
     )
     chosen = np.ones(len(sides), np.bool_) if everywhere else _off_most(median, sigma)
-    return _range(channel, median, chosen, sigma, driving=driving) if chosen.any() else None
+    if not chosen.any():
+        return None
+    half = (EDGES[1] - EDGES[0]) / 2
+    centres, sizes = median.centre[chosen], median.median[chosen]
+    slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
+    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())), float(np.nanmedian(sigma[chosen])))
 
 
 def _beyond(bins: Bins, ruler: FloatArray | float, scatter: FloatArray, fewest: int) -> BoolArray:
@@ -295,10 +300,3 @@ def _off_most(median: Bins, sigma: FloatArray) -> BoolArray:
     stretch = np.cumsum((np.diff(sides, prepend=np.nan) != 0) | apart)
     sums = np.bincount(stretch, np.where(off, np.abs(median.median) / sigma, 0.0))
     return np.asarray(off & (stretch == int(np.argmax(sums))))
-
-
-def _range(channel: str, median: Bins, chosen: BoolArray, sigma: FloatArray, *, driving: bool) -> Bias:
-    half = (EDGES[1] - EDGES[0]) / 2
-    centres, sizes = median.centre[chosen], median.median[chosen]
-    slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
-    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())), float(np.nanmedian(sigma[chosen])))

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, VehicleConfig, number, table_lines
-from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, NextRun
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, undetectable
 from wheelsoil.wording.mending import next_steps, step_of
@@ -411,15 +411,12 @@ def _static(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
-    steps = enumerate(deciding_runs(diagnosis), 1)
-    lines = [line for i, run in steps for line in wrapped(f"{i}. {_step(run)}", width, "  ", "     ")]
+    lines = []
+    for i, run in enumerate(deciding_runs(diagnosis), 1):
+        parted = f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""
+        written = f"; write {key}" if (key := key_text(run)) else ""
+        lines += wrapped(f"{i}. {step_text(run)}: {worth_text(run)}{parted}{written}", width, "  ", "     ")
     return ["Next run, best first", *lines] if lines else []
-
-
-def _step(run: NextRun) -> str:
-    parted = f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""
-    written = f"; write {key}" if (key := key_text(run)) else ""
-    return f"{step_text(run)}: {worth_text(run)}{parted}{written}"
 
 
 def _notes(title: str, notes: Iterable[str], width: int) -> list[str]:

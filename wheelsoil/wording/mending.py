@@ -10,7 +10,7 @@ from shlex import quote
 
 from daq import Note, VehicleConfig, number, zero_file_name
 from model import DiagnosisCode, LackCode, StepCode
-from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
+from model.diagnosis import Cause, Diagnosis, Kind, NextRun, Rows
 from model.effects import EFFECTS, Effect, Remedy, parted
 from wheelsoil.wording.grounds_text import findings_text, unsure_words
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
@@ -165,13 +165,13 @@ def residual_step(found: Diagnosis) -> Step:
 
 def doubted_channel(found: Diagnosis) -> str:
     """Return the role to which the residual of unexplained runs points; "" where it points to several."""
-    roles = set(map(_role_of, found.grounds.lack_of_fit.worst))
+    roles = {
+        finding.channel
+        if isinstance(finding.place, Rows)
+        else _ROLE_OF_KIND.get(Kind(finding.place.kind), finding.channel)
+        for finding in found.grounds.lack_of_fit.worst
+    }
     return roles.pop() if found.grounds.barred is None and len(roles) == 1 else ""
-
-
-def _role_of(found: Finding) -> str:
-    kind = None if isinstance(found.place, Rows) else Kind(found.place.kind)
-    return found.channel if kind is None else _ROLE_OF_KIND.get(kind, found.channel)
 
 
 def step_of(found: Diagnosis) -> Step:

@@ -54,7 +54,7 @@ def answers(inputs: ReportInputs) -> Contents:
     """Build the section: question, answer, and the section that shows it; what has changed is added by the page."""
     found = inputs.diagnosis
     grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
-    again = runs_again(inputs, grades)
+    again, faults = runs_again(inputs, grades), {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
     lines = [
         ("What is wrong?", _wrong(found), "#causes"),
         ("How sure is that?", _sure(found), "#causes"),
@@ -63,7 +63,7 @@ def answers(inputs: ReportInputs) -> Contents:
         ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
         ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
         ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
-        ("Can the transducer be trusted?", _transducer(inputs), "#detectable"),
+        ("Can the transducer be trusted?", " ".join(transducer_words(found, faults)), "#detectable"),
         ("How good is the model elsewhere?", _elsewhere(inputs), "#gain"),
     ]
     return [Links("What a test engineer asks", lines)], {}
@@ -93,10 +93,6 @@ def _rows(inputs: ReportInputs) -> str:
     checks = [rows_check(recommendation, channel) for channel in recommendation.measured]
     more = "No more" if all(well for well, _ in checks) else "More"
     return " ".join([f"{more} rows are off than scatter explains.", *(text for _, text in checks)])
-
-
-def _transducer(inputs: ReportInputs) -> str:
-    return " ".join(transducer_words(inputs.diagnosis, {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}))
 
 
 def _rests_on_nothing(inputs: ReportInputs) -> bool:

@@ -74,7 +74,7 @@ def coefficients(inputs: ReportInputs) -> Contents:
         Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2, words=("unit", "held")),
         *_correlations(fit),
         *pairs,
-        *(Text(_meaning(model)) for model in fit.models if model.effects),
+        *(Text(f"{style(m.name).label}: {' '.join(map(meaning, m.effects))}") for m in fit.models if m.effects),
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.notes]
     return blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models}
@@ -192,10 +192,6 @@ def _pair(model: ModelFit) -> Figure | None:
     x_title, y_title = (f"{each} ({u})" if u else each for each, u in zip(letters, units, strict=True))
     title = f"{look.label}: {' and '.join(letters)}"
     return Figure(f"pair-{model.name}", title, data, axes(x_title, y_title, height=300))
-
-
-def _meaning(model: ModelFit) -> str:
-    return f"{style(model.name).label}: {' '.join(map(meaning, model.effects))}"
 
 
 def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:

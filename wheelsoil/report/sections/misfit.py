@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES, FloatArray
-from model.diagnosis import Diagnosis, Finding, PlotData
+from model.diagnosis import Diagnosis, PlotData
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     EDGES,
@@ -66,9 +66,24 @@ _QUARTILE = 0.6745
 def misfit(inputs: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
     found = inputs.diagnosis
-    blocks: list[Block] = [_findings(found), *_inconsistent(found)]
+    blocks: list[Block] = [_findings(found)]
+    blocks += [
+        Text(f"Inconsistent, {plain_name(item.channel)}, {item.rows} rows: {note_text(item.why)}.", "warning")
+        for item in found.inconsistent
+    ]
     numbers: dict[str, Any] = {
-        "what_is_wrong": [_finding_numbers(finding) for finding in found.what_is_wrong],
+        "what_is_wrong": [
+            {
+                "channel": finding.channel,
+                "where": place_text(finding.place),
+                "size": finding.size,
+                "statistic": finding.statistic,
+                "slips": finding.place.slips,
+                "campaign": finding.place.campaign,
+                "of_rows": finding.of_rows,
+            }
+            for finding in found.what_is_wrong
+        ],
         "median_there": [found.median_there(finding) for finding in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
@@ -82,18 +97,6 @@ def misfit(inputs: ReportInputs) -> Contents:
         blocks.append(Panels(orders, _READING_ORDERS, names))
         numbers["wheel_orders"] = {seen.campaign: seen.wheel_orders for seen in found.plot_data}
     return blocks, numbers
-
-
-def _finding_numbers(found: Finding) -> dict[str, Any]:
-    return {
-        "channel": found.channel,
-        "where": place_text(found.place),
-        "size": found.size,
-        "statistic": found.statistic,
-        "slips": found.place.slips,
-        "campaign": found.place.campaign,
-        "of_rows": found.of_rows,
-    }
 
 
 def _findings(found: Diagnosis) -> Block:
@@ -120,13 +123,6 @@ def _findings(found: Diagnosis) -> Block:
 
 def _with_unit(value: float, channel: str) -> str:
     return f"{number(value)} {ROLES[channel].unit_text}".rstrip() if np.isfinite(value) else "–"
-
-
-def _inconsistent(found: Diagnosis) -> list[Block]:
-    return [
-        Text(f"Inconsistent, {plain_name(item.channel)}, {item.rows} rows: {note_text(item.why)}.", "warning")
-        for item in found.inconsistent
-    ]
 
 
 def _panels(

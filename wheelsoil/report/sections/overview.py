@@ -199,7 +199,7 @@ def _residuals(recommendation: Recommendation, channel: str, *, of_rows: bool) -
         each = of_rows or bool(line.count.max(initial=0) < 5)
         points = (slip, left) if of_rows else (line.centre, line.median)
         curves += [
-            Curve(_short(name), line.centre, line.median, look),
+            Curve(_SHORT.get(name, name), line.centre, line.median, look),
             *[Curve("", *points, look, points=True)] * each,
         ]
     slips, heights = slips_of_rows(recommendation), reach(*(curve.y for curve in curves), *edges)
@@ -226,10 +226,6 @@ def _residuals(recommendation: Recommendation, channel: str, *, of_rows: bool) -
 
 def _parted(slip: FloatArray, y: FloatArray) -> Bins:
     return parted_at_zero(by_slip_or_each(slip, y))
-
-
-def _short(name: str) -> str:
-    return _SHORT.get(name, name)
 
 
 def _adequacy(found: Diagnosis | None) -> list[Check]:
@@ -267,7 +263,9 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     if not rows:
         return None
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
-    causes = listed([_with_form(cause) for cause in recommended_causes(found)])
+    causes = listed(
+        [f"{plain_name(c.name)}{f' ({form_name(c.form)})' if c.form else ''}" for c in recommended_causes(found)]
+    )
     of_soil = (
         "soil fitted with it"
         if found.verdict == "named"
@@ -276,10 +274,6 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = f"{model_title(found)} model" if causes else CALIBRATED
     return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
-
-
-def _with_form(cause: Cause) -> str:
-    return f"{plain_name(cause.name)}{f' ({form_name(cause.form)})' if cause.form else ''}"
 
 
 def _with_unit(name: str, text: str) -> str:
@@ -559,12 +553,9 @@ def faults_of(role: str, inputs: ReportInputs) -> list[str]:
     ]
     found = inputs.diagnosed
     named = found.causes if found is not None and found.verdict == "named" else ()
-    late = any(_is_delay(cause) and role in EFFECTS[cause.key].shows for cause in named)
+    known = [cause for cause in named if cause.kind == "measurement" and cause.key in EFFECTS]
+    late = any(cause.parameters[0].unit == "s" and role in EFFECTS[cause.key].shows for cause in known)
     return [*faults, "delayed: the named cause"] if late else faults
-
-
-def _is_delay(cause: Cause) -> bool:
-    return cause.kind == "measurement" and cause.key in EFFECTS and cause.parameters[0].unit == "s"
 
 
 def _of_runs(text: str, names: Sequence[str], of: int) -> str:
