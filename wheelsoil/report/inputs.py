@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, Note, VehicleConfig
+from daq import REACTIONS, DataError, FloatArray, IntArray, Note, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run, SetAsideRun
 from model import AveragedModel
@@ -24,7 +24,7 @@ from model.wheel_soil import Conditions, Prediction, conditions_of, joined_condi
 from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
-from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
+from wheelsoil.report.recommendation import Pool, Recommendation, of_diagnosis, of_fit
 from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.names import plain_name
@@ -234,9 +234,14 @@ class ReportInputs:
         )
 
     @property
+    def poor(self) -> list[str]:
+        """The runs to drive again."""
+        return [run.run.id for run, grade in zip(self.runs, self.grades, strict=True) if grade.level == "poor"]
+
+    @property
     def usable_runs(self) -> str:
         """How many of the given runs can be used, in words."""
-        usable, given = sum(grade.level != "poor" for grade in self.grades), len(self.grades) + len(self.set_aside)
+        usable, given = len(self.grades) - len(self.poor), len(self.grades) + len(self.set_aside)
         return f"{usable} of {given} runs {'used' if usable == len(self.grades) < given else 'usable'}"
 
     @property
@@ -270,41 +275,6 @@ class ReportInputs:
     def source_of(self, run: ProcessedRun) -> Source | None:
         """Return the file of a run."""
         return next((source for source in self.sources if source.run_id == run.run.id), None)
-
-
-class Pool:
-    """The used samples of fitted runs, one after the other, with what each model predicts for them.
-
-    All arrays have shape (n,); `time_s` is within the run, `run` the number of the run.
-    """
-
-    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
-        self._runs = runs
-        self._models = {model.name: model for model in models}
-        self.slip = self.values("slip")
-        self.vertical_load_n = self.values("vertical_load_n")
-        self.sinkage_m = self.values("sinkage_m")
-        self.time_s = self.values("time_s")
-        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
-
-    def measured(self, channel: str) -> FloatArray:
-        """Return what was measured of "dp" or "t"; `DataError` if it was not."""
-        values = self.values(OUTPUTS[channel].field)
-        if not np.isfinite(values).any():
-            what = OUTPUTS[channel].name
-            raise DataError.of(f"the {what} was not measured")
-        return values
-
-    def predicted(self, model: str, name: str) -> FloatArray:
-        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
-        predictions = self._models[model].predictions
-        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
-        return np.concatenate(pieces) if pieces else np.zeros(0)
-
-    def values(self, name: str) -> FloatArray:
-        """Return what was measured, e.g. ``"slip"``."""
-        pieces = [getattr(run, name)[run.used] for run in self._runs]
-        return np.concatenate(pieces) if pieces else np.zeros(0)
 
 
 def source_of(run: Run) -> Source:

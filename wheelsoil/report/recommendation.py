@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
+from daq import OUTPUTS, REACTIONS, BoolArray, DataError, FloatArray, IntArray
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
-from model.fit import CampaignFit
+from model.fit import CampaignFit, ModelFit
+from processing import ProcessedRun
 from wheelsoil.report.figures import EDGES, Bins, binned, matched, style
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
@@ -25,19 +25,39 @@ _ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
 _LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
 
 
-class Pool(Protocol):
-    """Used samples of fitted runs; see `wheelsoil.report.inputs.Pool`."""
+class Pool:
+    """The used samples of fitted runs, one after the other, with what each model predicts for them.
 
-    slip: FloatArray
-    vertical_load_n: FloatArray
-    time_s: FloatArray
-    run: IntArray
+    All arrays have shape (n,); `time_s` is within the run, `run` the number of the run.
+    """
 
-    def values(self, name: str) -> FloatArray:
-        """Return what was measured."""
+    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
+        self._runs = runs
+        self._models = {model.name: model for model in models}
+        self.slip = self.values("slip")
+        self.vertical_load_n = self.values("vertical_load_n")
+        self.sinkage_m = self.values("sinkage_m")
+        self.time_s = self.values("time_s")
+        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return what was measured of "dp" or "t"; `DataError` if it was not."""
+        values = self.values(OUTPUTS[channel].field)
+        if not np.isfinite(values).any():
+            what = OUTPUTS[channel].name
+            raise DataError.of(f"the {what} was not measured")
+        return values
 
     def predicted(self, model: str, name: str) -> FloatArray:
-        """Return what a model predicts."""
+        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
+        predictions = self._models[model].predictions
+        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def values(self, name: str) -> FloatArray:
+        """Return what was measured, e.g. ``"slip"``."""
+        pieces = [getattr(run, name)[run.used] for run in self._runs]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
 
 
 @dataclass(frozen=True)

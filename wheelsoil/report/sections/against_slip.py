@@ -32,7 +32,8 @@ from wheelsoil.report.figures import (
     style,
     thinned_by_sign,
 )
-from wheelsoil.report.inputs import Pool, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import Pool
 from wheelsoil.report.words import number
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.key_figures import Z95

@@ -43,7 +43,6 @@ from wheelsoil.workflows.cause_cost import (
     usual_driving,
 )
 from wheelsoil.workflows.fit import wheel_of
-from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.traction import at_usual_slip
 
 _MOST_CAUSES = 3
@@ -53,16 +52,15 @@ _MOST_CAUSES = 3
 def answers(inputs: ReportInputs) -> Contents:
     """Build the section: question, answer, and the section that shows it; what has changed is added by the page."""
     found = inputs.diagnosis
-    grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
-    again, faults = runs_again(inputs, grades), {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
+    again, faults = runs_again(inputs), {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
     lines = [
         ("What is wrong?", _wrong(found), "#causes"),
         ("How sure is that?", _sure(found), "#causes"),
         ("How big is it?", _size(inputs), "#causes"),
         ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else ""),
-        ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
+        ("Are the data good?", _data(inputs), "#signals" if inputs.runs else "#fit"),
         ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
-        ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
+        ("What next?", " ".join(step.what for step in steps_of_report(inputs)[:1]), "#glance"),
         ("Can the transducer be trusted?", " ".join(transducer_words(found, faults)), "#detectable"),
         ("How good is the model elsewhere?", _elsewhere(inputs), "#gain"),
     ]
@@ -83,9 +81,9 @@ def _sure(found: Diagnosis) -> str:
     return " ".join([stated, *([f"{upper(note_text(doubt))}."] if doubt else [])])
 
 
-def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
-    tile = data_tile(inputs, grades)
-    return f"{f'{inputs.usable_runs}; ' if grades else ''}{tile.value} {tile.unit}{'; ' if grades else ' '}{tile.note}."
+def _data(inputs: ReportInputs) -> str:
+    tile, runs = data_tile(inputs), f"{inputs.usable_runs}; " if inputs.runs else ""
+    return f"{runs}{tile.value} {tile.unit}{'; ' if runs else ' '}{tile.note}."
 
 
 def _rows(inputs: ReportInputs) -> str:
