@@ -229,8 +229,6 @@ def test_has_a_page(key: str) -> None:
 
 
 ROOMS = ("processing", "model", "wheelsoil")
-PER_CAUSE = {"cause_figure.py", "error_text.py"}
-"""Figure and sentence of single measurement causes; those of another package get the general ones."""
 OTHER_MEANING = {("consistency.py", "wheel_radius")}
 """Names that mean a measured quantity: the channel that a broken bound makes suspect."""
 
@@ -245,4 +243,4 @@ def test_no_family_is_known_by_name_outside_the_effects() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and node.value in families
     ]
-    assert {one for one in found if one[0] not in PER_CAUSE} <= OTHER_MEANING
+    assert set(found) <= OTHER_MEANING

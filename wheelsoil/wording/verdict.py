@@ -10,8 +10,8 @@ from typing import NamedTuple
 from daq import OUTPUTS, Note, without_powers
 from model import DiagnosisCode, LackCode
 from model.diagnosis import Cause, Diagnosis, Gain, NextRun, Reduction
-from model.effects import EFFECTS, parted
-from wheelsoil.wording.error_text import ERRORS, error_text
+from model.effects import EFFECTS
+from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.grounds_text import (
     OPEN_AT,
     USUAL,
@@ -171,10 +171,8 @@ def _fall_of(found: Diagnosis) -> str:
 
 
 def _finding_or_size(cause: Cause, channel: str) -> str:
-    if parted(cause.name)[0] not in ERRORS or not cause.parameters:
-        return size_text(cause)
     text = error_text(cause, OUTPUTS[channel].name)
-    return f"{text[0].lower()}{text[1:]}"
+    return f"{text[0].lower()}{text[1:]}" if text else size_text(cause)
 
 
 def not_corrected(found: Diagnosis | None, *roles: str) -> str:
