@@ -24,8 +24,9 @@ from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes
 from wheelsoil.report.sections.planning import detectable, next_run
 from wheelsoil.report.sections.provenance import provenance
-from wheelsoil.report.words import NOT_JUDGED, form_name, letter, measured, unit
-from wheelsoil.wording.numbers import typeset, unbroken
+from wheelsoil.report.words import NOT_JUDGED, form_name
+from wheelsoil.wording.names import letter
+from wheelsoil.wording.numbers import measured, typeset, unbroken, unit
 from wheelsoil.wording.verdict import headline_of, sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
 

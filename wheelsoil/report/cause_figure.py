@@ -20,9 +20,9 @@ from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, recommended_causes, slips_of_rows
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name, upper
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import several_terrains
 from wheelsoil.workflows.key_figures import Z95
 

@@ -25,9 +25,8 @@ from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
 from wheelsoil.report.recommendation import Pool, Recommendation, of_diagnosis, of_fit
-from wheelsoil.report.words import listed
 from wheelsoil.wording.losses import WRAPPED
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import listed, plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction

@@ -13,8 +13,8 @@ from model.diagnosis import Cause, Diagnosis
 from model.fit import CampaignFit, ModelFit
 from processing import ProcessedRun
 from wheelsoil.report.figures import EDGES, Bins, binned, matched, style
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import model_title
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5

@@ -1,4 +1,4 @@
-"""Numbers and names as sentences and tables write them."""
+"""Names, counts and intervals as pages alone write them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,7 @@ import re
 
 from daq import ROLES
 from wheelsoil.report.figures import STYLES
-from wheelsoil.wording.names import letter as letter
-from wheelsoil.wording.names import listed as listed
-from wheelsoil.wording.names import named_with_unit as named_with_unit
-from wheelsoil.wording.numbers import measured as measured
-from wheelsoil.wording.numbers import number as number
-from wheelsoil.wording.numbers import signed as signed
-from wheelsoil.wording.numbers import unit as unit
+from wheelsoil.wording.numbers import number
 
 NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
 

@@ -34,8 +34,8 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Pool
-from wheelsoil.report.words import number
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number
 from wheelsoil.workflows.key_figures import Z95
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,

@@ -24,12 +24,11 @@ from wheelsoil.report.sections.glance import (
     steps_of_report,
 )
 from wheelsoil.report.sections.overview import faults_of
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.cost_text import cost_meaning, cost_sentence, driving_text
 from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text, unsure_words
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.numbers import load_text
+from wheelsoil.wording.numbers import load_text, number, signed
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import doubt_of_the_peak, groups_of_runs, headline_of, several_terrains, size_text
 from wheelsoil.workflows.cause_cost import (

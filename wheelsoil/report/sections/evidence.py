@@ -30,9 +30,10 @@ from wheelsoil.report.figures import (
     thinned_rows,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, interval, listed, number, signed
+from wheelsoil.report.words import form_name, interval
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
-from wheelsoil.wording.names import effect_name, family_of
+from wheelsoil.wording.names import effect_name, family_of, listed
+from wheelsoil.wording.numbers import number, signed
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")

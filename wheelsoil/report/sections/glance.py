@@ -29,12 +29,11 @@ from wheelsoil.report.recommendation import (
 )
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import covered
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.numbers import load_text
+from wheelsoil.wording.numbers import load_text, number, signed
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,

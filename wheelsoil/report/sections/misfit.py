@@ -28,10 +28,10 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import several_terrains
 
 _BINS = 12

@@ -45,19 +45,7 @@ from wheelsoil.report.recommendation import (
     slips_of_rows,
     unconfirmed,
 )
-from wheelsoil.report.words import (
-    NOT_JUDGED,
-    count,
-    form_name,
-    interval,
-    letter,
-    listed,
-    measured,
-    number,
-    signed,
-    unit,
-    with_names,
-)
+from wheelsoil.report.words import NOT_JUDGED, count, form_name, interval, with_names
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, chances_of, rival_words, undetectable
@@ -65,6 +53,8 @@ from wheelsoil.wording.names import (
     CALIBRATED,
     LABORATORY,
     family_of,
+    letter,
+    listed,
     page_unit,
     parameter_name,
     plain_name,
@@ -72,7 +62,7 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.numbers import load_text
+from wheelsoil.wording.numbers import load_text, measured, number, signed, unit
 from wheelsoil.wording.verdict import model_title, not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,

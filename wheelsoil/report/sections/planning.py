@@ -12,12 +12,13 @@ from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Tex
 from wheelsoil.report.figures import axes, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, letter, listed, number, unit
+from wheelsoil.report.words import form_name
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, undetectable
-from wheelsoil.wording.names import effect_name, family_of, plain_name
+from wheelsoil.wording.names import effect_name, family_of, letter, listed, plain_name
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
+from wheelsoil.wording.numbers import number, unit
 from wheelsoil.wording.verdict import deciding_runs, several_terrains
 
 _READING = (

@@ -13,7 +13,7 @@ from wheelsoil.report.content import Contents, Panels, Table, grouped, section
 from wheelsoil.report.figures import ALL_RUNS, Trace, axes, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import number
+from wheelsoil.wording.numbers import number
 
 _EARTH_M = 6_371_008.8
 _POINTS_IN_ALL, _MOST = 3000, 250

@@ -15,10 +15,10 @@ from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit, StopReason
 from wheelsoil.report.content import Block, Contents, Text, section
 from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import listed, number
 from wheelsoil.wording.fit_text import reason_text
-from wheelsoil.wording.names import plain_name, upper
+from wheelsoil.wording.names import listed, plain_name, upper
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 from wheelsoil.workflows.grading import plausibility_of
