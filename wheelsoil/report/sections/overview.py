@@ -45,6 +45,7 @@ from wheelsoil.report.recommendation import (
     slips_of_rows,
     unconfirmed,
 )
+from wheelsoil.report.sections.quality import channels_of
 from wheelsoil.report.words import NOT_JUDGED, count, form_name, interval, with_names
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
@@ -483,34 +484,29 @@ def signals(inputs: ReportInputs) -> Contents:
     """Build the section: whether all channels arrived, at which rate, with which noise."""
     if not inputs.runs:
         raise DataError("there are no runs")
-    roles = list(dict.fromkeys(role for run in inputs.runs for role in run.quality.sensors))
     rows, numbers = [], {}
-    for role in roles:
-        facts = [run.quality.sensors[role] for run in inputs.runs if role in run.quality.sensors]
-        gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
-        missing = len(inputs.runs) - len(facts)
+    for role, found in channels_of(inputs.runs).items():
+        gaps, late = int(found["gaps"]), int(found["late"] + found["distrusted"])
+        missing = sum(role not in run.quality.sensors for run in inputs.runs)
         faults = faults_of(role, inputs)
         well = not gaps and not late and not missing and not faults
         losses = [_counted(gaps, "gap")] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
         losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing) + faults
-        rate = float(np.median([sensor.rate_hz for sensor in facts]))
-        longest = 1e3 * max(sensor.longest_gap_s for sensor in facts)
-        sigma = float(np.median([sensor.sigma for sensor in facts]))
         rows.append(
             [
                 ROLES[role].name,
                 "✓ complete" if well else f"▲ {', '.join(losses)}",
-                number(rate, 4),
-                number(longest),
-                number(1e3 * facts[0].latency_s),
-                f"{number(sigma, 2)} {ROLES[role].unit_text}".rstrip(),
+                number(found["rate_hz"], 4),
+                number(found["longest_gap_ms"]),
+                number(found["latency_ms"]),
+                f"{number(found['sigma'], 2)} {ROLES[role].unit_text}".rstrip(),
             ]
         )
         numbers[role] = {
-            "rate_hz": rate,
-            "longest_gap_ms": longest,
-            "delay_ms": 1e3 * facts[0].latency_s,
-            "sigma": sigma,
+            "rate_hz": found["rate_hz"],
+            "longest_gap_ms": found["longest_gap_ms"],
+            "delay_ms": found["latency_ms"],
+            "sigma": found["sigma"],
             "complete": well,
             "gaps": gaps,
             "distrusted": late,

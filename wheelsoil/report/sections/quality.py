@@ -139,10 +139,10 @@ def sensors(inputs: ReportInputs) -> Contents:
         for run in inputs.runs
     }
     radii = {"rolling_radius_mm": _rolled(inputs)} if _rolled(inputs) else {}
-    return blocks, {"runs": numbers, "channels": _channels(inputs.runs), **radii}
+    return blocks, {"runs": numbers, "channels": channels_of(inputs.runs), **radii}
 
 
-def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
+def channels_of(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
     """Return what each channel looked like before it was filtered, over all runs."""
     roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
     found = {}
@@ -162,7 +162,7 @@ def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
 
 def _channels_table(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     rows = []
-    for role, found in _channels(runs).items():
+    for role, found in channels_of(runs).items():
         facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
         rows.append(
             [
