@@ -109,14 +109,16 @@ def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int
     rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(rows) == 0:
         return rows
-    cell = _cell(x[rows], cells) * cells + _cell(y[rows], cells)
-    order = np.argsort(cell, kind="stable")
-    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
-    sizes = np.diff(starts, append=len(rows))
-    steps = np.arange(per_cell)
-    picks = starts[:, None] + (steps[None, :] * sizes[:, None]) // per_cell
-    kept: IntArray = np.sort(rows[order[np.unique(picks)]])
-    return kept
+    return rows[even_rows(_cell(x[rows], cells) * cells + _cell(y[rows], cells), per_cell)]
+
+
+def even_rows(label: IntArray, most: int) -> IntArray:
+    """Choose at most so many rows of each label, at even steps, in ascending order."""
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    sizes = np.diff(starts, append=len(order))
+    picks = starts[:, None] + (np.arange(most)[None, :] * sizes[:, None]) // most
+    return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
 
 
 def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:

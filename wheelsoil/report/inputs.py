@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import REACTIONS, DataError, FloatArray, IntArray, Note, VehicleConfig
+from daq import REACTIONS, DataError, FloatArray, Note, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run, SetAsideRun
 from model import AveragedModel
@@ -23,7 +23,7 @@ from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of, joined_conditions
 from processing import ProcessedRun
 from wheelsoil import __version__
-from wheelsoil.report.figures import EDGES
+from wheelsoil.report.figures import EDGES, even_rows
 from wheelsoil.report.recommendation import Pool, Recommendation, of_diagnosis, of_fit
 from wheelsoil.wording.losses import WRAPPED
 from wheelsoil.wording.names import listed, plain_name
@@ -52,7 +52,8 @@ def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, di
     """
     used = [run.used for run in runs]
     slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
-    rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
+    run = np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used])
+    rows = even_rows(run * (len(EDGES) + 1) + np.digitize(slip, EDGES), _PER_BIN)
     conditions = joined_conditions(conditions_of(runs, fit.soil.unit_weight_n_m3), used).rows(rows)
     found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in REACTIONS}
     for model in fit.models:
@@ -90,17 +91,6 @@ def _covariance(model: ModelFit) -> tuple[tuple[str, ...], FloatArray]:
             i, j = names.index(a), names.index(b)
             correlation[i, j] = correlation[j, i] = value
     return names, correlation * np.outer(size, size)
-
-
-def _rows(slip: FloatArray, run: IntArray) -> IntArray:
-    """Choose samples at even steps of each run and bin of slip."""
-    bins = len(EDGES) + 1
-    label = run * bins + np.digitize(slip, EDGES)
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    sizes = np.diff(starts, append=len(order))
-    picks = starts[:, None] + (np.arange(_PER_BIN)[None, :] * sizes[:, None]) // _PER_BIN
-    return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
 
 
 @dataclass(frozen=True)
