@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from shlex import quote
@@ -61,37 +61,43 @@ def next_steps(
     """
     if several_terrains(found) is not None:
         return [parting_step(found)]
-    named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
-    coasted = any(test.wheel_speed_radps for test in found.static)
-    steps = [(Step(_REPEAT, f"{upper(note_text(note))}."), vehicle) for note in against_tests(found)]
-    steps += [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
-    steps += [
-        (
-            Step(_RADIUS if coasted else _BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
-            vehicle,
-        )
-        for each in (found.causes if found.verdict == "one_of" and not alike else ())
-        if (remedy := EFFECTS.get(each.key, Effect).remedy) and each.probability > _PROBABLE
-        if "rolling_radius_m" in remedy.keys
-    ]
-    steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
-    at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
-    steps += [
-        (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
-        for cause in named
-        if cause.name not in [note.values["family"] for note in alike]
-        if cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy
-    ]
-    if found.verdict == "unexplained" and not found.grounds.table_channels:
-        steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
-    if coasted:
-        steps = [(replace(s, what=_ROLLING) if "rolling_radius_m" in s.paste else s, of) for s, of in steps]
+    runs, steps = deciding_runs(found), [*_mending_steps(found, vehicle, wheels or {})]
     missing = missing_step(found) if steps or not runs else None
-    if named and not steps and not runs:
+    if found.verdict == "named" and not steps and not runs:
         steps = [(step_of(found), vehicle)]
-    steps += [(step, vehicle) for step in ([missing] if missing else []) + [_step_of_run(run, found) for run in runs]]
+    steps += [(step, vehicle) for step in (missing, *(_step_of_run(run, found) for run in runs)) if step]
     return [*_up_to_three(found), *(replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps)]
+
+
+def _mending_steps(
+    found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig]
+) -> Iterator[tuple[Step, VehicleConfig]]:
+    """Yield what mends static tests, the radius, runs and causes, each with the vehicle whose files it is about."""
+    alike = [note for note in like_radius(found) if note.values["larger_m"]]
+    coasted = any(test.wheel_speed_radps for test in found.static)
+    for note in against_tests(found):
+        yield Step(_REPEAT, f"{upper(note_text(note))}."), vehicle
+    for note in alike:
+        yield _radius_or_lugs(note), wheels.get(note.values["wheel"], vehicle)
+    for cause in found.causes if found.verdict == "one_of" and not alike else ():
+        if cause.probability > _PROBABLE and _corrects_rolling(cause):
+            probably = f"Probably wrong: {with_chance(cause.name, cause.probability)}."
+            yield Step(_RADIUS if coasted else _BOTH_RADII, probably), vehicle
+    for note in runs_apart(found).values():
+        yield _apart_step(note), vehicle
+    looks_alike = [note.values["family"] for note in alike]
+    for cause in found.causes if found.verdict == "named" else ():
+        if cause.name not in looks_alike and (cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy):
+            of = wheels.get(parted(cause.name)[1], vehicle)
+            step = mending_of(cause, of, table=bool(found.grounds.table_channels))
+            yield replace(step, what=_ROLLING) if coasted and step.paste and _corrects_rolling(cause) else step, of
+    if found.verdict == "unexplained" and not found.grounds.table_channels:
+        yield parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle
+
+
+def _corrects_rolling(cause: Cause) -> bool:
+    remedy = EFFECTS.get(cause.key, Effect).remedy
+    return remedy is not None and "rolling_radius_m" in remedy.keys
 
 
 def _up_to_three(found: Diagnosis) -> list[Step]:
