@@ -29,6 +29,8 @@ GREY_BAND = "rgba(0,0,0,0.13)"
 _NONE: FloatArray = np.zeros(0)
 _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
 """Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
+_FEW = 60
+"""Samples that are too few for bins."""
 _REPEAT = 0.02
 """Range of slip within which rows of a table repeat one condition."""
 _SAME_LOAD, _MOST_LOADS = 0.1, 4
@@ -171,9 +173,9 @@ def by_slip(slip: FloatArray, y: FloatArray) -> Bins:
     return binned(slip, y, EDGES)
 
 
-def by_slip_or_each(slip: FloatArray, y: FloatArray, few: int = 60) -> Bins:
+def by_slip_or_each(slip: FloatArray, y: FloatArray) -> Bins:
     """Summarise samples of runs in bins of slip; readings of a rut, which are too few for bins, stand one by one."""
-    return by_slip(slip, y) if np.count_nonzero(np.isfinite(slip + y)) > few else repeated(slip, y)
+    return by_slip(slip, y) if np.count_nonzero(np.isfinite(slip + y)) > _FEW else repeated(slip, y)
 
 
 def repeated(x: FloatArray, y: FloatArray) -> Bins:

@@ -80,11 +80,6 @@ def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectab
     return {title: texts for title, texts in by_title.items() if texts}
 
 
-def set_name(cause_set: CauseSet) -> str:
-    """Return a set of causes as text."""
-    return " + ".join(map(plain_name, cause_set.causes)) or "no cause"
-
-
 class SetShare(NamedTuple):
     """A set of causes, its probability, its percentage as it is shown (those of all add up to 100), and its size."""
 
@@ -94,14 +89,16 @@ class SetShare(NamedTuple):
     causes: int
 
 
-def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShare]:
+def set_shares(sets: Sequence[CauseSet]) -> list[SetShare]:
     """Return the most probable sets, and all others together."""
     if not sets:
         return []
-    names = [*map(set_name, sets[:most]), "all other sets"]
-    chances = [cause_set.probability for cause_set in sets[:most]]
+    shown = sets[:_MOST_SETS]
+    names = [" + ".join(map(plain_name, each.causes)) or "no cause" for each in shown]
+    chances = [each.probability for each in shown]
     chances.append(max(1.0 - sum(chances), 0.0))
-    shares = map(SetShare, names, chances, shares_percent(chances), [*(len(each.causes) for each in sets[:most]), 0])
+    sizes = [*(len(each.causes) for each in shown), 0]
+    shares = map(SetShare, [*names, "all other sets"], chances, shares_percent(chances), sizes)
     return [share for share in shares if share.percent > 0]
 
 

@@ -135,19 +135,9 @@ def unlisted_words(judged: Adequacy | None) -> str:
     return f": an unknown cause may act ({chance(1.0 - judged.listed)})"
 
 
-def unexplained_words(
-    judged: Adequacy,
-    worst: Sequence[Finding],
-    best: Sequence[str],
-    soils: tuple[Sequence[str], Sequence[str]] | None,
-    why: Note | None = None,
-) -> list[Statement]:
-    """Return the sentences of "unexplained".
-
-    `worst` leads the residuals of the simulation with calibrated soil, `best` are the families of the most probable
-    set, `soils` the runs that ask for one soil and those that ask for another; `why` is what leaves them unexplained
-    where lack of fit does not.
-    """
+def unexplained_words(found: Diagnosis, judged: Adequacy) -> list[Statement]:
+    """Return the sentences of "unexplained"."""
+    best, soils, why = found.grounds.most_probable, found.grounds.terrains, found.grounds.barred
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
     none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"
     statements: list[str | Statement] = [
@@ -155,11 +145,8 @@ def unexplained_words(
         if why
         else f"{none_does}: {adequacy_words(judged, soils=bool(soils))}"
     ]
-    if worst:
-        where = "; ".join(
-            f"{ROLES[finding.channel].name}, {place_text(finding.place)} ({abs(finding.statistic):.1f} sigma)"
-            for finding in worst
-        )
+    for worst in found.what_is_wrong[:1]:
+        where = f"{ROLES[worst.channel].name}, {place_text(worst.place)} ({abs(worst.statistic):.1f} sigma)"
         statements.append(f"With calibrated soil the simulation is off most in {where}")
     if soils:
         statements.append(
@@ -285,14 +272,9 @@ def unsure_words(found: Diagnosis) -> str:
     )
 
 
-def nothing_words(
-    chances: Mapping[str, float],
-    none: float,
-    sizes: Mapping[str, Detectable],
-    wrong: Sequence[Finding],
-    unsure: str = "",
-) -> list[Statement]:
-    """Return the sentences of "nothing_detectable"; `sizes` by family, `unsure` by `unsure_words`."""
+def nothing_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[Statement]:
+    """Return the sentences of "nothing_detectable"."""
+    unsure = unsure_words(found)
     statements: list[str | Statement] = [
         Statement(
             unsure or f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline"
@@ -306,10 +288,10 @@ def nothing_words(
             f"The most probable one is {with_chance(best, chances[best])}",
             Statement("Next: drive another run", "next"),
         ]
-    if sizes:
+    if sizes := detectable_by_family(found):
         statements.append(f"A cause may still act: {detectable_words(sizes)}")
-    if wrong:
-        statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
+    if found.what_is_wrong:
+        statements.append(f"The largest residual is in {findings_text(found.what_is_wrong[:1])}")
     return sentences(statements)
 
 

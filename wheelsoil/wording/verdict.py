@@ -18,7 +18,6 @@ from wheelsoil.wording.grounds_text import (
     Statement,
     adequacy_words,
     chances_of,
-    detectable_by_family,
     findings_text,
     form_statements,
     instead_words,
@@ -352,7 +351,6 @@ def _form_and_size(cause: Cause) -> str:
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:
-    grounds = found.grounds
     chances = {cause.name: cause.probability for cause in found.causes} | chances_of(found)
     none = chances.pop("none", 0.0)
     if found.verdict == "named":
@@ -360,10 +358,9 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
     elif found.verdict == "one_of":
         statements = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        worst, best = found.what_is_wrong[:1], grounds.most_probable
-        statements = unexplained_words(found.adequacy, worst, best, grounds.terrains, grounds.barred)
+        statements = unexplained_words(found, found.adequacy)
     else:
-        statements = nothing_words(chances, none, detectable_by_family(found), found.what_is_wrong, unsure_words(found))
+        statements = nothing_words(found, chances, none)
     return [*statements, *want_words(found.not_identifiable)]
 
 
