@@ -36,23 +36,6 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Light:
-    """A traffic light: its subject, the level "good", "fair" or "poor", and the reason as text."""
-
-    name: str
-    level: str
-    why: str
-
-
-@dataclass(frozen=True)
-class Lights:
-    """Traffic lights side by side; text and shape show the level, too."""
-
-    caption: str
-    lights: Sequence[Light]
-
-
-@dataclass(frozen=True)
 class Figure:
     """A figure of the appendix as plain JSON values without NaN; figure.js draws it.
 
@@ -204,7 +187,7 @@ class Links:
     lines: Sequence[tuple[str, str, str]]
 
 
-Block = Text | Table | Lights | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks | Links
+Block = Text | Table | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks | Links
 
 
 @dataclass(frozen=True)
@@ -215,8 +198,6 @@ class Section:
     title: str
     blocks: Sequence[Block]
     numbers: Mapping[str, Any] = field(default_factory=dict)
-    lead: str = ""
-    """The finding of the section, in a sentence below its title."""
 
 
 Contents = tuple[Sequence[Block], Mapping[str, Any]]
@@ -258,14 +239,12 @@ def blocks_of(section: Section) -> list[Block]:
 
 def texts_of(section: Section) -> list[str]:
     """Return the texts of a section outside its tables, so that report.json contains their numbers."""
-    texts: list[str] = [section.lead]
+    texts: list[str] = []
     for block in blocks_of(section):
         if isinstance(block, Text):
             texts.append(block.text)
         elif isinstance(block, Table):
             texts += [block.caption, block.note]
-        elif isinstance(block, Lights):
-            texts += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
         elif isinstance(block, Drawing):
             texts += [block.title, block.caption]
         elif isinstance(block, Tiles):
