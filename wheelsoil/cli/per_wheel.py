@@ -112,20 +112,10 @@ class PerWheel:
     ) -> list[tuple[Run, ProcessedRun]]:
         """Process runs as a choice says, and remark what makes them implausible."""
         from wheelsoil.workflows.grading import doubted_runs, doubted_soils
-        from wheelsoil.workflows.runs import on_soil, process_runs
+        from wheelsoil.workflows.runs import process_on_soil
 
-        processed = on_soil(
-            process_runs(
-                runs,
-                choice.process_options(purpose),
-                zero=files.zero,
-                choice=choice,
-                accept_implausible=files.accept_implausible,
-                check=check,
-                set_aside=self.set_aside,
-            ),
-            self.set_aside,
-        )
+        options = choice.process_options(purpose)
+        processed = process_on_soil(runs, options, files, choice=choice, check=check, set_aside=self.set_aside)
         soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
         for text in (*doubted_runs([run for _, run in processed]), *soils):
             self._remark(text)
