@@ -220,15 +220,14 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
-            place_text(found.place),
+            "",
         ]
         for found in findings
     ]
-    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", "where"]
-    aligned = [[*row[:-1], ""] for row in rows]
-    lines = table_lines([*head[:-1], ""], aligned)
+    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", ""]
+    lines = table_lines(head, rows)
     widest = max(map(len, lines)) + 2
-    texts = [head[-1], *(row[-1] for row in rows)]
+    texts = ["where", *(place_text(found.place) for found in findings)]
     folded = [
         line
         for start, text in zip(lines, texts, strict=True)

@@ -49,11 +49,9 @@ def _file_row(source: Source) -> list[str]:
 
 def _used(inputs: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
-    if inputs.tables:
-        return [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in inputs.runs))
-    threshold = [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
-    return [("cut-off used", cutoffs), *threshold]
+    used: list[tuple[str, object]] = [] if inputs.tables else [("cut-off used", cutoffs)]
+    return used + ([("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else [])
 
 
 def _value_text(value: object) -> str:
