@@ -294,15 +294,9 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
         below = middle - binned(slip, factor * off[rows], EDGES).median
         curves.append(Curve(recommendation.base_name, above.centre, below, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
+    name = "" if recommendation.is_base else _lines(recommendation.name)
     curves += [
-        Curve(
-            recommendation.title,
-            above.centre,
-            above.median,
-            "model",
-            *edges,
-            note="" if recommendation.is_base else _lines(recommendation.name),
-        ),
+        Curve(recommendation.title, above.centre, above.median, "model", *edges, note=name),
         Curve("", above.centre, middle, "measured", lower, upper, points=True),
     ]
     samples = _samples(inputs, channel, shift) or (slip, measured)

@@ -121,7 +121,7 @@ def fit(inputs: ReportInputs) -> Contents:
     one_soil = inputs.several_terrains is None
     checks = [check for check in (*checks, *_adequacy(inputs.diagnosed)) if one_soil or not check.good]
     blocks: list[Block] = [Pair(figures)]
-    beside: list[Block] = [table] if (table := _parameters(inputs)) is not None else []
+    beside = _parameters(inputs.diagnosed) if inputs.diagnosed is not None else []
     if checks:
         model = recommendation.title if recommendation.is_base else recommendation.title.lower()
         beside.append(Checks("Checks", f"Bias and lack of fit of the model: {model}.", checks))
@@ -230,11 +230,8 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     return [Check(judged.ok, f"{upper(adequacy_words(judged, soils=soils))}: {left}.")]
 
 
-def _parameters(inputs: ReportInputs) -> Table | None:
+def _parameters(found: Diagnosis) -> list[Block]:
     """Return the parameters of the recommended model: the causes', and the soil's as the data leave it."""
-    found = inputs.diagnosed
-    if found is None:
-        return None
     rows: list[list[str | KeyFigure]] = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
     several = len(found.soils) > 1
     for soil in found.soils:
@@ -252,7 +249,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
             label = _with_unit(f"{letter(name)}, {soil.campaign}" if several else letter(name), text)
             rows.append([label, measured(scale * value, scale * sigma), interval_text, before, off])
     if not rows:
-        return None
+        return []
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
     causes = listed(
         [f"{plain_name(c.name)}{f' ({form_name(c.form)})' if c.form else ''}" for c in recommended_causes(found)]
@@ -264,7 +261,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     )
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = f"{model_title(found)} model" if causes else CALIBRATED
-    return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
+    return [Table(title, head, rows, f"{model}. σ: of the laboratory's value.")]
 
 
 def _with_unit(name: str, text: str) -> str:
@@ -273,14 +270,8 @@ def _with_unit(name: str, text: str) -> str:
 
 def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     return [
-        [
-            _with_unit(letter(parameter_name(cause.key, parameter.name)), parameter.unit),
-            figure,
-            figure_interval(figure, " … "),
-            "",
-            "",
-        ]
-        for parameter, figure in zip(cause.parameters, sizes_of(cause), strict=True)
+        [_with_unit(letter(parameter_name(cause.key, p.name)), p.unit), figure, figure_interval(figure, " … "), "", ""]
+        for p, figure in zip(cause.parameters, sizes_of(cause), strict=True)
     ]
 
 
@@ -357,14 +348,14 @@ def causes(inputs: ReportInputs) -> Contents:
         blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:
         raise DataError("no cause was weighed")
-    numbers = {
-        "sets": [{"causes": share.name, "probability": share.probability, "percent": share.percent} for share in sets],
-        "candidates": found.candidates,
-        "causes": found.causes,
-        "minimum_detectable": found.minimum_detectable,
-    }
+    shares = [{"causes": share.name, "probability": share.probability, "percent": share.percent} for share in sets]
     barred = [cause.name for cause, why in found.stated if why is not None]
-    return blocks, numbers | ({"barred": barred} if barred else {})
+    return blocks, {"sets": shares} | _weighed(found) | ({"barred": barred} if barred else {})
+
+
+def _weighed(found: Diagnosis) -> dict[str, Any]:
+    sizes = found.minimum_detectable
+    return {"candidates": found.candidates, "causes": found.causes, "minimum_detectable": sizes}
 
 
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
@@ -377,37 +368,30 @@ def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     ]
     if several_terrains(found) is not None:
         refusal, figures = NOT_JUDGED, []
-    return [Text(refusal, "warning"), *figures], {
-        "sets": [],
-        "refused": refusal,
-        "candidates": found.candidates,
-        "causes": found.causes,
-        "minimum_detectable": found.minimum_detectable,
-    }
+    return [Text(refusal, "warning"), *figures], {"sets": [], "refused": refusal} | _weighed(found)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
     """Return the estimate of a cause, and its minimum detectable size; "–" for what is not known."""
-    cause = next((c for c in found.causes if c.name == family), None)
-    sizes = []
-    if cause is not None:
-        known = [parameter for parameter in cause.parameters if isfinite(parameter.interval95[0])]
-        names = [letter(parameter_name(cause.key, parameter.name)) for parameter in known]
-        values = [
-            f"{measured(parameter.value, parameter.sigma)} {unit(parameter.unit)}".rstrip() for parameter in known
-        ]
-        sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
-    key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
+    causes = [cause for cause in found.causes if cause.name == family]
+    sizes = [
+        f"{letter(parameter_name(cause.key, p.name))} = {measured(p.value, p.sigma)} {unit(p.unit)}".rstrip()
+        for cause in causes[:1]
+        for p in cause.parameters
+        if isfinite(p.interval95[0])
+    ]
+    size = ", ".join(sizes) or "–"
+    key = causes[0].key if causes else next((k for k in found.minimum_detectable if family_of(k) == family), "")
     least = found.minimum_detectable.get(key)
     if family in found.not_identifiable:
-        return ", ".join(sizes) or "–", "not identifiable"
+        return size, "not identifiable"
     if least is None:
-        return ", ".join(sizes) or "–", "–"
+        return size, "–"
     if key in undetectable(found.minimum_detectable, found.notes):
-        return ", ".join(sizes) or "–", NOT_IN_THESE_DATA
+        return size, NOT_IN_THESE_DATA
     name = letter(parameter_name(key, least.parameter))
     name = f"|{name}|" if least.value < 0 else name
-    return ", ".join(sizes) or "–", f"{name} ≥ {number(abs(least.value))} {unit(least.unit)}".rstrip()
+    return size, f"{name} ≥ {number(abs(least.value))} {unit(least.unit)}".rstrip()
 
 
 @section("runs", "Runs")
