@@ -74,8 +74,7 @@ Wheel = Annotated[
     typer.Option("--wheel", metavar="ID", help="One of several [[wheel]] in vehicle.toml (default: each in turn)."),
 ]
 OneWheel = Annotated[
-    str | None,
-    typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]]."),
+    str | None, typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]].")
 ]
 
 
@@ -144,10 +143,7 @@ PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
 SoilPreset = Annotated[
     str | None,
     typer.Option(
-        "--soil",
-        metavar="NAME",
-        help=f"A preset ({PRESETS}) instead of terrain.toml.",
-        autocompletion=complete_presets,
+        "--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.", autocompletion=complete_presets
     ),
 ]
 ChoiceFile = Annotated[
@@ -164,8 +160,7 @@ ModelFile = Annotated[
 ]
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
+    Path | None, typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE}).")
 ]
 PageHost = Annotated[
     str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")

@@ -71,11 +71,7 @@ class BenchSoil:
 
 
 def evaluate(
-    plates: Sequence[PlateTest],
-    shears: Sequence[ShearTest],
-    window: WindowOptions,
-    *,
-    shear_to_m: float = inf,
+    plates: Sequence[PlateTest], shears: Sequence[ShearTest], window: WindowOptions, *, shear_to_m: float = inf
 ) -> BenchSoil:
     """Fit what there is; `ConfigError` where no test is there, or a parameter is left open, else `DataError`."""
     if not plates and not shears:

@@ -27,11 +27,7 @@ from wheelsoil.wording.numbers import after_value
 
 REFUTED_AT = 3.0
 """One-sigmas of the laboratory by which a soil's parameter may be off."""
-VERDICT_WORDS = {
-    "one_of": "one of several",
-    "nothing_detectable": "nothing detectable",
-    "unexplained": "unexplained",
-}
+VERDICT_WORDS = {"one_of": "one of several", "nothing_detectable": "nothing detectable", "unexplained": "unexplained"}
 NOT_IN_THESE_DATA = "not detectable in these data"
 """Of an effect whose minimum detectable size is beyond what is plausible."""
 _MOST_EXAMPLES = 3

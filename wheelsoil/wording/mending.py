@@ -272,12 +272,7 @@ def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> St
     what = f"{begun} today's scale of {signal} on {channel}, in a copy of {listed(shared)} for {channel} alone."
     files = ", ".join(f'"{copies.get(file, file)}"' for file in own)
     lines = [f"cp {quote(file)} {quote(copy)}" for file, copy in copies.items()]
-    lines += [
-        f"# scale {signal} in the copy, and change:",
-        "[[bus]]",
-        f'channel = "{channel}"',
-        f"dbc = [{files}]",
-    ]
+    lines += [f"# scale {signal} in the copy, and change:", "[[bus]]", f'channel = "{channel}"', f"dbc = [{files}]"]
     why = f"Scaled in {listed(shared)} itself, it changes {listed([bus.channel for bus in others])} too."
     return Step(what, why, "\n".join(lines))
 

@@ -90,10 +90,5 @@ GROUPS = {
 }
 """Of the appendix: one section of each group is open at a time."""
 
-OF_THE_DIAGNOSIS = (
-    answers.answers,
-    overview.causes,
-    *DIAGNOSIS,
-    provenance.workings,
-)
+OF_THE_DIAGNOSIS = (answers.answers, overview.causes, *DIAGNOSIS, provenance.workings)
 """Sections that are not on the page where no diagnosis was asked for."""

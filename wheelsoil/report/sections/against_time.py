@@ -50,11 +50,7 @@ _CAPTION_DRIVE = (
     "at low speed and at excluded samples. A good test covers the range of slip several times."
 )
 
-_PANELS = (
-    ("slip", "Slip", "slip"),
-    ("speed", "Speeds", "speed (m/s)"),
-    ("load", "Vertical load", "vertical load (N)"),
-)
+_PANELS = (("slip", "Slip", "slip"), ("speed", "Speeds", "speed (m/s)"), ("load", "Vertical load", "vertical load (N)"))
 
 
 @section("time", "Time histories")

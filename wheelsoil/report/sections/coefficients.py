@@ -155,11 +155,7 @@ def relative_error(estimate: Estimate) -> float:
 
 def _correlations(fit: CampaignFit) -> list[Block]:
     rows = [
-        [
-            style(model.name).label,
-            f"C({letter(a)}, {letter(b)})",
-            f"{value:+.4f}".replace("-", "−"),
-        ]
+        [style(model.name).label, f"C({letter(a)}, {letter(b)})", f"{value:+.4f}".replace("-", "−")]
         for model in fit.models
         for (a, b), value in sorted(model.correlation.items(), key=lambda item: -abs(item[1]))
         if abs(value) >= _NOT_SHOWN

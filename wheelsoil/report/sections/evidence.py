@@ -103,10 +103,7 @@ def evidence(inputs: ReportInputs) -> Contents:
 
 
 def _of_channel(
-    everything: tuple[PlotData, ...],
-    channel: str,
-    keys: list[str],
-    summary: Callable[[FloatArray, FloatArray], Bins],
+    everything: tuple[PlotData, ...], channel: str, keys: list[str], summary: Callable[[FloatArray, FloatArray], Bins]
 ) -> list[_Shown]:
     return [
         _Shown(

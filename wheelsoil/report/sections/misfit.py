@@ -239,12 +239,7 @@ def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, 
         "base": -_QUARTILE,
         "colour": GREY_BAND,
     }
-    return [expected, medians | {"error_y": reach}], {
-        "run": seen.runs,
-        "lower": low,
-        "median": middle,
-        "upper": high,
-    }
+    return [expected, medians | {"error_y": reach}], {"run": seen.runs, "lower": low, "median": middle, "upper": high}
 
 
 def _quartiles(values: FloatArray) -> list[float]:
