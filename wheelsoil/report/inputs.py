@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -268,21 +268,21 @@ class ReportInputs:
 
 def source_of(run: Run) -> Source:
     """Return what a report says of a run's file."""
-    recording = run.recording
-    return Source(
-        run_id=run.id,
-        file=run.path.name,
-        bytes=sum(file.stat().st_size for file in run.files),
-        sha256=sha256_of(*run.files),
-        frames=sum(recording.frame_counts.values()) if recording else None,
-        dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
-        loss=tuple(map(str, recording.loss)) if recording else (),
-        gaps=tuple(note_text(gap.note()) for gap in recording.gaps) if recording else (),
-        losses=recording.losses if recording else {},
-        exit_status=recording.exit_status if recording else None,
-        clock=recording.metadata.get("clock", {}) if recording else {},
-        clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
-        events=tuple(e for e in recording.events() if e.name == "mark" or e.severity != "info") if recording else (),
+    size, recording = sum(file.stat().st_size for file in run.files), run.recording
+    source = Source(run.id, run.path.name, size, sha256_of(*run.files), frames=None, dropped_frames=None)
+    if recording is None:
+        return source
+    return replace(
+        source,
+        frames=sum(recording.frame_counts.values()),
+        dropped_frames=sum(recording.drops.values()) if recording.drops else None,
+        loss=tuple(map(str, recording.loss)),
+        gaps=tuple(note_text(gap.note()) for gap in recording.gaps),
+        losses=recording.losses,
+        exit_status=recording.exit_status,
+        clock=recording.metadata.get("clock", {}),
+        clock_steps=recording.metadata.get("clock_steps", {}),
+        events=tuple(event for event in recording.events() if event.name == "mark" or event.severity != "info"),
     )
 
 
