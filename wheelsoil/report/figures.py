@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -66,6 +67,14 @@ _SPARE = Style("", "#777777", "longdash", "hexagon")
 def style(model: str) -> Style:
     """Return a model's style; an unknown model gets a spare one under its own name."""
     return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
+
+
+_FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
+
+
+def form_name(text: str) -> str:
+    """Return the form of an effect as people write it, also in brackets after its family: "slip sinkage (Vasil'ev)"."""
+    return re.sub(r"\w+", lambda found: _FORMS.get(found[0], found[0]), text)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ _IN_ALL = 0.99
 """Probability above which a family is said to be in every explanation."""
 _SURE = 0.95
 """Probability above which a cause that is not named acts, whichever others do."""
+NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
 
 
 def sentence_of(found: Diagnosis) -> str:

@@ -14,11 +14,10 @@ from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, line, marked_line, style
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import count, interval
 from wheelsoil.wording.fit_text import criteria_json, reason_text
 from wheelsoil.wording.names import letter, listed, meaning
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.numbers import measured, number, unit
+from wheelsoil.wording.numbers import count, interval, measured, number, unit
 from wheelsoil.workflows.fit import model_as_json
 
 SINGLE_LAW = (

@@ -22,6 +22,7 @@ from wheelsoil.report.figures import (
     bars,
     by_slip_or_each,
     dots,
+    form_name,
     line,
     marked_line,
     parted_at_zero,
@@ -30,10 +31,9 @@ from wheelsoil.report.figures import (
     thinned_rows,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, interval
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
 from wheelsoil.wording.names import effect_name, family_of, listed
-from wheelsoil.wording.numbers import number, signed
+from wheelsoil.wording.numbers import interval, number, signed
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")

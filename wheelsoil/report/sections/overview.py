@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import Bins, by_slip_or_each, parted_at_zero, repeated
+from wheelsoil.report.figures import Bins, by_slip_or_each, form_name, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -46,7 +46,6 @@ from wheelsoil.report.recommendation import (
     unconfirmed,
 )
 from wheelsoil.report.sections.quality import channels_of
-from wheelsoil.report.words import NOT_JUDGED, count, form_name, interval, with_names
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, chances_of, rival_words, undetectable
@@ -63,8 +62,8 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.numbers import load_text, measured, number, signed, unit
-from wheelsoil.wording.verdict import model_title, not_corrected, refusal_words, several_terrains
+from wheelsoil.wording.numbers import count, interval, load_text, measured, number, signed, unit
+from wheelsoil.wording.verdict import NOT_JUDGED, model_title, not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -417,7 +416,7 @@ def runs(inputs: ReportInputs) -> Contents:
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
                 number(traction.pull.pull_n) if traction.pull else "–",
-                "; ".join([_ITS_SOIL] * (run.run.id in others) + [*map(with_names, grade.reasons[:2])])
+                "; ".join([_ITS_SOIL] * (run.run.id in others) + [*map(_with_names, grade.reasons[:2])])
                 or "complete, slip covered",
             ]
         )
@@ -445,6 +444,12 @@ def runs(inputs: ReportInputs) -> Contents:
     below = f"{more}Usable: share of the samples in motion. Measured pull: of a cubic through slip 0 to 0.4."
     listed_rows = [*(_set_aside_row(run, len(head)) for run in inputs.set_aside), *(rows[i] for i in shown)]
     return [Table("Go or drive again", head, listed_rows, below, left=2, words=("reason",))], numbers
+
+
+def _with_names(text: str) -> str:
+    """Return a note with the channel at its beginning as people call it."""
+    first, _, rest = text.partition(" ")
+    return f"{ROLES[first].name} {rest}" if first in ROLES else text
 
 
 def _shown_runs(levels: Sequence[str]) -> list[int]:
@@ -530,7 +535,7 @@ def faults_of(role: str, inputs: ReportInputs) -> list[str]:
 
 def _of_runs(text: str, names: Sequence[str], of: int) -> str:
     """Return what is noted of runs as a sentence that names them, and channels as people call them."""
-    sentence = with_names(text)
+    sentence = _with_names(text)
     who = "all runs" if len(names) == of and of > 1 else listed(names)
     who = who if len(names) <= _NAMED_RUNS or len(names) == of else f"{len(names)} of {of} runs"
     return re.sub(r"(?<![\w.])-(?=\d)", "−", f"In {who}: {sentence}.")

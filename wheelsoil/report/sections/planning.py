@@ -9,10 +9,9 @@ import numpy as np
 
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import axes, points
+from wheelsoil.report.figures import axes, form_name, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, undetectable

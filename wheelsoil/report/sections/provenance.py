@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count
 from wheelsoil.wording.names import letter, named_with_unit, plain_name, soil_unit
 from wheelsoil.wording.notes import texts_of
-from wheelsoil.wording.numbers import number, signed, unit
+from wheelsoil.wording.numbers import count, number, signed, unit
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
 

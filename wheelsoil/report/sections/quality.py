@@ -11,10 +11,9 @@ from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count
 from wheelsoil.wording.losses import losses_as_texts
 from wheelsoil.wording.notes import noted_of_runs
-from wheelsoil.wording.numbers import number, signed
+from wheelsoil.wording.numbers import count, number, signed
 from wheelsoil.workflows.key_figures import Z95
 
 _REASONS = {
