@@ -5,17 +5,21 @@ from __future__ import annotations
 import ast
 import json
 from dataclasses import fields, replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
 import pytest
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
+from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
 from model.fit.gauss_newton import gauss_newton
 from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, WheelSoilModel
 from model.wheel_soil.dual import column
 from processing import QualityReport
+from wheelsoil.report.cause_figure import _VIEWS
+from wheelsoil.wording.error_text import error_text
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs" / "effects"
@@ -226,6 +230,16 @@ def test_has_a_page(key: str) -> None:
     assert page.startswith(f"# {effect.name}\n")
     assert all(f"`{p.name}`" in page and f"{p.prior_scale:g}" in page for p in effect.parameters)
     assert f"[{effect.name}]({effect.name}.md)" in (DOCS / "README.md").read_text()
+
+
+@every_effect
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sentence_and_figure_of_an_error_can_be_made(key: str, sign: float) -> None:
+    effect, first = EFFECTS[key], EFFECTS[key].parameters[0]
+    size = ParameterEstimate(first.name, first.unit, sign * first.prior_scale, (nan, nan), first.prior_scale)
+    text = error_text(Cause(effect.name, effect.form, effect.kind, key, 0.9, 1.0, (size,)), "drawbar pull")
+    assert not set(text) & set("{}") and (text == "") == (effect.error_text == "")
+    assert effect.abscissa in ("", *_VIEWS)
 
 
 ROOMS = ("processing", "model", "wheelsoil")
