@@ -93,10 +93,8 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     view, samples = _VIEWS[effect.abscissa], _samples_of(inputs, recommendation, found)
     in_reading = effect.kind == "measurement" and {"drawbar_pull", "driving_torque"}.issuperset(effect.shows)
     if view.own is None or not in_reading:
-        left, line = (
-            recommendation.residual(channel, base=True),
-            recommendation.recommended[channel] - recommendation.base[channel],
-        )
+        left = recommendation.residual(channel, base=True)
+        line = recommendation.recommended[channel] - recommendation.base[channel]
         against = f"{CALIBRATED}, without the cause"
     else:
         shown = [c for c in shares[cause] if OUTPUTS[c].role in effect.shows]

@@ -58,21 +58,17 @@ _ONE_PLACE_DEG = 0.02
 @section("glance", "Summary")
 def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
-    sentences = _sentences(inputs)
+    found, sentences = inputs.diagnosed, _sentences(inputs)
     steps = Steps(steps_of_report(inputs), runs_again(inputs), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
     # The channel whose fall the headline tells; None where it tells of none.
-    channel_of_headline = (
-        falling_channel(inputs.diagnosed)
-        if inputs.diagnosed is not None and inputs.diagnosed.verdict in ("named", "one_of")
-        else None
-    )
-    others = [confidence_tile(inputs.diagnosed), data_tile(inputs)]
+    channel_of_headline = falling_channel(found) if found and found.verdict in ("named", "one_of") else None
+    others = [confidence_tile(found), data_tile(inputs)]
     tiles = Tiles([_error_tile(inputs, channel_of_headline), *others])
     figure = figure_or_reason(lambda: hero(inputs))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
-    if inputs.diagnosed is not None:
-        shared |= figures_of_diagnosis(inputs.diagnosed)
+    if found is not None:
+        shared |= figures_of_diagnosis(found)
     numbers = {
         "headline": headline,
         "sentence": " ".join(sentences),
