@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
 
@@ -227,10 +227,8 @@ def _target(output: Path | None, form: Literal["html", "pdf"] | None, *, force: 
             next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
         )
     if suffix == ".json":
-        fault = Fault(
-            ".json is the suffix of the numbers beside the report", str(output), next_step="use .html or .pdf"
-        )
-        raise ConfigError(fault)
+        what = ".json is the suffix of the numbers beside the report"
+        raise ConfigError.of(what, output, next_step="use .html or .pdf")
     target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
     check_output(target.with_suffix(".json"), force=force)
     if not pdf:

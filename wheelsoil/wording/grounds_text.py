@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from daq import OUTPUTS, ROLES, Note, number, without_powers
 from model import DiagnosisCode, LackCode
 from model.diagnosis import Adequacy, Detectable, Diagnosis, Finding, FormUsed, Grounds
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -213,8 +213,7 @@ def undetectable(sizes: Mapping[str, Detectable], notes: Sequence[Note] = ()) ->
 
 
 def _is_plausible(key: str, size: Detectable, share: float) -> bool:
-    known = {p.name: p for p in EFFECTS[key].parameters} if key in EFFECTS else {}
-    bounds = known.get(size.parameter)
+    bounds = next((p for p in EFFECTS.get(key, Effect).parameters if p.name == size.parameter), None)
     if bounds is None or not isfinite(size.value):
         return isfinite(size.value)
     factor = share if size.unit in ("N", "N m") else 1.0

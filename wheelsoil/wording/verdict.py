@@ -192,10 +192,8 @@ def details_of(found: Diagnosis) -> list[str]:
     several = len(found.causes) > 1
     sizes = "; ".join(f"{plain_name(cause.name)}: " * several + _form_and_size(cause) for cause in found.causes)
     sizes = upper(sizes) if sizes[1:2].islower() else sizes
-    elsewhere = ("headline", "gain", "next", "as_if")
+    elsewhere = ("headline", "gain", "next", "as_if", *["cause"] * _headline_has_size(found))
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
-    if _headline_has_size(found):
-        statements = [statement for statement in statements if statement.about != "cause"]
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
     wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
     if wants:
@@ -382,12 +380,8 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         misfit = adequacy_words(found.adequacy).capitalize() if found.adequacy is not None else ""
         where = f"The most probable set, {tried}, is off most in {findings_text(left)}" if left else ""
         return sentences([none_does, misfit, where])
-    return sentences(
-        [
-            unsure_words(found)
-            or f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"
-        ]
-    )
+    nothing = f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"
+    return sentences([unsure_words(found) or nothing])
 
 
 def _named_of_table(found: Diagnosis, channels: str, chances: Mapping[str, float]) -> list[str | Statement]:

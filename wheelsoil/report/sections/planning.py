@@ -7,7 +7,7 @@ from math import exp, isfinite, log10
 
 import numpy as np
 
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, form_name, points
 from wheelsoil.report.figures import numbers as plotted
@@ -72,11 +72,8 @@ def detectable(inputs: ReportInputs) -> Contents:
 
 
 def _plausible(key: str, parameter: str, radius_m: float) -> float:
-    effect = EFFECTS.get(key)
-    known = {p.name: p for p in effect.parameters} if effect else {}
-    if parameter not in known:
-        return float("nan")
-    return known[parameter].prior_scale * (radius_m if known[parameter].in_radii else 1.0)
+    known = next((p for p in EFFECTS.get(key, Effect).parameters if p.name == parameter), None)
+    return known.prior_scale * (radius_m if known.in_radii else 1.0) if known else float("nan")
 
 
 def _figure(shares: dict[str, float]) -> Figure:
