@@ -213,10 +213,9 @@ def _cloud(
         rows = np.arange(len(x))
     else:
         curve, noise, name = binned(x, residual, edges), binned(x, sigma, edges), "samples"
-        rows = thinned_rows(x, residual, cells=30, per_cell=1)
-    if edges is EDGES:
-        curve, noise = parted_at_zero(curve), parted_at_zero(noise)
-        rows = thinned_by_sign(x, residual)
+        over_slip = edges is EDGES
+        rows = thinned_by_sign(x, residual) if over_slip else thinned_rows(x, residual, cells=30, per_cell=1)
+        curve, noise = (parted_at_zero(curve), parted_at_zero(noise)) if over_slip else (curve, noise)
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
         dots(x[rows], residual[rows], name),
