@@ -223,6 +223,12 @@ class Effect:
     of_tables : whether only rows of single-wheel tests identify it; runs consider it if nothing else is asked for
     remedy : Remedy, optional
         How it is mended by hand. A zero (`Needs.zero_of`) is determined anew and needs none.
+    error_text : str
+        What it does to a reading, as a sentence that names {channel}, {size} (of its first parameter, with interval) or
+        {percent}, and {a/b} for a size above and below neutral; empty: it has none.
+    abscissa : str
+        Against what its figure shows the residual: of an error in the reading of pull or torque "slip" for a zero,
+        "time" for a drift, "prediction" for a gain, "load" for a share of it; empty: slip, with the models.
     like_radius : its parameter by which a larger wheel radius looks the same, unless the tyre is declared; or ""
     of_radius : int
         Power of the wheel's true over its declared radius that 1 plus its only parameter then is; 0 where it is none.
@@ -249,6 +255,10 @@ class Effect:
     each_wheel: ClassVar[bool] = False
     of_tables: ClassVar[bool] = False
     remedy: ClassVar[Remedy | None] = None
+    error_text: ClassVar[str] = ""
+    abscissa: ClassVar[
+        Literal["", "slip", "load", "speed", "time", "prediction", "acceleration", "rim acceleration"]
+    ] = ""
     like_radius: ClassVar[str] = ""
     of_radius: ClassVar[int] = 0
     stage: ClassVar[int] = 0

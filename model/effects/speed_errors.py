@@ -24,6 +24,8 @@ class WheelRadius(Effect):
     )
     each_wheel = True
     source = "Yang et al. (2016), Eq. 6; the effective radius of a tyre changes by 1 to 3 % with load and wear"
+    error_text = "Slip is shifted: the rolling radius is {percent} {larger/smaller} than stated"
+    abscissa = "slip"
     shows = ("wheel_speed",)
     parameters = (
         Parameter("relative", "1", 0.0, 0.02, -0.2, 0.2, 0.03, "effective rolling radius against the declared one"),
@@ -56,6 +58,8 @@ class SpeedLatency(Effect):
         "The ground speed is measured later (or, if negative, earlier) than declared: slip is wrong while speeding up."
     )
     source = "Taylor's series; Racelogic (2014), VBOX data sheets: 4 to 42 ms, 160 ms of a receiver at 5 Hz"
+    error_text = "The ground speed comes {size} {later/earlier} than declared"
+    abscissa = "acceleration"
     shows = ("ground_speed",)
     parameters = (
         Parameter("extra_delay_s", "s", 0.0, 0.1, -0.6, 0.6, 0.2, "receivers' data sheets; undeclared filter delays"),
@@ -97,6 +101,8 @@ class SpeedBias(Effect):
     kind = "measurement"
     summary = "The ground speed is off by a constant: slip is wrong by more, the slower the vehicle goes."
     source = "Racelogic (2014), VBOX data sheets: 0.1 km/h as a mean of four samples"
+    error_text = "The ground speed reads {size} {too much/too little}"
+    abscissa = "speed"
     shows = ("ground_speed",)
     parameters = (Parameter("offset_mps", "m/s", 0.0, 0.05, -0.5, 0.5, 0.10, "receivers' data sheets"),)
     needs = Needs(conditions=("ground_speed_mps",))

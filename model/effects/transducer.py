@@ -38,6 +38,8 @@ class DrawbarPullGain(_Gain):
 
     name = "drawbar_pull_gain"
     summary = "Drawbar pull is scaled by a wrong gain of the transducer."
+    error_text = "The drawbar pull reads {percent} {too much/too little}, in proportion to its size"
+    abscissa = "prediction"
     shows = ("drawbar_pull",)
     parameters = (_relative(start=0.05, scale=0.08),)
     needs = Needs(channels=("drawbar_pull",))
@@ -57,6 +59,8 @@ class TorqueGain(_Gain):
 
     name = "torque_gain"
     summary = "Driving torque is scaled by a wrong gain of the transducer."
+    error_text = "The driving torque reads {percent} {too much/too little}, in proportion to its size"
+    abscissa = "prediction"
     shows = ("driving_torque",)
     parameters = (_relative(start=0.04, scale=0.06),)
     needs = Needs(channels=("driving_torque",))
@@ -76,6 +80,8 @@ class LoadGain(_Gain):
 
     name = "load_gain"
     summary = "Vertical load is scaled by a wrong gain of the transducer."
+    error_text = "The vertical load reads {percent} {too much/too little}"
+    abscissa = "load"
     shows = ("vertical_load",)
     parameters = (_relative(start=0.04, scale=0.06),)
     needs = Needs(two_loads=True)
@@ -93,6 +99,8 @@ class Crosstalk(Effect):
     kind = "measurement"
     summary = "A share of the vertical load shows in drawbar pull: cross-talk of the bridges, or a tilted transducer."
     source = "MTS Systems (2008), SWIFT 30 manual: cross-talk matrix (KFXFZ -0.003); usually 0.3 to 1 %"
+    error_text = "{percent} of the vertical load is {added to/taken off} the {channel}"
+    abscissa = "load"
     shows = ("drawbar_pull",)
     parameters = (Parameter("coefficient", "1", 0.0, 0.01, -0.3, 0.3, 0.02, "1 deg of tilt is 0.017"),)
     needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True)
@@ -129,6 +137,8 @@ class DrawbarPullZero(_Zero):
 
     name = "drawbar_pull_zero"
     summary = "Drawbar pull carries a constant offset."
+    error_text = "The drawbar pull reads {size} {too much/too little} at every slip"
+    abscissa = "slip"
     shows = ("drawbar_pull",)
     parameters = (
         Parameter(
@@ -155,6 +165,8 @@ class TorqueZero(_Zero):
 
     name = "torque_zero"
     summary = "Driving torque carries a constant offset."
+    error_text = "The driving torque reads {size} {too much/too little} at every slip"
+    abscissa = "slip"
     shows = ("driving_torque",)
     parameters = (Parameter("offset_nm", "N m", 0.0, 40.0, -1000.0, 1000.0, 60.0, "0.5 to 1 % of a 10 kN m range"),)
     needs = Needs(channels=("driving_torque",), standstill=True, zero_of="driving_torque")
@@ -170,6 +182,8 @@ class LoadZero(_Zero):
 
     name = "load_zero"
     summary = "Vertical load carries a constant offset."
+    error_text = "The vertical load reads {size} {too much/too little}"
+    abscissa = "load"
     shows = ("vertical_load",)
     parameters = (
         Parameter(
@@ -198,6 +212,8 @@ class ZeroDrift(Effect):
     summary = "The zero of drawbar pull drifts from the first run to the last, as a bridge does that warms up."
     each_wheel = True
     source = "MTS Systems (2008), SWIFT 30 manual: warm-up and zeros; usually 0.05 % of the range in 10 K"
+    error_text = "The zero of the drawbar pull drifts by {size} over the campaign, {up/down}wards"
+    abscissa = "time"
     shows = ("drawbar_pull",)
     parameters = (Parameter("campaign_span_n", "N", 0.0, 100.0, -2000.0, 2000.0, 150.0, "six runs of 5 to 50 N each"),)
     needs = Needs(conditions=("campaign_time",), channels=("drawbar_pull",), several_runs=True, standstill=True)

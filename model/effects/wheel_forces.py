@@ -69,6 +69,8 @@ class WheelInertia(Effect):
     name = "wheel_inertia"
     summary = "Mass and inertia outside the transducer are not declared: speeding up and braking show in its readings."
     source = "Newton (1687), second law, for rim and tyre outside the transducer's bridges"
+    error_text = "The {channel} follows the wheel's acceleration: outboard mass and inertia are not declared"
+    abscissa = "rim acceleration"
     parameters = (
         Parameter(
             "scale",

@@ -5,17 +5,21 @@ from __future__ import annotations
 import ast
 import json
 from dataclasses import fields, replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
 import pytest
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
+from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
 from model.fit.gauss_newton import gauss_newton
 from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, WheelSoilModel
 from model.wheel_soil.dual import column
 from processing import QualityReport
+from wheelsoil.report.cause_figure import _VIEWS
+from wheelsoil.wording.error_text import error_text
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs" / "effects"
@@ -228,9 +232,17 @@ def test_has_a_page(key: str) -> None:
     assert f"[{effect.name}]({effect.name}.md)" in (DOCS / "README.md").read_text()
 
 
+@every_effect
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sentence_and_figure_of_an_error_can_be_made(key: str, sign: float) -> None:
+    effect, first = EFFECTS[key], EFFECTS[key].parameters[0]
+    size = ParameterEstimate(first.name, first.unit, sign * first.prior_scale, (nan, nan), first.prior_scale)
+    text = error_text(Cause(effect.name, effect.form, effect.kind, key, 0.9, 1.0, (size,)), "drawbar pull")
+    assert not set(text) & set("{}") and (text == "") == (effect.error_text == "")
+    assert effect.abscissa in ("", *_VIEWS)
+
+
 ROOMS = ("processing", "model", "wheelsoil")
-PER_CAUSE = {"cause_figure.py", "error_text.py"}
-"""Figure and sentence of single measurement causes; those of another package get the general ones."""
 OTHER_MEANING = {("consistency.py", "wheel_radius")}
 """Names that mean a measured quantity: the channel that a broken bound makes suspect."""
 
@@ -245,4 +257,4 @@ def test_no_family_is_known_by_name_outside_the_effects() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and node.value in families
     ]
-    assert {one for one in found if one[0] not in PER_CAUSE} <= OTHER_MEANING
+    assert set(found) <= OTHER_MEANING

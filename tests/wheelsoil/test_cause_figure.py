@@ -12,6 +12,7 @@ from daq import OUTPUTS, VehicleConfig
 from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, Correction, Remedy
 from model.effects.speed_errors import SpeedLatency
+from model.effects.transducer import DrawbarPullZero
 from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG
 from wheelsoil.report.cause_figure import cause_figure
 from wheelsoil.report.inputs import ReportInputs
@@ -56,6 +57,19 @@ def test_samples_lie_on_the_correction(key: str) -> None:
     assert np.max(np.abs(line["y"] - points["y"])) < 1.5 * data.base_sigma[channel][0]
     low, high = change[channel].min(), change[channel].max()
     assert np.all((line["y"] > low - 1.0) & (line["y"] < high + 1.0)) and np.ptp(line["y"]) >= 0.5 * (high - low)
+
+
+def test_an_effect_of_another_package_has_sentence_and_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    class WetBridge(DrawbarPullZero):
+        name, error_text = "wet_bridge", "Water in the bridge {lifts/lowers} the {channel} by {size}"
+
+    monkeypatch.setattr(EFFECTS, "_effects", EFFECTS._effects | {"wet_bridge": WetBridge})
+    data = seen()
+    data = replace(data, signatures={"wet_bridge": {"dp": -90.0 + 0.0 * data.slip}})
+    found = replace(diagnosis(), causes=(cause("wet_bridge", -90.0),), plot_data=(data,))
+    drawing = cause_figure(ReportInputs((), None, "", VEHICLE, "clay", diagnosed=found), of_diagnosis(found), "dp")
+    assert drawing is not None
+    assert drawing.title == "Water in the bridge lowers the drawbar pull by 90.0 N (81.0 to 99.0)"
 
 
 def test_a_cause_over_slip_has_no_figure_of_its_own() -> None:

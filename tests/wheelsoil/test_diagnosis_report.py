@@ -265,7 +265,7 @@ def test_any_gain_is_good_and_any_loss_a_warning(nats: float, level: str) -> Non
 
 
 def test_without_a_usable_sample_there_is_no_range_of_slip() -> None:
-    tile = data_tile(cast(ReportInputs, SimpleNamespace(tables=(), runs=())), {})
+    tile = data_tile(cast(ReportInputs, SimpleNamespace(tables=(), runs=())))
     assert (tile.value, tile.note) == ("0", "no sample can be used")
 
 

@@ -9,11 +9,10 @@ import pytest
 from daq import Note, moment
 from model import DiagnosisCode
 from model.diagnosis import Detectable
-from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
 from wheelsoil.web.bidi import in_texts
 from wheelsoil.wording.grounds_text import undetectable
-from wheelsoil.wording.names import chance, shares_percent
-from wheelsoil.wording.numbers import typeset
+from wheelsoil.wording.names import chance, named_with_unit, shares_percent
+from wheelsoil.wording.numbers import count, interval, measured, number, signed, typeset
 
 NAN, INF = math.nan, math.inf
 

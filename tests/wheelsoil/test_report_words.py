@@ -18,15 +18,16 @@ from processing import Reason, RunCode
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report import build_report
 from wheelsoil.report.content import Checks, Steps, Table, Text, Tiles, blocks_of
+from wheelsoil.report.figures import form_name
 from wheelsoil.report.sections.candidates import candidates
 from wheelsoil.report.sections.coefficients import coefficients, criteria
 from wheelsoil.report.sections.glance import glance
 from wheelsoil.report.sections.overview import causes
 from wheelsoil.report.sections.planning import detectable, next_run
 from wheelsoil.report.sections.provenance import provenance
-from wheelsoil.report.words import NOT_JUDGED, form_name, letter, measured, unit
-from wheelsoil.wording.numbers import typeset, unbroken
-from wheelsoil.wording.verdict import headline_of, sentence_of
+from wheelsoil.wording.names import letter
+from wheelsoil.wording.numbers import measured, typeset, unbroken, unit
+from wheelsoil.wording.verdict import NOT_JUDGED, headline_of, sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
 
 CODE = re.compile(r"\b\w+_\w+\b")

@@ -355,15 +355,17 @@ REASONS = {
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     worst = Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)
     judged = Adequacy(0.9876, 0.5, ok=False, measure="probability")
-    left = words(unexplained_words(judged, [worst], ("slope",), (("r1",), ("r2", "r3"))))
+    grounds = Grounds(most_probable=("slope",), terrains=(("r1",), ("r2", "r3")))
+    left = words(unexplained_words(replace(BARE, what_is_wrong=(worst,), grounds=grounds), judged))
     assert "there are two soils, or an unknown cause acts, with a probability of 98.8 %" in left
     assert "With calibrated soil the simulation is off most in drawbar pull, slip 0.4 to 0.9 (8.2 sigma). " in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     for why, reason in REASONS.items():
-        said = [one.text for one in unexplained_words(Adequacy(nan, nan, ok=False), [worst], (), None, why)]
+        barred = replace(BARE, what_is_wrong=(worst,), grounds=Grounds(barred=why))
+        said = [one.text for one in unexplained_words(barred, Adequacy(nan, nan, ok=False))]
         assert said[0].startswith(f"These runs are not explained: {reason}"), said
         assert said[-1].startswith("Next: check zeros")
-    unsure = words(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
+    unsure = words(nothing_words(BARE, {"slope": 0.6, "grouser": 0.1}, 0.3))
     assert unsure.startswith(
         "No cause is distinguishable from chance (no cause: 30.0 %). The most probable one is slope"
     )
@@ -382,7 +384,9 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     for chances in ({}, {"none": 0.5, "slope": 0.4}, {"none": nan, "slope": 0.4}):
         assert verdict_words("nothing_detectable", chances) == "nothing detectable"
     assert verdict_words("one_of", {"none": 0.1, "slope": 0.4}) == "one of several"
-    nothing = words(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, [worst]))
+    sizes = {"vasilev": Detectable("H_m", 0.0034, "m")}
+    seldom = replace(BARE, minimum_detectable=sizes, what_is_wrong=(worst,))
+    nothing = words(nothing_words(seldom, {"slope": 0.05}, 0.93))
     assert "no cause: 93.0 %" in nothing
     assert "a slip sinkage of H = 0.0034 m or more would be detected in half of such campaigns" in nothing
 

@@ -150,18 +150,10 @@ def load(name: str) -> Any:
 
 
 def run(args: Sequence[str] | None = None) -> int:
-    """Run the command line in this process.
+    """Run the command line (``sys.argv[1:]`` by default) in this process and return its exit code.
 
-    Parameters
-    ----------
-    args : sequence of str, optional
-        Without the program's name; ``sys.argv[1:]`` when None.
-
-    Returns
-    -------
-    int
-        Exit code: 0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware,
-        130 interrupted, 141 the reader of stdout has closed it.
+    0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware, 130 interrupted, 141 the
+    reader of stdout has closed it.
     """
     try:
         app = typer.Typer(cls=LazyGroup, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -115,19 +116,11 @@ def diagnose_command(
             _compare(benches, settings, json=json)
         else:
             alone = PerWheel({"": []}, json=json)
-            show = _shown(alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose=verbose)
+            show = partial(_show, alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose)
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
-    files = Files(
-        options.one_file(vehicle),
-        terrain,
-        runs_file,
-        zero,
-        soil,
-        lenient_dbc=lenient_dbc,
-        accept_implausible=accept_implausible,
-        wheel=wheel,
-    )
+    one = options.one_file(vehicle)
+    files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
     if plan:
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
@@ -143,7 +136,7 @@ def diagnose_command(
     of_wheels: dict[str, Processed] = {}
     by_wheel: dict[str, Diagnosis] = {}
     configs: dict[str, VehicleConfig] = {}
-    show = _shown(per_wheel, configs, verbose=verbose)
+    show = partial(_show, per_wheel, configs, verbose)
 
     def work(of_wheel: list[Run]) -> None:
         processed = per_wheel.processed("diagnose", of_wheel, files, by_hand)
@@ -240,31 +233,20 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _shown(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], *, verbose: bool) -> Callable[[Diagnosis], None]:
-    """Return what prints a diagnosis.
+def _show(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], verbose: bool, diagnosis: Diagnosis) -> None:
+    """Print a diagnosis; `vehicles` is by wheel, without one whose runs are of several vehicles."""
+    from model.effects import parted
+    from wheelsoil.wording.diagnosis_json import diagnosis_json
+    from wheelsoil.wording.diagnosis_text import diagnosis_lines
+    from wheelsoil.wording.verdict import headline_of
 
-    Parameters
-    ----------
-    vehicles : mapping wheel -> VehicleConfig
-        Without a wheel whose runs are of several vehicles.
-    """
+    places = [parted(cause.name)[1] for cause in diagnosis.causes]
+    vehicle = vehicles.get(next(filter(None, places), wheels.wheel))
 
-    def show(diagnosis: Diagnosis) -> None:
-        from model.effects import parted
-        from wheelsoil.wording.diagnosis_json import diagnosis_json
-        from wheelsoil.wording.diagnosis_text import diagnosis_lines
-        from wheelsoil.wording.verdict import headline_of
+    def print_text() -> None:
+        from wheelsoil.report import checks_of
 
-        width = terminal_width()
-        places = [parted(cause.name)[1] for cause in diagnosis.causes]
-        vehicle = vehicles.get(next(filter(None, places), wheels.wheel))
+        checks = checks_of(diagnosis)
+        print("\n".join(diagnosis_lines(diagnosis, vehicle, terminal_width(), checks=checks, verbose=verbose)))
 
-        def print_text() -> None:
-            from wheelsoil.report import checks_of
-
-            lines = diagnosis_lines(diagnosis, vehicle, width, checks=checks_of(diagnosis), verbose=verbose)
-            print("\n".join(lines))
-
-        wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))
-
-    return show
+    wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))

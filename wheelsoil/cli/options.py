@@ -17,10 +17,8 @@ from wheelsoil.console import say, say_folded
 if TYPE_CHECKING:
     from daq import RunInfo, TerrainConfig
     from daq.can import Database
-    from daq.runs import Configuration, Run
-    from processing import ProcessedRun
+    from daq.runs import Configuration
     from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.runs import Check, Files, SetAside
 
 Runs = Annotated[
     list[Path],
@@ -76,8 +74,7 @@ Wheel = Annotated[
     typer.Option("--wheel", metavar="ID", help="One of several [[wheel]] in vehicle.toml (default: each in turn)."),
 ]
 OneWheel = Annotated[
-    str | None,
-    typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]]."),
+    str | None, typer.Option("--wheel", metavar="ID", help="Which one, if vehicle.toml has several [[wheel]].")
 ]
 
 
@@ -146,10 +143,7 @@ PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
 SoilPreset = Annotated[
     str | None,
     typer.Option(
-        "--soil",
-        metavar="NAME",
-        help=f"A preset ({PRESETS}) instead of terrain.toml.",
-        autocompletion=complete_presets,
+        "--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.", autocompletion=complete_presets
     ),
 ]
 ChoiceFile = Annotated[
@@ -166,8 +160,7 @@ ModelFile = Annotated[
 ]
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
+    Path | None, typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE}).")
 ]
 PageHost = Annotated[
     str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
@@ -195,13 +188,7 @@ def keep_results(context: typer.Context, no_cache: bool) -> None:
 def configuration(
     vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
 ) -> Configuration:
-    """Load the files that the options name; DBCs alone become a vehicle.toml that lists only the buses.
-
-    Raises
-    ------
-    ConfigError
-        Lists every error.
-    """
+    """Load the files that the options name, or raise every error; DBCs alone become a vehicle.toml with buses only."""
     from daq.runs import Collected, Configuration, terrain_from_file, vehicle_from_file
 
     files = list(dbc)
@@ -222,13 +209,7 @@ def configuration(
 
 
 def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str, str]]:
-    """Parse ``a=b`` values of a repeated option.
-
-    Raises
-    ------
-    ConfigError
-        One is not of that form.
-    """
+    """Parse ``a=b`` values of a repeated option; `ConfigError` where one is not of that form."""
     parsed = [tuple(text.partition("=")[::2]) for text in texts or ()]
     ConfigError.stop_if_any(
         Fault(f"{option} {text} is not understood", expected=form)
@@ -363,13 +344,7 @@ def with_shared(name: str, command: Callable[..., None]) -> Callable[..., None]:
 
 
 def chosen(context: typer.Context) -> Choice:
-    """Return the choice of --choice, overridden by the other options of the command line.
-
-    Raises
-    ------
-    ConfigError
-        See `wheelsoil.workflows.choice.load_choice`.
-    """
+    """Return the choice of --choice, overridden by the other options of the command line."""
     from wheelsoil.workflows.choice import Choice, load_choice
 
     given = {key: context.params.get(key) for key in _OPTIONS}
@@ -379,13 +354,7 @@ def chosen(context: typer.Context) -> Choice:
 def run_info(
     file: str, run_id: str, direction: Direction, pass_number: int, added_load_kg: float, inflation_kpa: float | None
 ) -> RunInfo:
-    """Return the run information that the options give.
-
-    Raises
-    ------
-    ConfigError
-        A number is out of range.
-    """
+    """Return the run information that the options give; `ConfigError` where a number is out of range."""
     from pydantic import ValidationError
 
     from daq import RunInfo
@@ -406,13 +375,7 @@ def run_info(
 
 
 def page_token(file: Path | None) -> str | None:
-    """Return a page's token from the file or the environment; None if there is none.
-
-    Raises
-    ------
-    ConfigError
-        The file is unreadable or empty.
-    """
+    """Return a page's token from a file, which must have one, or the environment; None if there is none."""
     if file is None:
         return os.environ.get(TOKEN_VARIABLE) or None
     try:
@@ -427,13 +390,7 @@ def page_token(file: Path | None) -> str | None:
 
 
 def one_file(files: Sequence[str] | None) -> Path | None:
-    """Return the only --vehicle, for runs.
-
-    Raises
-    ------
-    ConfigError
-        There are several.
-    """
+    """Return the only --vehicle, for runs; `ConfigError` if there are several."""
     if files and len(files) > 1:
         step = "give one, or diagnose the vehicles one after the other"
         raise ConfigError(Fault("runs take one --vehicle", found=", ".join(files), next_step=step))
@@ -443,21 +400,10 @@ def one_file(files: Sequence[str] | None) -> Path | None:
 def refuse_two_sources(
     runs: Sequence[Path], table: object, choice: Path | None, wheel: str | None, columns: Sequence[str], verb: str
 ) -> None:
-    """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
+    """Check that a command takes runs, perhaps with a choice and a wheel, or a table, perhaps with `columns`.
 
-    Parameters
-    ----------
-    wheel : str or None
-        Of runs; rows of a table are chosen with --where.
-    columns : sequence of str
-        Values of --rename and --where.
-    verb : str
-        What the command does with one of both, for the message.
-
-    Raises
-    ------
-    ConfigError
-        Options of both are given.
+    The columns are the values of --rename and --where; `verb` is what the command does with one of both, for the
+    message.
     """
     if table and (runs or choice):
         other = "RUN" if runs else "--choice"
@@ -466,49 +412,6 @@ def refuse_two_sources(
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
     if table and wheel is not None:
         raise ConfigError.of("--wheel is of runs", next_step="choose rows of the table with --where wheel=NAME")
-
-
-def processed_for(
-    purpose: str,
-    opened: Sequence[Run],
-    files: Files,
-    choice: Choice,
-    check: Check | None = None,
-    set_aside: SetAside | None = None,
-    remark: Callable[[str], None] = say_folded,
-) -> list[tuple[Run, ProcessedRun]]:
-    """Process the runs of one wheel as a choice says, and remark what makes them implausible.
-
-    Parameters
-    ----------
-    purpose : "fit", "diagnose", ...
-        Of the processing: what a run must hold.
-    check : callable, optional
-        See `wheelsoil.workflows.runs.open_and_process`.
-    set_aside : callable, optional
-        As there.
-    remark : callable, optional
-        Takes each text; prints it (stderr) by default.
-    """
-    from wheelsoil.workflows.grading import doubted_runs, doubted_soils
-    from wheelsoil.workflows.runs import on_soil, process_runs, say_set_aside
-
-    processed = on_soil(
-        process_runs(
-            opened,
-            choice.process_options(purpose),
-            zero=files.zero,
-            choice=choice,
-            accept_implausible=files.accept_implausible,
-            check=check,
-            set_aside=set_aside or say_set_aside,
-        ),
-        set_aside or say_set_aside,
-    )
-    soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
-    for text in (*doubted_runs([run for _, run in processed]), *soils):
-        remark(text)
-    return processed
 
 
 def say_doubted_soils(terrains: Iterable[TerrainConfig | None]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
 
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
 def report_command(
     context: typer.Context,
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
+    runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -84,16 +82,8 @@ def report_command(
         choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
-        files = Files(
-            options.one_file(vehicle),
-            terrain,
-            runs_file,
-            zero,
-            soil,
-            lenient_dbc=lenient_dbc,
-            accept_implausible=accept_implausible,
-            wheel=wheel,
-        )
+        one = options.one_file(vehicle)
+        files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
         unreadable: list[SetAsideRun] = []
         opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
         models = models_of_wheels(model, opened)
@@ -205,13 +195,7 @@ def _report_vehicle(
 
 
 def _last(place: str, wheel: str = "") -> LastReport | Callable[[Processed], LastReport]:
-    """Return the last report, of one of several wheels, or what finds the last campaign in a store.
-
-    Raises
-    ------
-    ConfigError
-        There is no such report or store.
-    """
+    """Return the last report, of one of several wheels, or what finds the last campaign in a store."""
     from wheelsoil.workflows.last_report import load_last, store_meant
 
     url = store_meant(place)
@@ -243,10 +227,8 @@ def _target(output: Path | None, form: Literal["html", "pdf"] | None, *, force: 
             next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
         )
     if suffix == ".json":
-        fault = Fault(
-            ".json is the suffix of the numbers beside the report", str(output), next_step="use .html or .pdf"
-        )
-        raise ConfigError(fault)
+        what = ".json is the suffix of the numbers beside the report"
+        raise ConfigError.of(what, output, next_step="use .html or .pdf")
     target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
     check_output(target.with_suffix(".json"), force=force)
     if not pdf:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from daq import ALL_WHEELS
-from wheelsoil.cli.options import processed_for
 from wheelsoil.console import print_json, print_pairs, say, say_folded
 
 if TYPE_CHECKING:
@@ -30,12 +29,8 @@ def print_set_aside(runs: Sequence[SetAsideRun]) -> None:
 class PerWheel:
     """Does the work of a command for each wheel: texts under headings, JSON of several wheels as one list.
 
-    Parameters
-    ----------
-    opened : mapping wheel -> list of Run
-        See `wheelsoil.workflows.runs.Files.runs_of_wheels`.
-    unreadable : sequence of SetAsideRun
-        What could not be opened: of every wheel.
+    `opened` has the runs of each wheel (`wheelsoil.workflows.runs.Files.runs_of_wheels`); what is `unreadable` could
+    not be opened, and is of every wheel.
     """
 
     def __init__(self, opened: Mapping[str, list[Run]], *, json: bool, unreadable: Sequence[SetAsideRun] = ()) -> None:
@@ -91,7 +86,7 @@ class PerWheel:
     ) -> list[tuple[Run, ProcessedRun]]:
         """Process the runs of this wheel; of one with an id those that lack a signal are set aside, where one has all.
 
-        See `wheelsoil.cli.options.processed_for`; a diagnosis is given the whole of them, as a report shows them.
+        A diagnosis is given the whole of them, as a report shows them.
         """
         import numpy as np
 
@@ -99,18 +94,32 @@ class PerWheel:
         from processing import LOOK
         from wheelsoil.workflows.fit import nothing_whole
 
-        found = processed_for(LOOK, runs, files, choice, check, self.set_aside, self._remark) if self.wheel else []
+        found = self._process(LOOK, runs, files, choice, check) if self.wheel else []
         torque = "driving_torque is missing" if purpose in ("fit_torque", "sinkage") else ""
         lacking = [
             nothing_whole([done]) or ("" if np.isfinite(done.driving_torque_nm).any() else torque) for _, done in found
         ]
         if all(lacking):  # then this says what is wrong
-            return processed_for(purpose, runs, files, choice, check, self.set_aside, self._remark)
+            return self._process(purpose, runs, files, choice, check)
         for (run, _), why in zip(found, lacking, strict=True):
             if why:
                 message = f"set aside: run {run.id}, wheel {self.wheel}: {why}"
                 self.set_aside(SetAsideRun(run.id, "silent", why, "drive it again, or go on without it", message))
         return [each for each, why in zip(found, lacking, strict=True) if purpose == "diagnose" or not why]
+
+    def _process(
+        self, purpose: str, runs: Sequence[Run], files: Files, choice: Choice, check: Check | None
+    ) -> list[tuple[Run, ProcessedRun]]:
+        """Process runs as a choice says, and remark what makes them implausible."""
+        from wheelsoil.workflows.grading import doubted_runs, doubted_soils
+        from wheelsoil.workflows.runs import process_on_soil
+
+        options = choice.process_options(purpose)
+        processed = process_on_soil(runs, options, files, choice=choice, check=check, set_aside=self.set_aside)
+        soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
+        for text in (*doubted_runs([run for _, run in processed]), *soils):
+            self._remark(text)
+        return processed
 
     def doubt(self, of_wheels: Mapping[str, Processed]) -> None:
         """Print what makes it doubtful that the wheels have one clock and their places (stderr), and keep it."""

@@ -195,10 +195,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
     run += f", {info.inflation_kpa:g} kPa)" if info.inflation_kpa else ")"
     lines = [
         ("file", facts.file),
-        (
-            "kind",
-            f"{facts.kind}, {_megabytes(facts.bytes)}" + (f", by {facts.written_by}" if facts.written_by else ""),
-        ),
+        ("kind", f"{facts.kind}, {_megabytes(facts.bytes)}" + (f", by {facts.written_by}" if facts.written_by else "")),
         ("sha256", facts.sha256),
         ("run", run),
         ("vehicle", facts.vehicle),

@@ -65,13 +65,7 @@ def zero_command(
     target = zero_path(first, vehicle, output)
     check_place(target)
     found = find_zeros(
-        recordings,
-        vehicle=vehicle,
-        wheel=wheel,
-        from_s=from_s,
-        to_s=to_s,
-        on_ground=on_ground,
-        lenient_dbc=lenient_dbc,
+        recordings, vehicle=vehicle, wheel=wheel, from_s=from_s, to_s=to_s, on_ground=on_ground, lenient_dbc=lenient_dbc
     )
     rows, remarks = drifts(found)
     append(target, found)

@@ -39,12 +39,11 @@ from wheelsoil.workflows import (
     fit_runs,
     fit_table,
     load_choice,
-    on_soil,
-    process_runs,
     read_benches,
     vehicles_of,
 )
 from wheelsoil.workflows.fit import nothing_whole
+from wheelsoil.workflows.runs import process_on_soil
 
 _ONE_AT_A_TIME = threading.Lock()
 """What is printed is taken away from the whole process, and so is the cache."""
@@ -225,16 +224,8 @@ def _settings(opened: _Opened, options: FleetOptions) -> DiagnosisOptions:
 def _of_runs(source: Source, runs: Sequence[Run], opened: _Opened, options: FleetOptions) -> Found:
     choice, fit, remarks = opened.choice, None, []
     aside = list(opened.unreadable)
-    processed = on_soil(
-        process_runs(
-            runs,
-            choice.process_options(LOOK),
-            choice=choice,
-            accept_implausible=True,
-            set_aside=aside.append,
-        ),
-        aside.append,
-    )
+    files = Files(accept_implausible=True)
+    processed = process_on_soil(runs, choice.process_options(LOOK), files, choice=choice, set_aside=aside.append)
     try:
         fit = fit_runs(processed, choice.fit_choices(), None)
     except WheelsoilError as error:

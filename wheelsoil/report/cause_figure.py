@@ -13,16 +13,16 @@ import numpy as np
 
 from daq import OUTPUTS, ROLES, DataError, FloatArray
 from model.diagnosis import Cause, Diagnosis, Kind
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from model.wheel_soil import speed_ratio
 from wheelsoil.report.content import Drawing
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import EDGES, Bins, binned, matched, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import Recommendation, recommended_causes, slips_of_rows
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.error_text import error_text
-from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name
+from wheelsoil.wording.names import CALIBRATED, page_unit, plain_name, upper
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import several_terrains
 from wheelsoil.workflows.key_figures import Z95
 
@@ -47,49 +47,29 @@ Own = Callable[[float, _Samples, FloatArray], FloatArray]
 
 
 class _View(NamedTuple):
-    """How a cause is shown.
+    """How a cause is shown: the abscissa's title, and the abscissa of samples.
 
-    Attributes
-    ----------
-    axis : str
-        Title of the abscissa.
-    across : callable
-        The abscissa of samples.
-    own : callable, optional
-        What the cause adds to the channel itself, of its value, the samples, and what the recommended model predicts;
-        None for a cause that acts through slip or load.
+    `own` is what a cause in the reading of pull or torque itself adds to it, of its value, the samples, and what the
+    recommended model predicts; without it the models say it. `braked`: braked samples show it, too.
     """
 
     axis: str
     across: Callable[[_Samples], FloatArray]
     own: Own | None = None
+    braked: bool = False
 
 
-def _slip_of(samples: _Samples) -> FloatArray:
-    return samples.slip
-
-
-_SLIP = ("Slip ratio", _slip_of)
 _VIEWS: Mapping[str, _View] = {
-    "drawbar_pull_zero": _View(*_SLIP, lambda x, s, _: x + 0.0 * s.slip),
-    "torque_zero": _View(*_SLIP, lambda x, s, _: x + 0.0 * s.slip),
-    "zero_drift": _View("Time since the first run (min)", lambda s: s.day_min, lambda x, s, _: x * s.clock),
-    # the abscissa of a gain is replaced by what is predicted
-    "drawbar_pull_gain": _View(
-        "Predicted drawbar pull (N)", lambda s: s.slip, lambda x, _, model: x / (1.0 + x) * model
-    ),
-    "torque_gain": _View("Predicted driving torque (N m)", lambda s: s.slip, lambda x, _, model: x / (1.0 + x) * model),
-    "crosstalk": _View("Vertical load (kN)", lambda s: s.load_n / 1e3, lambda x, s, _: x * s.load_n),
-    "load_zero": _View("Vertical load (kN)", lambda s: s.load_n / 1e3),
-    "load_gain": _View("Vertical load (kN)", lambda s: s.load_n / 1e3),
-    "speed_bias": _View("Ground speed (m/s)", lambda s: s.speed_mps),
-    "speed_latency": _View("Acceleration of the vehicle (m/s²)", lambda s: s.acceleration_mps2),
-    "wheel_radius": _View(*_SLIP),
-    "wheel_inertia": _View("Acceleration of the rim (m/s²)", lambda s: s.rim_acceleration_mps2),
+    "slip": _View("Slip ratio", lambda s: s.slip, lambda x, s, _: x + 0.0 * s.slip),
+    "load": _View("Vertical load (kN)", lambda s: s.load_n / 1e3, lambda x, s, _: x * s.load_n),
+    "speed": _View("Ground speed (m/s)", lambda s: s.speed_mps),
+    "time": _View("Time since the first run (min)", lambda s: s.day_min, lambda x, s, _: x * s.clock),
+    # of what is predicted, which takes the place of the slip
+    "prediction": _View("Predicted {}", lambda s: s.slip, lambda x, _, model: x / (1.0 + x) * model, braked=True),
+    "acceleration": _View("Acceleration of the vehicle (m/s²)", lambda s: s.acceleration_mps2),
+    "rim acceleration": _View("Acceleration of the rim (m/s²)", lambda s: s.rim_acceleration_mps2, braked=True),
 }
-_GAINS = ("drawbar_pull_gain", "torque_gain")
-_BRAKED = (*_GAINS, "wheel_inertia")
-"""Causes that braked samples show, too."""
+"""By the abscissa that an effect states."""
 _HANGS_ON: Mapping[object, str] = {
     **dict.fromkeys((Kind.TORQUE, Kind.TORQUE_SQUARED, Kind.TORQUE_DRIFT), "t"),
     **dict.fromkeys((Kind.DRAWBAR_PULL, Kind.DRAWBAR_PULL_SQUARED, Kind.DRAWBAR_PULL_DRIFT), "dp"),
@@ -100,39 +80,36 @@ _HANGS_ON: Mapping[object, str] = {
 def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: str) -> Drawing | None:
     """Return the figure of the cause that changes most; None where slip shows it best, or there is none.
 
-    Parameters
-    ----------
-    channel : str
-        To show it in; a cause that acts in one channel itself is shown in that one.
+    A cause that acts in one channel itself is shown in that one, whichever `channel` is given.
     """
     found = inputs.diagnosed
     if found is None or not found.plot_data or not recommended_causes(found) or several_terrains(found) is not None:
         return None
     shares = {each: shares_of(found, each, recommendation.measured) for each in recommended_causes(found)}
     cause = max(shares, key=lambda each: max(shares[each].values(), default=0.0))
-    if cause.name not in _VIEWS or not cause.parameters:
+    effect = EFFECTS.get(cause.key, Effect)
+    if not effect.abscissa or not cause.parameters:
         return None
-    view, samples = _VIEWS[cause.name], _samples_of(inputs, recommendation, found)
-    if view.own is None:
-        left, line = (
-            recommendation.residual(channel, base=True),
-            recommendation.recommended[channel] - recommendation.base[channel],
-        )
+    view, samples = _VIEWS[effect.abscissa], _samples_of(inputs, recommendation, found)
+    in_reading = effect.kind == "measurement" and {"drawbar_pull", "driving_torque"}.issuperset(effect.shows)
+    if view.own is None or not in_reading:
+        left = recommendation.residual(channel, base=True)
+        line = recommendation.recommended[channel] - recommendation.base[channel]
         against = f"{CALIBRATED}, without the cause"
     else:
-        shown = [c for c in shares[cause] if OUTPUTS[c].role in EFFECTS[cause.key].shows]
+        shown = [c for c in shares[cause] if OUTPUTS[c].role in effect.shows]
         channel = max(shown or shares[cause], key=shares[cause].__getitem__, default=channel)
         line = view.own(cause.parameters[0].value, samples, recommendation.recommended[channel])
         model = f"the {recommendation.title.lower()} model"
         left, against = recommendation.residual(channel) + line, f"{model} without its correction"
-    across = recommendation.recommended[channel] - line if cause.name in _GAINS else view.across(samples)
+    of_gain = effect.abscissa == "prediction"
+    across = recommendation.recommended[channel] - line if of_gain else view.across(samples)
     factor, unit = page_unit(channel)
-    title = error_text(cause, OUTPUTS[channel].name)
+    title = error_text(cause, OUTPUTS[channel].name) or upper(plain_name(cause.name))
     if found.verdict != "named":  # one of several: no fact
         title = f"If {plain_name(cause.name)} acts: {title[0].lower()}{title[1:]}"
-    over_slip = view.across is _slip_of
-    driven_only = cause.name not in _BRAKED
-    if driven_only:  # braking is so steep that the driven part would look flat
+    over_slip = effect.abscissa == "slip"
+    if not view.braked:  # braking is so steep that the driven part would look flat
         left, across = (np.where(recommendation.slip > 0, values, np.nan) for values in (left, across))
     line = np.where(np.isfinite(left), line, np.nan)  # of the same samples as the points
     edges = EDGES if over_slip else np.linspace(*_span(across), _BINS + 1)
@@ -145,8 +122,9 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     cloud = _known(across, factor * left)
     inner = cloud[1][(cloud[0] >= span[0]) & (cloud[0] <= span[1])]
     bulk = np.percentile(inner, [0.5, 99.5]) if len(inner) else inner
-    plane = Plane(span, _height(points, correction, also=bulk), view.axis, f"Measured − predicted ({unit})")
-    side = "Driving" if driven_only else "Driving and braking"
+    axis = view.axis.format(f"{OUTPUTS[channel].name} ({unit})")
+    plane = Plane(span, _height(points, correction, also=bulk), axis, f"Measured − predicted ({unit})")
+    side = "Driving and braking" if view.braked else "Driving"
     caption = (
         f"{side}. Measured − predicted by {against}. Grey: samples{beyond(cloud, plane)}. "
         "Points: median and middle half. Line: the correction."
@@ -160,11 +138,7 @@ def residual_figure(
     """Return the residual of the channel that leads the list of findings, or else is off most.
 
     It is of the driven samples, or of rows of tables, and against what the first finding of the channel hangs on.
-
-    Raises
-    ------
-    DataError
-        The noise of no channel is known.
+    `DataError` where the noise of no channel is known.
     """
     first = {ROLES[finding.channel].key: finding for finding in reversed(found.what_is_wrong)}
     of = {channel: _HANGS_ON.get(getattr(finding.place, "kind", None), "") for channel, finding in first.items()}

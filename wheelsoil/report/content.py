@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,34 +36,11 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Light:
-    """A traffic light: its subject, the level "good", "fair" or "poor", and the reason as text."""
-
-    name: str
-    level: str
-    why: str
-
-
-@dataclass(frozen=True)
-class Lights:
-    """Traffic lights side by side; text and shape show the level, too."""
-
-    caption: str
-    lights: Sequence[Light]
-
-
-@dataclass(frozen=True)
 class Figure:
-    """A figure of the appendix as plain JSON values; figure.js draws it.
+    """A figure of the appendix as plain JSON values without NaN; figure.js draws it.
 
-    Attributes
-    ----------
-    key : str
-        Unique in the report.
-    data, layout
-        See `wheelsoil.report.figures`: lists, mappings, texts, numbers and None, no NaN.
-    groups : sequence of str
-        Name of the choice that each trace belongs to ("" = always shown); the reader chooses among the groups.
+    `wheelsoil.report.figures` makes `data` and `layout`; `groups` names the choice that each trace belongs to ("" =
+    always shown); the reader chooses among them.
     """
 
     key: str
@@ -73,6 +50,19 @@ class Figure:
     groups: Sequence[str] = ()
     wide: bool = False
     """Whether it takes a row of its own."""
+
+
+def grouped(
+    key: str,
+    title: str,
+    groups: Iterable[tuple[str, Sequence[Mapping[str, Any]]]],
+    layout: Mapping[str, Any],
+    *,
+    wide: bool = False,
+) -> Figure:
+    """Return a figure of the traces of each choice of the reader, given as (choice, traces)."""
+    named = [(trace, group) for group, traces in groups for trace in traces]
+    return Figure(key, title, [trace for trace, _ in named], layout, [group for _, group in named], wide)
 
 
 @dataclass(frozen=True)
@@ -197,7 +187,7 @@ class Links:
     lines: Sequence[tuple[str, str, str]]
 
 
-Block = Text | Table | Lights | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks | Links
+Block = Text | Table | Panels | Drawing | Pair | Tiles | Steps | Bars | Checks | Links
 
 
 @dataclass(frozen=True)
@@ -208,8 +198,6 @@ class Section:
     title: str
     blocks: Sequence[Block]
     numbers: Mapping[str, Any] = field(default_factory=dict)
-    lead: str = ""
-    """The finding of the section, in a sentence below its title."""
 
 
 Contents = tuple[Sequence[Block], Mapping[str, Any]]
@@ -251,14 +239,12 @@ def blocks_of(section: Section) -> list[Block]:
 
 def texts_of(section: Section) -> list[str]:
     """Return the texts of a section outside its tables, so that report.json contains their numbers."""
-    texts: list[str] = [section.lead]
+    texts: list[str] = []
     for block in blocks_of(section):
         if isinstance(block, Text):
             texts.append(block.text)
         elif isinstance(block, Table):
             texts += [block.caption, block.note]
-        elif isinstance(block, Lights):
-            texts += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
         elif isinstance(block, Drawing):
             texts += [block.title, block.caption]
         elif isinstance(block, Tiles):

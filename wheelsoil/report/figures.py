@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -29,6 +30,8 @@ GREY_BAND = "rgba(0,0,0,0.13)"
 _NONE: FloatArray = np.zeros(0)
 _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
 """Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
+_FEW = 60
+"""Samples that are too few for bins."""
 _REPEAT = 0.02
 """Range of slip within which rows of a table repeat one condition."""
 _SAME_LOAD, _MOST_LOADS = 0.1, 4
@@ -64,6 +67,14 @@ _SPARE = Style("", "#777777", "longdash", "hexagon")
 def style(model: str) -> Style:
     """Return a model's style; an unknown model gets a spare one under its own name."""
     return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
+
+
+_FORMS = {key: model_style.label for key, model_style in STYLES.items()} | {"second_order": "second order"}
+
+
+def form_name(text: str) -> str:
+    """Return the form of an effect as people write it, also in brackets after its family: "slip sinkage (Vasil'ev)"."""
+    return re.sub(r"\w+", lambda found: _FORMS.get(found[0], found[0]), text)
 
 
 @dataclass(frozen=True)
@@ -109,14 +120,16 @@ def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int
     rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(rows) == 0:
         return rows
-    cell = _cell(x[rows], cells) * cells + _cell(y[rows], cells)
-    order = np.argsort(cell, kind="stable")
-    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
-    sizes = np.diff(starts, append=len(rows))
-    steps = np.arange(per_cell)
-    picks = starts[:, None] + (steps[None, :] * sizes[:, None]) // per_cell
-    kept: IntArray = np.sort(rows[order[np.unique(picks)]])
-    return kept
+    return rows[even_rows(_cell(x[rows], cells) * cells + _cell(y[rows], cells), per_cell)]
+
+
+def even_rows(label: IntArray, most: int) -> IntArray:
+    """Choose at most so many rows of each label, at even steps, in ascending order."""
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    sizes = np.diff(starts, append=len(order))
+    picks = starts[:, None] + (np.arange(most)[None, :] * sizes[:, None]) // most
+    return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
 
 
 def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:
@@ -169,9 +182,9 @@ def by_slip(slip: FloatArray, y: FloatArray) -> Bins:
     return binned(slip, y, EDGES)
 
 
-def by_slip_or_each(slip: FloatArray, y: FloatArray, few: int = 60) -> Bins:
+def by_slip_or_each(slip: FloatArray, y: FloatArray) -> Bins:
     """Summarise samples of runs in bins of slip; readings of a rut, which are too few for bins, stand one by one."""
-    return by_slip(slip, y) if np.count_nonzero(np.isfinite(slip + y)) > few else repeated(slip, y)
+    return by_slip(slip, y) if np.count_nonzero(np.isfinite(slip + y)) > _FEW else repeated(slip, y)
 
 
 def repeated(x: FloatArray, y: FloatArray) -> Bins:
@@ -321,19 +334,10 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
 def set_axis_range(
     layout: dict[str, Any], axis: str, values: FloatArray, *, also: FloatArray = _NONE, margin: float = 0.08
 ) -> None:
-    """Set the initial range of an axis to the 0.5th to 99.5th percentile of some values; double-click shows all.
+    """Set the initial range of an axis ("x" or "y") to the 0.5th to 99.5th percentile of some values, as far as known.
 
-    Parameters
-    ----------
-    layout : dict
-        From `axes`; changed in place.
-    axis : "x" or "y"
-    values : float64 array
-        NaN is ignored; without any number the axis is not changed.
-    also : float64 array
-        Further values to include, e.g. the lines of models, as far as the range is at most doubled.
-    margin : float
-        Share of the range added on either side.
+    Double-click shows all. `also` has further values to include, e.g. the lines of models, as far as the range is at
+    most doubled; `margin` is the share of the range added on either side.
     """
     known = values[np.isfinite(values)]
     if not len(known):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, Note, VehicleConfig
+from daq import REACTIONS, DataError, FloatArray, Note, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run, SetAsideRun
 from model import AveragedModel
@@ -23,11 +23,10 @@ from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of, joined_conditions
 from processing import ProcessedRun
 from wheelsoil import __version__
-from wheelsoil.report.figures import EDGES
-from wheelsoil.report.recommendation import Recommendation, of_diagnosis, of_fit
-from wheelsoil.report.words import listed
+from wheelsoil.report.figures import EDGES, even_rows
+from wheelsoil.report.recommendation import Pool, Recommendation, of_diagnosis, of_fit
 from wheelsoil.wording.losses import WRAPPED
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import listed, plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import runs_apart, several_terrains
 from wheelsoil.workflows.cause_cost import steady_traction
@@ -46,17 +45,15 @@ _NAMED = 5
 
 
 def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
-    """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
+    """Return one-sigma of each model's prediction from its coefficients alone, by channel and model, of the samples.
 
-    Returns
-    -------
-    mapping channel -> model -> float64 array, shape (n,)
-        For the used samples of all runs, one after the other; NaN where it was not worked out, and everywhere for a
-        model that has no coefficient with a standard error.
+    Of the used samples of all runs, one after the other; NaN where it was not worked out, and for a model without
+    standard errors.
     """
     used = [run.used for run in runs]
     slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
-    rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
+    run = np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used])
+    rows = even_rows(run * (len(EDGES) + 1) + np.digitize(slip, EDGES), _PER_BIN)
     conditions = joined_conditions(conditions_of(runs, fit.soil.unit_weight_n_m3), used).rows(rows)
     found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in REACTIONS}
     for model in fit.models:
@@ -96,37 +93,14 @@ def _covariance(model: ModelFit) -> tuple[tuple[str, ...], FloatArray]:
     return names, correlation * np.outer(size, size)
 
 
-def _rows(slip: FloatArray, run: IntArray) -> IntArray:
-    """Choose samples at even steps of each run and bin of slip."""
-    bins = len(EDGES) + 1
-    label = run * bins + np.digitize(slip, EDGES)
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    sizes = np.diff(starts, append=len(order))
-    picks = starts[:, None] + (np.arange(_PER_BIN)[None, :] * sizes[:, None]) // _PER_BIN
-    return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
-
-
 @dataclass(frozen=True)
 class Source:
     """The file of one run; None where a number is not known.
 
-    Attributes
-    ----------
-    loss : tuple of str
-        What of the file cannot be read.
-    gaps : tuple of str
-        What was not recorded between its parts.
-    losses : mapping str -> int
-        What the logger counted, see `daq.recording.RunRecording.losses`.
-    exit_status : str
-        How the recording ended; empty where its end is missing, None where it is a log.
-    clock : mapping str -> str
-        The recording's last fit of its host's clock to GNSS time.
-    clock_steps : mapping str -> str
-        Steps of the host's clock while it was recorded.
-    events : tuple of Event
-        Marks, and what went wrong while it was recorded.
+    `loss` is what of it cannot be read, `gaps` what was not recorded between its parts, `losses` what the logger
+    counted (`daq.recording.RunRecording.losses`). `exit_status` is empty where its end is missing, None where it is a
+    log. `clock` is the last fit of the host's clock to GNSS time, `clock_steps` the steps it made. `events` are marks,
+    and what went wrong while it was recorded.
     """
 
     run_id: str
@@ -158,27 +132,9 @@ class Source:
 class ReportInputs:
     """Inputs of the sections: runs, fits, diagnosis, and their sources.
 
-    Attributes
-    ----------
-    no_fit : str
-        Why there is no fit.
-    terrain : str
-        Name of the soil.
-    command : str
-        What made the report.
-    options : mapping
-        How it was made.
-    versions : mapping program -> version
-    no_diagnosis : str
-        Why there is none; empty where none was asked for, and then the page says nothing of it.
-    diagnosis_failed : bool
-        Whether a fault, and not the measurement, is why.
-    tables : tuple of BenchFiles
-        Single-wheel tables in place of runs.
-    last : LastReport, optional
-        An earlier report, with which this one is compared.
-    set_aside : tuple of SetAsideRun
-        Runs that were given and are not used.
+    `no_fit` and `no_diagnosis` say why there is none; where no diagnosis was asked for the latter is empty, and the
+    page says nothing of it. `diagnosis_failed`: a fault, and not the measurement, is why. `tables` are single-wheel
+    tests in place of runs, `last` an earlier report to compare with; runs `set_aside` were given and are not used.
     """
 
     runs: tuple[ProcessedRun, ...]
@@ -267,9 +223,14 @@ class ReportInputs:
         )
 
     @property
+    def poor(self) -> list[str]:
+        """The runs to drive again."""
+        return [run.run.id for run, grade in zip(self.runs, self.grades, strict=True) if grade.level == "poor"]
+
+    @property
     def usable_runs(self) -> str:
         """How many of the given runs can be used, in words."""
-        usable, given = sum(grade.level != "poor" for grade in self.grades), len(self.grades) + len(self.set_aside)
+        usable, given = len(self.grades) - len(self.poor), len(self.grades) + len(self.set_aside)
         return f"{usable} of {given} runs {'used' if usable == len(self.grades) < given else 'usable'}"
 
     @property
@@ -305,58 +266,23 @@ class ReportInputs:
         return next((source for source in self.sources if source.run_id == run.run.id), None)
 
 
-class Pool:
-    """The used samples of fitted runs, one after the other, with what each model predicts for them.
-
-    All arrays have shape (n,); `time_s` is within the run, `run` the number of the run.
-    """
-
-    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
-        self._runs = runs
-        self._models = {model.name: model for model in models}
-        self.slip = self.values("slip")
-        self.vertical_load_n = self.values("vertical_load_n")
-        self.sinkage_m = self.values("sinkage_m")
-        self.time_s = self.values("time_s")
-        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
-
-    def measured(self, channel: str) -> FloatArray:
-        """Return what was measured of "dp" or "t"; `DataError` if it was not."""
-        values = self.values(OUTPUTS[channel].field)
-        if not np.isfinite(values).any():
-            what = OUTPUTS[channel].name
-            raise DataError.of(f"the {what} was not measured")
-        return values
-
-    def predicted(self, model: str, name: str) -> FloatArray:
-        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
-        predictions = self._models[model].predictions
-        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
-        return np.concatenate(pieces) if pieces else np.zeros(0)
-
-    def values(self, name: str) -> FloatArray:
-        """Return what was measured, e.g. ``"slip"``."""
-        pieces = [getattr(run, name)[run.used] for run in self._runs]
-        return np.concatenate(pieces) if pieces else np.zeros(0)
-
-
 def source_of(run: Run) -> Source:
     """Return what a report says of a run's file."""
-    recording = run.recording
-    return Source(
-        run_id=run.id,
-        file=run.path.name,
-        bytes=sum(file.stat().st_size for file in run.files),
-        sha256=sha256_of(*run.files),
-        frames=sum(recording.frame_counts.values()) if recording else None,
-        dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
-        loss=tuple(map(str, recording.loss)) if recording else (),
-        gaps=tuple(note_text(gap.note()) for gap in recording.gaps) if recording else (),
-        losses=recording.losses if recording else {},
-        exit_status=recording.exit_status if recording else None,
-        clock=recording.metadata.get("clock", {}) if recording else {},
-        clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
-        events=tuple(e for e in recording.events() if e.name == "mark" or e.severity != "info") if recording else (),
+    size, recording = sum(file.stat().st_size for file in run.files), run.recording
+    source = Source(run.id, run.path.name, size, sha256_of(*run.files), frames=None, dropped_frames=None)
+    if recording is None:
+        return source
+    return replace(
+        source,
+        frames=sum(recording.frame_counts.values()),
+        dropped_frames=sum(recording.drops.values()) if recording.drops else None,
+        loss=tuple(map(str, recording.loss)),
+        gaps=tuple(note_text(gap.note()) for gap in recording.gaps),
+        losses=recording.losses,
+        exit_status=recording.exit_status,
+        clock=recording.metadata.get("clock", {}),
+        clock_steps=recording.metadata.get("clock_steps", {}),
+        events=tuple(event for event in recording.events() if event.name == "mark" or event.severity != "info"),
     )
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IntArray
+from daq import OUTPUTS, REACTIONS, BoolArray, DataError, FloatArray, IntArray
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
-from model.fit import CampaignFit
-from wheelsoil.report.figures import EDGES, Bins, binned, style
-from wheelsoil.report.words import number, signed
+from model.fit import CampaignFit, ModelFit
+from processing import ProcessedRun
+from wheelsoil.report.figures import EDGES, Bins, binned, matched, style
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import model_title
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
@@ -25,41 +25,50 @@ _ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
 _LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
 
 
-class Pool(Protocol):
-    """Used samples of fitted runs; see `wheelsoil.report.inputs.Pool`."""
+class Pool:
+    """The used samples of fitted runs, one after the other, with what each model predicts for them.
 
-    slip: FloatArray
-    vertical_load_n: FloatArray
-    time_s: FloatArray
-    run: IntArray
+    All arrays have shape (n,); `time_s` is within the run, `run` the number of the run.
+    """
 
-    def values(self, name: str) -> FloatArray:
-        """Return what was measured."""
+    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
+        self._runs = runs
+        self._models = {model.name: model for model in models}
+        self.slip = self.values("slip")
+        self.vertical_load_n = self.values("vertical_load_n")
+        self.sinkage_m = self.values("sinkage_m")
+        self.time_s = self.values("time_s")
+        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return what was measured of "dp" or "t"; `DataError` if it was not."""
+        values = self.values(OUTPUTS[channel].field)
+        if not np.isfinite(values).any():
+            what = OUTPUTS[channel].name
+            raise DataError.of(f"the {what} was not measured")
+        return values
 
     def predicted(self, model: str, name: str) -> FloatArray:
-        """Return what a model predicts."""
+        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
+        predictions = self._models[model].predictions
+        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def values(self, name: str) -> FloatArray:
+        """Return what was measured, e.g. ``"slip"``."""
+        pieces = [getattr(run, name)[run.used] for run in self._runs]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
 
 
 @dataclass(frozen=True)
 class Recommendation:
     """The recommended or most probable model and the one without its causes, on the same samples.
 
-    Attributes
-    ----------
-    title : str
-        What the model is called, see `wheelsoil.wording.verdict.model_title`, or the base.
-    name, base_name : str
-        Of the model and of the one beside it, in words.
-    is_base : bool
-        Whether nothing better than the base is known: then there is one model.
-    main_channel : "dp", "t" or "z"
-        Channel that the figure of the cause shows.
-    runs : tuple of str
-        ``run`` indexes them.
-    measured, base, recommended, noise : mapping channel -> float64 array, shape (n,)
-        ``noise`` is one sigma of a measured sample about the baseline; NaN where nobody estimated it.
-    adequate : bool
-        Whether a diagnosis, which knows the error of the slip, finds no more than noise about the model.
+    `title` is what the model is called (`wheelsoil.wording.verdict.model_title`), `name` and `base_name` are it and the
+    one beside it in words; with `is_base` nothing better than the base is known, and there is one model. `main_channel`
+    is that of the cause's figure; `run` indexes `runs`. Channels have arrays of shape (n,); `noise` is one sigma of a
+    measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the error of the
+    slip, finds no more than noise about the model.
     """
 
     title: str
@@ -157,12 +166,7 @@ def of_diagnosis(found: Diagnosis) -> Recommendation:
 class LoadShift:
     """What brings samples of a channel to one load: the recommended model's change with load, as a function of slip.
 
-    Attributes
-    ----------
-    load_n : float
-        The load that samples are brought to.
-    slope : float64 array, shape (k,)
-        Polynomial in slip, highest power first: channel per N of load.
+    `slope` is a polynomial in slip, highest power first: channel per N of load.
     """
 
     load_n: float
@@ -283,8 +287,7 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
     side = (recommendation.slip > 0) == driving
     median = binned(recommendation.slip[side], recommendation.residual(channel)[side], EDGES)
     noise = binned(recommendation.slip[side], recommendation.noise[channel][side], EDGES)
-    known = dict(zip(noise.centre.tolist(), noise.median.tolist(), strict=True))
-    sigma = np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
+    sigma = matched(median.centre, noise)
     if len(median.centre) == 0 or not np.isfinite(sigma).any():
         return None
     sides = np.sign(median.median)
@@ -295,7 +298,12 @@ def _bias(recommendation: Recommendation, channel: str, *, driving: bool) -> Bia
         and float(np.nanmedian(np.abs(median.median) / sigma)) > _HALF_NOISE
     )
     chosen = np.ones(len(sides), np.bool_) if everywhere else _off_most(median, sigma)
-    return _range(channel, median, chosen, sigma, driving=driving) if chosen.any() else None
+    if not chosen.any():
+        return None
+    half = (EDGES[1] - EDGES[0]) / 2
+    centres, sizes = median.centre[chosen], median.median[chosen]
+    slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
+    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())), float(np.nanmedian(sigma[chosen])))
 
 
 def _beyond(bins: Bins, ruler: FloatArray | float, scatter: FloatArray, fewest: int) -> BoolArray:
@@ -312,10 +320,3 @@ def _off_most(median: Bins, sigma: FloatArray) -> BoolArray:
     stretch = np.cumsum((np.diff(sides, prepend=np.nan) != 0) | apart)
     sums = np.bincount(stretch, np.where(off, np.abs(median.median) / sigma, 0.0))
     return np.asarray(off & (stretch == int(np.argmax(sums))))
-
-
-def _range(channel: str, median: Bins, chosen: BoolArray, sigma: FloatArray, *, driving: bool) -> Bias:
-    half = (EDGES[1] - EDGES[0]) / 2
-    centres, sizes = median.centre[chosen], median.median[chosen]
-    slips = (round(float(centres.min() - half), 2), round(float(centres.max() + half), 2))
-    return Bias(channel, driving, slips, (float(sizes.min()), float(sizes.max())), float(np.nanmedian(sigma[chosen])))

@@ -18,12 +18,11 @@ from wheelsoil.report.cause_figure import driven_slips
 from wheelsoil.report.content import MOST_STEPS, Block, Drawing, Links, Pair, Section, Steps, Table, Text, Tile, Tiles
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, reach
 from wheelsoil.report.figures import Binning, by_slip, matched
-from wheelsoil.report.words import listed
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import unsure_words, want_words
 from wheelsoil.wording.mending import Step, next_steps, step_of
-from wheelsoil.wording.names import plain_name, upper
+from wheelsoil.wording.names import listed, plain_name, upper
 from wheelsoil.wording.verdict import details_of, headline_of, not_corrected, sentence_of, several_terrains
 from wheelsoil.workflows.key_figures import KeyFigure
 from wheelsoil.workflows.report import WheelReport
@@ -75,12 +74,8 @@ def build_vehicle_report(
 ) -> Report:
     """Build the page of a vehicle from the reports of its wheels, of which at least one was made.
 
-    Parameters
-    ----------
-    joint : Diagnosis, optional
-        Of the campaigns of all wheels with one soil.
-    doubts : sequence of Fault
-        See `wheelsoil.workflows.vehicle.doubts_of_wheels`: to be removed before all else.
+    `joint` is of all wheels with one soil; `doubts` (`wheelsoil.workflows.vehicle.doubts_of_wheels`) come before all
+    else.
     """
     there = [(wheel, report) for wheel in wheels if (report := wheel.report) is not None]
     given, first = [wheel for wheel, _ in there], there[0][1].head

@@ -71,21 +71,9 @@ class BenchSoil:
 
 
 def evaluate(
-    plates: Sequence[PlateTest],
-    shears: Sequence[ShearTest],
-    window: WindowOptions,
-    *,
-    shear_to_m: float = inf,
+    plates: Sequence[PlateTest], shears: Sequence[ShearTest], window: WindowOptions, *, shear_to_m: float = inf
 ) -> BenchSoil:
-    """Fit what there is.
-
-    Raises
-    ------
-    ConfigError
-        There is no test at all, or tests that leave a parameter open.
-    DataError
-        Tests that cannot be fitted.
-    """
+    """Fit what there is; `ConfigError` where no test is there, or a parameter is left open, else `DataError`."""
     if not plates and not shears:
         raise ConfigError.of("there is no test", next_step="give --plate FILE..., --shear FILE..., or both")
     try:
@@ -189,13 +177,11 @@ def facts(result: BenchSoil) -> list[tuple[str, str]]:
     if result.shear:
         share, modulus = np.sqrt(np.diag(result.shear.joint.scatter))
         text = f"{100 * share:.1f} % of the strength, {100 * modulus:.1f} % of K ({_source(result.shear.joint)})"
-        if not result.shear.separate:
-            angle = ""
-        else:
-            low, high = result.shear.joint.interval95[result.shear.joint.names.index("tan_phi")]
-            value = degrees(atan(result.shear.joint["tan_phi"]))
-            angle = f"{value:.2f} deg, 95 % interval {degrees(atan(low)):.2f} to {degrees(atan(high)):.2f}"
-        lines += [("shear scatter", text), *([("friction angle", angle)] if angle else [])]
+        lines.append(("shear scatter", text))
+        if result.shear.separate:
+            ends = result.shear.joint.interval95[result.shear.joint.names.index("tan_phi")]
+            angle, low, high = (degrees(atan(slope)) for slope in (result.shear.joint["tan_phi"], *ends))
+            lines.append(("friction angle", f"{angle:.2f} deg, 95 % interval {low:.2f} to {high:.2f}"))
     return lines
 
 

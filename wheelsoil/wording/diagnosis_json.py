@@ -186,21 +186,12 @@ def plan_json(plan: Plan) -> dict[str, Any]:
                 "minimum_separable": vars(plan.minimum_separable[key]),
             }
             for key, family, left, d, apart, rival in zip(
-                found.keys,
-                found.families,
-                found.left,
-                found.deviation,
-                found.separation,
-                found.rivals,
-                strict=True,
+                found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
             )
         ],
         "cosine": found.cosine.tolist(),
         "look_alikes": [
-            {
-                "families": list(advice.families),
-                "next_run": [next_run_json(run) for run in advice.next_runs],
-            }
+            {"families": list(advice.families), "next_run": [next_run_json(run) for run in advice.next_runs]}
             for advice in plan.confounded
         ],
         "cannot_tell": plan.not_identifiable,

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from daq import OUTPUTS, ROLES, Note, Use, VehicleConfig, number, table_lines
-from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, NextRun
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, undetectable
 from wheelsoil.wording.mending import next_steps, step_of
@@ -72,24 +72,12 @@ def reduction(gain: Gain) -> tuple[str, float, float]:
 
 
 def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
-    """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`.
-
-    Parameters
-    ----------
-    not_identifiable : mapping family -> why
-    sizes : mapping effect key -> Detectable
-        Smallest detectable sizes.
-    """
+    """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`."""
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
     by_title: dict[str, dict[str, str]] = {NOT_IDENTIFIABLE: {}, NOT_DETECTABLE: {}}
     for family, why in not_identifiable.items():
         by_title[NOT_IDENTIFIABLE if family in seen else NOT_DETECTABLE][family] = note_text(why)
     return {title: texts for title, texts in by_title.items() if texts}
-
-
-def set_name(cause_set: CauseSet) -> str:
-    """Return a set of causes as text."""
-    return " + ".join(map(plain_name, cause_set.causes)) or "no cause"
 
 
 class SetShare(NamedTuple):
@@ -101,14 +89,16 @@ class SetShare(NamedTuple):
     causes: int
 
 
-def set_shares(sets: Sequence[CauseSet], most: int = _MOST_SETS) -> list[SetShare]:
+def set_shares(sets: Sequence[CauseSet]) -> list[SetShare]:
     """Return the most probable sets, and all others together."""
     if not sets:
         return []
-    names = [*map(set_name, sets[:most]), "all other sets"]
-    chances = [cause_set.probability for cause_set in sets[:most]]
+    shown = sets[:_MOST_SETS]
+    names = [" + ".join(map(plain_name, each.causes)) or "no cause" for each in shown]
+    chances = [each.probability for each in shown]
     chances.append(max(1.0 - sum(chances), 0.0))
-    shares = map(SetShare, names, chances, shares_percent(chances), [*(len(each.causes) for each in sets[:most]), 0])
+    sizes = [*(len(each.causes) for each in shown), 0]
+    shares = map(SetShare, [*names, "all other sets"], chances, shares_percent(chances), sizes)
     return [share for share in shares if share.percent > 0]
 
 
@@ -122,16 +112,9 @@ def diagnosis_lines(
 ) -> list[str]:
     """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
-    Parameters
-    ----------
-    vehicle : VehicleConfig, optional
-        What the next step may have to change; None where the runs are of several.
-    width : int
-        Of the terminal, in characters; held between 80 and 100.
-    checks : iterable of str
-        Where the recommended model is off.
-    verbose : bool
-        Everything: probabilities, residuals, detectable sizes, further steps.
+    `vehicle` is what the next step may have to change, None where the runs are of several. The width is held between 80
+    and 100. `checks` say where the recommended model is off. With `verbose` also probabilities, residuals, detectable
+    sizes and further steps.
     """
     width = limited(width)
     head = [*wrapped(headline_of(diagnosis), width), *_first_step(diagnosis, vehicle, width)]
@@ -237,15 +220,14 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
-            place_text(found.place),
+            "",
         ]
         for found in findings
     ]
-    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", "where"]
-    aligned = [[*row[:-1], ""] for row in rows]
-    lines = table_lines([*head[:-1], ""], aligned)
+    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", ""]
+    lines = table_lines(head, rows)
     widest = max(map(len, lines)) + 2
-    texts = [head[-1], *(row[-1] for row in rows)]
+    texts = ["where", *(place_text(found.place) for found in findings)]
     folded = [
         line
         for start, text in zip(lines, texts, strict=True)
@@ -425,15 +407,12 @@ def _static(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
-    steps = enumerate(deciding_runs(diagnosis), 1)
-    lines = [line for i, run in steps for line in wrapped(f"{i}. {_step(run)}", width, "  ", "     ")]
+    lines = []
+    for i, run in enumerate(deciding_runs(diagnosis), 1):
+        parted = f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""
+        written = f"; write {key}" if (key := key_text(run)) else ""
+        lines += wrapped(f"{i}. {step_text(run)}: {worth_text(run)}{parted}{written}", width, "  ", "     ")
     return ["Next run, best first", *lines] if lines else []
-
-
-def _step(run: NextRun) -> str:
-    parted = f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""
-    written = f"; write {key}" if (key := key_text(run)) else ""
-    return f"{step_text(run)}: {worth_text(run)}{parted}{written}"
 
 
 def _notes(title: str, notes: Iterable[str], width: int) -> list[str]:

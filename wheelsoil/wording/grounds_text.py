@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from daq import OUTPUTS, ROLES, Note, number, without_powers
 from model import DiagnosisCode, LackCode
 from model.diagnosis import Adequacy, Detectable, Diagnosis, Finding, FormUsed, Grounds
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -27,11 +27,7 @@ from wheelsoil.wording.numbers import after_value
 
 REFUTED_AT = 3.0
 """One-sigmas of the laboratory by which a soil's parameter may be off."""
-VERDICT_WORDS = {
-    "one_of": "one of several",
-    "nothing_detectable": "nothing detectable",
-    "unexplained": "unexplained",
-}
+VERDICT_WORDS = {"one_of": "one of several", "nothing_detectable": "nothing detectable", "unexplained": "unexplained"}
 NOT_IN_THESE_DATA = "not detectable in these data"
 """Of an effect whose minimum detectable size is beyond what is plausible."""
 _MOST_EXAMPLES = 3
@@ -135,26 +131,9 @@ def unlisted_words(judged: Adequacy | None) -> str:
     return f": an unknown cause may act ({chance(1.0 - judged.listed)})"
 
 
-def unexplained_words(
-    judged: Adequacy,
-    worst: Sequence[Finding],
-    best: Sequence[str],
-    soils: tuple[Sequence[str], Sequence[str]] | None,
-    why: Note | None = None,
-) -> list[Statement]:
-    """Return the sentences of "unexplained".
-
-    Parameters
-    ----------
-    worst : sequence of Finding
-        Largest residual of the simulation with calibrated soil, as it leads the list of them; may be empty.
-    best : sequence of str
-        Families of that set.
-    soils : two sequences of str, optional
-        Runs that ask for one soil, and those that ask for another.
-    why : Note, optional
-        What leaves them unexplained where lack of fit does not.
-    """
+def unexplained_words(found: Diagnosis, judged: Adequacy) -> list[Statement]:
+    """Return the sentences of "unexplained"."""
+    best, soils, why = found.grounds.most_probable, found.grounds.terrains, found.grounds.barred
     tried = f", not even {listed([plain_name(f) for f in best])}," if best else ""
     none_does = f"Neither the soil nor any set of causes in the library{tried} explains these runs"
     statements: list[str | Statement] = [
@@ -162,11 +141,8 @@ def unexplained_words(
         if why
         else f"{none_does}: {adequacy_words(judged, soils=bool(soils))}"
     ]
-    if worst:
-        where = "; ".join(
-            f"{ROLES[finding.channel].name}, {place_text(finding.place)} ({abs(finding.statistic):.1f} sigma)"
-            for finding in worst
-        )
+    for worst in found.what_is_wrong[:1]:
+        where = f"{ROLES[worst.channel].name}, {place_text(worst.place)} ({abs(worst.statistic):.1f} sigma)"
         statements.append(f"With calibrated soil the simulation is off most in {where}")
     if soils:
         statements.append(
@@ -237,8 +213,7 @@ def undetectable(sizes: Mapping[str, Detectable], notes: Sequence[Note] = ()) ->
 
 
 def _is_plausible(key: str, size: Detectable, share: float) -> bool:
-    known = {p.name: p for p in EFFECTS[key].parameters} if key in EFFECTS else {}
-    bounds = known.get(size.parameter)
+    bounds = next((p for p in EFFECTS.get(key, Effect).parameters if p.name == size.parameter), None)
     if bounds is None or not isfinite(size.value):
         return isfinite(size.value)
     factor = share if size.unit in ("N", "N m") else 1.0
@@ -292,14 +267,9 @@ def unsure_words(found: Diagnosis) -> str:
     )
 
 
-def nothing_words(
-    chances: Mapping[str, float],
-    none: float,
-    sizes: Mapping[str, Detectable],
-    wrong: Sequence[Finding],
-    unsure: str = "",
-) -> list[Statement]:
-    """Return the sentences of "nothing_detectable"; `sizes` by family, `unsure` by `unsure_words`."""
+def nothing_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[Statement]:
+    """Return the sentences of "nothing_detectable"."""
+    unsure = unsure_words(found)
     statements: list[str | Statement] = [
         Statement(
             unsure or f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs", "headline"
@@ -313,10 +283,10 @@ def nothing_words(
             f"The most probable one is {with_chance(best, chances[best])}",
             Statement("Next: drive another run", "next"),
         ]
-    if sizes:
+    if sizes := detectable_by_family(found):
         statements.append(f"A cause may still act: {detectable_words(sizes)}")
-    if wrong:
-        statements.append(f"The largest residual is in {findings_text(wrong[:1])}")
+    if found.what_is_wrong:
+        statements.append(f"The largest residual is in {findings_text(found.what_is_wrong[:1])}")
     return sentences(statements)
 
 

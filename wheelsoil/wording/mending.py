@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from shlex import quote
 
 from daq import Note, VehicleConfig, number, zero_file_name
 from model import DiagnosisCode, LackCode, StepCode
-from model.diagnosis import Cause, Diagnosis, Finding, Kind, NextRun, Rows
+from model.diagnosis import Cause, Diagnosis, Kind, NextRun, Rows
 from model.effects import EFFECTS, Effect, Remedy, parted
 from wheelsoil.wording.grounds_text import findings_text, unsure_words
 from wheelsoil.wording.names import listed, plain_name, plain_names, upper, with_chance
@@ -57,44 +57,47 @@ def next_steps(
 ) -> list[Step]:
     """Return what parts two terrains, else runs up to three, what removes named causes, and what decides most.
 
-    Parameters
-    ----------
-    wheels : mapping wheel -> VehicleConfig, optional
-        Of all wheels together: in place of `vehicle` for a cause at one of them.
+    Of all wheels together `wheels` has the configuration of each, in place of `vehicle` for a cause at one of them.
     """
     if several_terrains(found) is not None:
         return [parting_step(found)]
-    named, runs = found.causes if found.verdict == "named" else (), deciding_runs(found)
-    at_wheels, alike = wheels or {}, [note for note in like_radius(found) if note.values["larger_m"]]
-    coasted = any(test.wheel_speed_radps for test in found.static)
-    steps = [(Step(_REPEAT, f"{upper(note_text(note))}."), vehicle) for note in against_tests(found)]
-    steps += [(_radius_or_lugs(note), at_wheels.get(note.values["wheel"], vehicle)) for note in alike]
-    steps += [
-        (
-            Step(_RADIUS if coasted else _BOTH_RADII, f"Probably wrong: {with_chance(each.name, each.probability)}."),
-            vehicle,
-        )
-        for each in (found.causes if found.verdict == "one_of" and not alike else ())
-        if (remedy := EFFECTS.get(each.key, Effect).remedy) and each.probability > _PROBABLE
-        if "rolling_radius_m" in remedy.keys
-    ]
-    steps += [(_apart_step(note), vehicle) for note in runs_apart(found).values()]
-    at = {cause.name: at_wheels.get(parted(cause.name)[1], vehicle) for cause in named}
-    steps += [
-        (mending_of(cause, at[cause.name], table=bool(found.grounds.table_channels)), at[cause.name])
-        for cause in named
-        if cause.name not in [note.values["family"] for note in alike]
-        if cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy
-    ]
-    if found.verdict == "unexplained" and not found.grounds.table_channels:
-        steps += [(parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle)]
-    if coasted:
-        steps = [(replace(s, what=_ROLLING) if "rolling_radius_m" in s.paste else s, of) for s, of in steps]
+    runs, steps = deciding_runs(found), [*_mending_steps(found, vehicle, wheels or {})]
     missing = missing_step(found) if steps or not runs else None
-    if named and not steps and not runs:
+    if found.verdict == "named" and not steps and not runs:
         steps = [(step_of(found), vehicle)]
-    steps += [(step, vehicle) for step in ([missing] if missing else []) + [_step_of_run(run, found) for run in runs]]
+    steps += [(step, vehicle) for step in (missing, *(_step_of_run(run, found) for run in runs)) if step]
     return [*_up_to_three(found), *(replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps)]
+
+
+def _mending_steps(
+    found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig]
+) -> Iterator[tuple[Step, VehicleConfig]]:
+    """Yield what mends static tests, the radius, runs and causes, each with the vehicle whose files it is about."""
+    alike = [note for note in like_radius(found) if note.values["larger_m"]]
+    coasted = any(test.wheel_speed_radps for test in found.static)
+    for note in against_tests(found):
+        yield Step(_REPEAT, f"{upper(note_text(note))}."), vehicle
+    for note in alike:
+        yield _radius_or_lugs(note), wheels.get(note.values["wheel"], vehicle)
+    for cause in found.causes if found.verdict == "one_of" and not alike else ():
+        if cause.probability > _PROBABLE and _corrects_rolling(cause):
+            probably = f"Probably wrong: {with_chance(cause.name, cause.probability)}."
+            yield Step(_RADIUS if coasted else _BOTH_RADII, probably), vehicle
+    for note in runs_apart(found).values():
+        yield _apart_step(note), vehicle
+    looks_alike = [note.values["family"] for note in alike]
+    for cause in found.causes if found.verdict == "named" else ():
+        if cause.name not in looks_alike and (cause.kind == "measurement" or EFFECTS.get(cause.key, Effect).remedy):
+            of = wheels.get(parted(cause.name)[1], vehicle)
+            step = mending_of(cause, of, table=bool(found.grounds.table_channels))
+            yield replace(step, what=_ROLLING) if coasted and step.paste and _corrects_rolling(cause) else step, of
+    if found.verdict == "unexplained" and not found.grounds.table_channels:
+        yield parting_step(found) if groups_of_runs(found) else residual_step(found), vehicle
+
+
+def _corrects_rolling(cause: Cause) -> bool:
+    remedy = EFFECTS.get(cause.key, Effect).remedy
+    return remedy is not None and "rolling_radius_m" in remedy.keys
 
 
 def _up_to_three(found: Diagnosis) -> list[Step]:
@@ -168,13 +171,13 @@ def residual_step(found: Diagnosis) -> Step:
 
 def doubted_channel(found: Diagnosis) -> str:
     """Return the role to which the residual of unexplained runs points; "" where it points to several."""
-    roles = set(map(_role_of, found.grounds.lack_of_fit.worst))
+    roles = {
+        finding.channel
+        if isinstance(finding.place, Rows)
+        else _ROLE_OF_KIND.get(Kind(finding.place.kind), finding.channel)
+        for finding in found.grounds.lack_of_fit.worst
+    }
     return roles.pop() if found.grounds.barred is None and len(roles) == 1 else ""
-
-
-def _role_of(found: Finding) -> str:
-    kind = None if isinstance(found.place, Rows) else Kind(found.place.kind)
-    return found.channel if kind is None else _ROLE_OF_KIND.get(kind, found.channel)
 
 
 def step_of(found: Diagnosis) -> Step:
@@ -220,14 +223,9 @@ def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> Step:
-    """Return how to remove a measurement cause, or to check it where no file can.
+    """Return how to remove a measurement cause at a wheel of a vehicle, or to check it where no file can.
 
-    Parameters
-    ----------
-    vehicle : VehicleConfig
-        Of the wheel at which the cause acts.
-    table : bool
-        Whether it is of a table of single-wheel tests, which has columns and no DBC.
+    A table of single-wheel tests has columns and no DBC.
     """
     effect, wheel = EFFECTS.get(cause.key, Effect), parted(cause.name)[1]
     size, remedy = cause.parameters[0].value if cause.parameters else 0.0, effect.remedy or Remedy()
@@ -274,12 +272,7 @@ def _gain(role: str, scale: float, vehicle: VehicleConfig, *, table: bool) -> St
     what = f"{begun} today's scale of {signal} on {channel}, in a copy of {listed(shared)} for {channel} alone."
     files = ", ".join(f'"{copies.get(file, file)}"' for file in own)
     lines = [f"cp {quote(file)} {quote(copy)}" for file, copy in copies.items()]
-    lines += [
-        f"# scale {signal} in the copy, and change:",
-        "[[bus]]",
-        f'channel = "{channel}"',
-        f"dbc = [{files}]",
-    ]
+    lines += [f"# scale {signal} in the copy, and change:", "[[bus]]", f'channel = "{channel}"', f"dbc = [{files}]"]
     why = f"Scaled in {listed(shared)} itself, it changes {listed([bus.channel for bus in others])} too."
     return Step(what, why, "\n".join(lines))
 

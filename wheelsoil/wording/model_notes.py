@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import isfinite
 
 import numpy as np
 
 from daq import OUTPUTS, number
 from model import BevameterCode, FitCode, SinkageCode
-from wheelsoil.wording.names import chance, effect_name
+from wheelsoil.wording.names import chance, effect_name, listed, page_unit
 from wheelsoil.wording.run_notes import Sentence, Values
 
 _MOST_PLACES = 8
 """Rows that a sentence names."""
 _MOST_SETS = 3
 """Sets of causes that a sentence names."""
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _near_one(rho: float) -> str:
@@ -52,14 +48,14 @@ def _pair(v: Values) -> str:
 
 def _chain(v: Values) -> str:
     pairs = ", ".join(f"{first}/{second} {_near_one(rho)}" for first, second, rho in v["pairs"])
-    return f"{_listed(v['names'])}: not determined singly, only together (correlations {pairs})"
+    return f"{listed(v['names'])}: not determined singly, only together (correlations {pairs})"
 
 
 def _combination(v: Values) -> str:
     numbers = ", ".join(map(_near_one, v["correlations"]))
     each = "each nearly" if len(v["names"]) > 1 else "nearly"
     return (
-        f"{_listed(v['names'])}: {each} a combination of the others (multiple correlation {numbers}; condition number "
+        f"{listed(v['names'])}: {each} a combination of the others (multiple correlation {numbers}; condition number "
         f"{v['condition_number']:.2g})"
     )
 
@@ -136,15 +132,15 @@ def _average(v: Values) -> str:
     named = [f"{' and '.join(map(effect_name, keys)) or 'no cause'} ({chance(p)})" for keys, p in sets[:_MOST_SETS]]
     more = f" and {len(sets) - _MOST_SETS} more" if len(sets) > _MOST_SETS else ""
     rest = f"; sets with {chance(v['rest'])} of the probability are not in it" if v["rest"] > 0 else ""
-    sigma = ", ".join(f"{_si(x, channel)} of {OUTPUTS[channel].name}" for channel, x in v["sigma"].items())
+    sigma = ", ".join(
+        f"{factor * x:.3g} {unit} of {OUTPUTS[channel].name}"
+        for channel, x in v["sigma"].items()
+        for factor, unit in [page_unit(channel)]
+    )
     return (
         f"the average of {len(sets)} sets of causes as they are in the file, not fitted: {', '.join(named)}{more}{rest}"
         + (f". One-sigma of the prediction, without noise: {sigma}" if sigma else "")
     )
-
-
-def _si(x: float, channel: str) -> str:
-    return f"{1e3 * x:.3g} mm" if OUTPUTS[channel].unit == "m" else f"{x:.3g} {OUTPUTS[channel].unit_text}"
 
 
 def _taken(whom: str, values: Mapping[str, float | str]) -> str:
@@ -158,7 +154,7 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.MODEL_NOT_USED: "the model file is not used: {why}",
     FitCode.NO_INFLUENCE: "{names[0]}: has no influence on the residual; any value fits as well",
     FitCode.ONLY_TOGETHER: lambda v: (
-        f"{_listed(v['names'])}: not determined singly; moving them together leaves the residual as it is"
+        f"{listed(v['names'])}: not determined singly; moving them together leaves the residual as it is"
     ),
     FitCode.CORRELATED_PAIR: _pair,
     FitCode.CORRELATED_CHAIN: _chain,

@@ -75,16 +75,7 @@ def texts_of(notes: Iterable[Note]) -> list[str]:
 
 
 def runs_by_text(runs: Iterable[tuple[str, Iterable[Note]]]) -> dict[str, list[str]]:
-    """Return each sentence with the names of the runs that it is about, in their order.
-
-    Parameters
-    ----------
-    runs : iterable of (name, notes)
-
-    Returns
-    -------
-    mapping text -> list of str
-    """
+    """Return each sentence with the names of the runs that it is about, in their order."""
     about: dict[str, list[str]] = {}
     for name, notes in runs:
         for text in texts_of(notes):

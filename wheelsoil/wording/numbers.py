@@ -90,6 +90,16 @@ def estimate(value: float, sigma: float, interval95: tuple[float, float], unit: 
     return f"{measured(value, sigma)}{band}{after_value(unit)}"
 
 
+def count(value: int) -> str:
+    """Return a whole number with thin spaces between thousands."""
+    return f"{value:,}".replace(",", "\u202f")
+
+
+def interval(low: float, high: float, digits: int = 3) -> str:
+    """Return "low … high", "–" where there is none."""
+    return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
+
+
 def after_value(unit: str) -> str:
     """Return a unit as it follows its value; "" for a plain number."""
     return "" if unit in ("", "1") else f" {unit}"

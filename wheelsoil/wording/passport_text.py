@@ -52,12 +52,9 @@ def _course(passport: Passport, effect: str) -> str:
     trend = passport.trends[effect]
     drifts = next(each.drifts / max(each.probability, 1e-9) for each in passport.candidates if each.effect == effect)
     if drifts < 0.5:
-        value, sigma = trend.at
-        low, high = value - _Z95 * sigma, value + _Z95 * sigma
-        return f"{plain_name(effect)} is off by {_size(value, trend)} ({_size(low, trend)} to {_size(high, trend)})"
+        return f"{plain_name(effect)} is off by {_interval(*trend.at, trend)}"
     slope, sigma = (size / _MONTHS for size in trend.per_year)
-    low, high = slope - _Z95 * sigma, slope + _Z95 * sigma
-    return f"{plain_name(effect)} drifts by {_size(slope, trend)} a month ({_size(low, trend)} to {_size(high, trend)})"
+    return f"{plain_name(effect)} drifts by {_interval(slope, sigma, trend, ' a month')}"
 
 
 def trend_lines(passport: Passport) -> Iterator[str]:
@@ -73,9 +70,9 @@ def trend_lines(passport: Passport) -> Iterator[str]:
         yield f"{plain_name(effect)}: {_interval(*trend.at, trend)} on {day_of(trend.middle)}{slope}"
 
 
-def _interval(value: float, sigma: float, trend: Trend) -> str:
+def _interval(value: float, sigma: float, trend: Trend, per: str = "") -> str:
     low, high = value - _Z95 * sigma, value + _Z95 * sigma
-    return f"{_size(value, trend)} ({_size(low, trend)} to {_size(high, trend)})"
+    return f"{_size(value, trend)}{per} ({_size(low, trend)} to {_size(high, trend)})"
 
 
 def _size(value: float, trend: Trend | NamedError) -> str:

@@ -80,11 +80,7 @@ def _effects(plan: Plan, width: int) -> list[str]:
     head = ["cause", "left", "d", "d_sep", "closest", "detectable", "separable"]
     lines = table_lines(head, rows, width=width - 2)
     title = "At a plausible size: share left by the soil, d (5: detectable), d_sep (5: separable from all others)"
-    return [
-        *wrapped(title, width),
-        *(f"  {line}" for line in lines),
-        *_footnote(plan, width),
-    ]
+    return [*wrapped(title, width), *(f"  {line}" for line in lines), *_footnote(plan, width)]
 
 
 def _footnote(plan: Plan, width: int) -> list[str]:

@@ -83,20 +83,13 @@ def _found(v: Values) -> str:
 
 
 def _next_step(v: Values) -> str:
-    if v.get("held"):
-        held = [f"{ROLES[role].name} stays the same for {time_s:.1f} s" for role, time_s in v["held"].items()]
-        return f"{', '.join(held)}: check the sensor and drive again. If it is sound, {_mend_step(v)}"
-    return _mend_step(v)
-
-
-def _mend_step(v: Values) -> str:
-    mends = [BY_KEY[key] for key in v["mends"]]
-    if len(mends) == 1:
-        return f"{_mistake(mends[0])} ({_share(v['shares'][0])}): {_cure(mends[0], v)}"
-    options = [
-        f"{_mistake(mend)} ({_share(share)}): {_cure(mend, v)}" for mend, share in zip(mends, v["shares"], strict=True)
-    ]
-    return "one of these: " + "; or ".join(options)
+    rows = zip((BY_KEY[key] for key in v["mends"]), v["shares"], strict=True)
+    steps = [f"{_mistake(mend)} ({_share(share)}): {_cure(mend, v)}" for mend, share in rows]
+    step = steps[0] if len(steps) == 1 else f"one of these: {'; or '.join(steps)}"
+    if held := v.get("held"):
+        same = [f"{ROLES[role].name} stays the same for {time_s:.1f} s" for role, time_s in held.items()]
+        return f"{', '.join(same)}: check the sensor and drive again. If it is sound, {step}"
+    return step
 
 
 def _share(share: float) -> str:

@@ -17,11 +17,7 @@ _QUANTITIES = (
     ("driving torque kNm", "driving_torque_nm", ".2f", 1e-3),
     ("sinkage mm", "sinkage_m", ".0f", 1e3),
 )
-_SIGMA_SOURCES = {
-    "declared": "from the declared one",
-    "estimated": "estimated",
-    "standstill": "from standstill",
-}
+_SIGMA_SOURCES = {"declared": "from the declared one", "estimated": "estimated", "standstill": "from standstill"}
 
 
 def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:

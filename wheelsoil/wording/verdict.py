@@ -10,15 +10,14 @@ from typing import NamedTuple
 from daq import OUTPUTS, Note, without_powers
 from model import DiagnosisCode, LackCode
 from model.diagnosis import Cause, Diagnosis, Gain, NextRun, Reduction
-from model.effects import EFFECTS, parted
-from wheelsoil.wording.error_text import ERRORS, error_text
+from model.effects import EFFECTS
+from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.grounds_text import (
     OPEN_AT,
     USUAL,
     Statement,
     adequacy_words,
     chances_of,
-    detectable_by_family,
     findings_text,
     form_statements,
     instead_words,
@@ -49,6 +48,7 @@ _IN_ALL = 0.99
 """Probability above which a family is said to be in every explanation."""
 _SURE = 0.95
 """Probability above which a cause that is not named acts, whichever others do."""
+NOT_JUDGED = "No cause is judged: these runs are probably not of one soil."
 
 
 def sentence_of(found: Diagnosis) -> str:
@@ -171,10 +171,8 @@ def _fall_of(found: Diagnosis) -> str:
 
 
 def _finding_or_size(cause: Cause, channel: str) -> str:
-    if parted(cause.name)[0] not in ERRORS or not cause.parameters:
-        return size_text(cause)
     text = error_text(cause, OUTPUTS[channel].name)
-    return f"{text[0].lower()}{text[1:]}"
+    return f"{text[0].lower()}{text[1:]}" if text else size_text(cause)
 
 
 def not_corrected(found: Diagnosis | None, *roles: str) -> str:
@@ -194,10 +192,8 @@ def details_of(found: Diagnosis) -> list[str]:
     several = len(found.causes) > 1
     sizes = "; ".join(f"{plain_name(cause.name)}: " * several + _form_and_size(cause) for cause in found.causes)
     sizes = upper(sizes) if sizes[1:2].islower() else sizes
-    elsewhere = ("headline", "gain", "next", "as_if")
+    elsewhere = ("headline", "gain", "next", "as_if", *["cause"] * _headline_has_size(found))
     statements = [statement for statement in statements_of(found) if statement.about not in elsewhere]
-    if _headline_has_size(found):
-        statements = [statement for statement in statements if statement.about != "cause"]
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
     wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
     if wants:
@@ -354,7 +350,6 @@ def _form_and_size(cause: Cause) -> str:
 
 
 def _of_runs(found: Diagnosis) -> list[Statement]:
-    grounds = found.grounds
     chances = {cause.name: cause.probability for cause in found.causes} | chances_of(found)
     none = chances.pop("none", 0.0)
     if found.verdict == "named":
@@ -362,10 +357,9 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
     elif found.verdict == "one_of":
         statements = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        worst, best = found.what_is_wrong[:1], grounds.most_probable
-        statements = unexplained_words(found.adequacy, worst, best, grounds.terrains, grounds.barred)
+        statements = unexplained_words(found, found.adequacy)
     else:
-        statements = nothing_words(chances, none, detectable_by_family(found), found.what_is_wrong, unsure_words(found))
+        statements = nothing_words(found, chances, none)
     return [*statements, *want_words(found.not_identifiable)]
 
 
@@ -386,12 +380,8 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
         misfit = adequacy_words(found.adequacy).capitalize() if found.adequacy is not None else ""
         where = f"The most probable set, {tried}, is off most in {findings_text(left)}" if left else ""
         return sentences([none_does, misfit, where])
-    return sentences(
-        [
-            unsure_words(found)
-            or f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"
-        ]
-    )
+    nothing = f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them"
+    return sentences([unsure_words(found) or nothing])
 
 
 def _named_of_table(found: Diagnosis, channels: str, chances: Mapping[str, float]) -> list[str | Statement]:

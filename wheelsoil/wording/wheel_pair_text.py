@@ -10,7 +10,7 @@ from model.diagnosis import WheelPair
 from model.diagnosis.single_wheel import own_part
 from wheelsoil.wording.diagnosis_text import limited, wrapped
 from wheelsoil.wording.grounds_text import form_error_words
-from wheelsoil.wording.names import chance, effect_name, plain_name, with_chance
+from wheelsoil.wording.names import chance, effect_name, page_unit, plain_name, with_chance
 
 SCHEMA = "wheelsoil/paired/1"
 _DIFFERENT = 0.01
@@ -23,7 +23,7 @@ _LEAST_SHOWN = 0.01
 def wheel_pair_lines(found: WheelPair, first: str, second: str, width: int) -> list[str]:
     """Return the comparison of two wheels, by their names, as lines of text."""
     width = limited(width)
-    head = ["slip", *(f"{OUTPUTS[c].name} {_unit(c)}" for c in found.difference)]
+    head = ["slip", *(f"{OUTPUTS[c].name} {page_unit(c)[1]}" for c in found.difference)]
     rows = [[f"{slip:.2f}", *(_with_sigma(found, c, i) for c in found.difference)] for i, slip in enumerate(found.slip)]
     families = [f"{plain_name(name)} {chance(p)}" for name, p in found.families().items() if p >= _LEAST_SHOWN]
     sets = [f"  {chance(p)}  {_set(causes)}" for causes, p in _sets(found)]
@@ -73,22 +73,15 @@ def _largest(found: WheelPair) -> str:
         known = [i for i, size in enumerate(difference) if isfinite(size)]
         if known:
             i = max(known, key=lambda i: abs(difference[i]) / found.difference_sigma[channel][i])
-            size = f"{_factor(channel) * difference[i]:+.2g} {_unit(channel)}"
+            factor, unit = page_unit(channel)
+            size = f"{factor * difference[i]:+.2g} {unit}"
             sizes.append(f"{size} of {OUTPUTS[channel].name} at slip {found.slip[i]:.2g}")
     return ", ".join(sizes) or "no slip was measured with both"
 
 
 def _with_sigma(found: WheelPair, channel: str, i: int) -> str:
-    size, sigma = (_factor(channel) * float(x[channel][i]) for x in (found.difference, found.difference_sigma))
+    size, sigma = (page_unit(channel)[0] * float(x[channel][i]) for x in (found.difference, found.difference_sigma))
     return f"{size:+.3g} ± {number(sigma, 2)}" if isfinite(size) else "-"
-
-
-def _factor(channel: str) -> float:
-    return 1e3 if OUTPUTS[channel].unit == "m" else 1.0
-
-
-def _unit(channel: str) -> str:
-    return "mm" if OUTPUTS[channel].unit == "m" else OUTPUTS[channel].unit_text
 
 
 def _sets(found: WheelPair) -> list[tuple[tuple[tuple[str, bool], ...], float]]:

@@ -30,7 +30,7 @@ from wheelsoil.workflows.diagnosis import (
 )
 from wheelsoil.workflows.fit import fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.last_report import LastReport
-from wheelsoil.workflows.runs import Files, noted_in, on_soil, process_runs
+from wheelsoil.workflows.runs import Files, noted_in, process_on_soil
 from wheelsoil.workflows.tables import BenchFiles
 
 
@@ -120,18 +120,7 @@ def report_of_opened(
     `set_aside` could not be opened; see `report_of` for the rest.
     """
     choices, options, aside = choice.fit_choices(extended), choice.process_options(LOOK), [*set_aside]
-    processed = on_soil(
-        process_runs(
-            opened,
-            options,
-            zero=files.zero,
-            choice=choice,
-            accept_implausible=files.accept_implausible,
-            check=one_terrain,
-            set_aside=noted_in(aside),
-        ),
-        noted_in(aside),
-    )
+    processed = process_on_soil(opened, options, files, choice=choice, check=one_terrain, set_aside=noted_in(aside))
     if callable(last):
         last = last(processed)
     with computing("diagnosing"):

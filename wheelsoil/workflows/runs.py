@@ -211,8 +211,22 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     files = files or Files()
+    opened = files.open_runs(paths, set_aside)
+    return process_on_soil(opened, options, files, choice=choice, check=check, set_aside=set_aside)
+
+
+def process_on_soil(
+    opened: Sequence[Run],
+    options: ProcessOptions,
+    files: Files,
+    *,
+    choice: Choice | None = None,
+    check: Check | None = None,
+    set_aside: SetAside = say_set_aside,
+) -> list[tuple[Run, ProcessedRun]]:
+    """Process open runs with the zero and the settings of `files`; see `open_and_process`."""
     processed = process_runs(
-        files.open_runs(paths, set_aside),
+        opened,
         options,
         zero=files.zero,
         choice=choice,

@@ -46,12 +46,10 @@ DIAGNOSIS: tuple[SectionBuilder, ...] = (
 )
 """What a diagnosis has in the appendix."""
 
-SECTIONS: tuple[SectionBuilder, ...] = (
-    glance.glance,
-    *EVIDENCE,
-    against_time.time,
-    track.track,
-    *DIAGNOSIS,
+RECORDINGS = (against_time.time, track.track)
+"""What was recorded, sample by sample."""
+
+SINGLE_LAWS = (
     verdict.verdict,
     against_slip.drawbar_pull,
     against_slip.torque,
@@ -59,11 +57,13 @@ SECTIONS: tuple[SectionBuilder, ...] = (
     coefficients.criteria,
     against_slip.sinkage,
     against_slip.load,
-    quality.quality,
-    quality.sensors,
-    provenance.workings,
-    provenance.provenance,
 )
+"""The fits of the paper's models."""
+
+PROVENANCE = (quality.quality, quality.sensors, provenance.workings, provenance.provenance)
+"""What the runs are worth, and how the page was made."""
+
+SECTIONS = (glance.glance, *EVIDENCE, *RECORDINGS, *DIAGNOSIS, *SINGLE_LAWS, *PROVENANCE)
 """In the order of the page."""
 
 SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
@@ -82,28 +82,13 @@ SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
 )
 """The same where there are single-wheel tables in place of runs."""
 
-GROUPS: dict[str, tuple[SectionBuilder, ...]] = {
-    "Recordings": (against_time.time, track.track, tables.rows),
+GROUPS = {
+    "Recordings": (*RECORDINGS, tables.rows),
     "Diagnosis": DIAGNOSIS,
-    "Single-law fits": (
-        verdict.verdict,
-        tables.verdict,
-        against_slip.drawbar_pull,
-        against_slip.torque,
-        coefficients.coefficients,
-        coefficients.criteria,
-        against_slip.sinkage,
-        tables.sinkage,
-        against_slip.load,
-    ),
-    "Quality and provenance": (quality.quality, quality.sensors, provenance.workings, provenance.provenance),
+    "Single-law fits": (*SINGLE_LAWS, tables.verdict, tables.sinkage),
+    "Quality and provenance": PROVENANCE,
 }
 """Of the appendix: one section of each group is open at a time."""
 
-OF_THE_DIAGNOSIS = (
-    answers.answers,
-    overview.causes,
-    *DIAGNOSIS,
-    provenance.workings,
-)
+OF_THE_DIAGNOSIS = (answers.answers, overview.causes, *DIAGNOSIS, provenance.workings)
 """Sections that are not on the page where no diagnosis was asked for."""

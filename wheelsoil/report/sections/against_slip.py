@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
 from model.fit import ModelFit
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     ALL_RUNS,
     EDGES,
@@ -27,13 +27,15 @@ from wheelsoil.report.figures import (
     dots,
     line,
     marked_line,
+    matched,
     set_axis_range,
     style,
     thinned_by_sign,
 )
-from wheelsoil.report.inputs import Pool, ReportInputs
-from wheelsoil.report.words import number
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import Pool
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number
 from wheelsoil.workflows.key_figures import Z95
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
@@ -106,8 +108,7 @@ def _curves(inputs: ReportInputs, channel: str, key: str, axis: str, reading: st
         inside = (pool.slip > 0) if half == "driving" else (pool.slip <= 0)
         if not (inside & np.isfinite(measured)).any():
             continue
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown: list[tuple[str, list[Trace]]] = []
         medians: list[FloatArray] = []
         for choice, chosen in choices.items():
             rows = chosen & inside
@@ -117,16 +118,14 @@ def _curves(inputs: ReportInputs, channel: str, key: str, axis: str, reading: st
             traces = _of_measured(pool.slip[rows], measured[rows], bins, ends)
             for name, curve in curves.items():
                 traces += _of_model(name, curve, bins.of(sigmas[name][rows], least=1))
-            traces += _recommended(inputs, channel, choice, driving=half == "driving")
-            data += traces
-            groups += [choice] * len(traces)
+            shown.append((choice, traces + _recommended(inputs, channel, choice, driving=half == "driving")))
         layout = axes("slip", axis, height=430)
         visible = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
         set_axis_range(layout, "x", np.array(visible), margin=0.02)
         set_axis_range(layout, "y", measured[inside], also=np.concatenate(medians))
-        figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
+        figures.append(grouped(f"{key}-{half}", half.capitalize(), shown, layout))
     errors, numbers = _errors(inputs, key, axis, measured, predicted)
-    errors = _with_recommended(errors, inputs, channel)
+    errors = replace(errors, data=[*errors.data, *_recommended(inputs, channel, of_errors=True)])
     lacking = f" Not included because a signal is missing: {inputs.not_fitted}." if inputs.not_fitted else ""
     return [Panels(figures, f"{reading}{lacking}", list(choices)), Panels([errors], of_errors)], numbers
 
@@ -145,23 +144,25 @@ def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     """Return a model's median in bins of slip, and the 95 % band of its coefficients if known."""
     model_style = style(name)
     drawn = marked_line(median.centre, median.median, model_style.label, model_style)
-    known = dict(zip(sigma.centre.tolist(), sigma.median.tolist(), strict=True))
-    half = Z95 * np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
+    half = Z95 * matched(median.centre, sigma)
     if not np.isfinite(half).any():
         return [drawn]
     edges = (median.median - half, median.median + half)
     return [*band(median.centre, *edges, model_style.label, model_style.colour, _OPACITY), drawn]
 
 
-def _recommended(inputs: ReportInputs, channel: str, choice: str, *, driving: bool) -> list[Trace]:
-    """Return the recommended model's line, where a diagnosis recommends more than the baseline."""
+def _recommended(
+    inputs: ReportInputs, channel: str, choice: str = ALL_RUNS, *, driving: bool = True, of_errors: bool = False
+) -> list[Trace]:
+    """Return the line of the recommended model, or of its errors, where a diagnosis recommends more than the base."""
     recommendation = inputs.recommendation
     if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
         return []
     rows = ((recommendation.slip > 0) == driving) & np.isfinite(recommendation.measured[channel])
     if choice in recommendation.runs:
         rows &= recommendation.run == recommendation.runs.index(choice)
-    curve = binned(recommendation.slip[rows], recommendation.recommended[channel][rows], EDGES)
+    values = recommendation.residual(channel) if of_errors else recommendation.recommended[channel]
+    curve = binned(recommendation.slip[rows], values[rows], EDGES)
     drawn = line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)
     return [drawn] if len(curve.centre) else []
 
@@ -186,18 +187,6 @@ def _errors(
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
-
-
-def _with_recommended(figure: Figure, inputs: ReportInputs, channel: str) -> Figure:
-    """Return the figure of errors with that of the recommended model, where a diagnosis recommends one."""
-    recommendation = inputs.recommendation
-    if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
-        return figure
-    curve = binned(
-        recommendation.slip[recommendation.slip > 0], recommendation.residual(channel)[recommendation.slip > 0], EDGES
-    )
-    drawn = line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)
-    return replace(figure, data=[*figure.data, drawn])
 
 
 @section("sinkage", "Sinkage: from forces and by the single-law fits")

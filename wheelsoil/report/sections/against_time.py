@@ -11,7 +11,7 @@ from daq import OUTPUTS, DataError, FloatArray
 from daq.recording import Event
 from processing import SLIP_ROLES, ProcessedRun, Segment
 from processing.pipeline import runs_of
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Text, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Text, grouped, section
 from wheelsoil.report.figures import (
     MEASURED,
     RECOMMENDED,
@@ -50,11 +50,7 @@ _CAPTION_DRIVE = (
     "at low speed and at excluded samples. A good test covers the range of slip several times."
 )
 
-_PANELS = (
-    ("slip", "Slip", "slip"),
-    ("speed", "Speeds", "speed (m/s)"),
-    ("load", "Vertical load", "vertical load (N)"),
-)
+_PANELS = (("slip", "Slip", "slip"), ("speed", "Speeds", "speed (m/s)"), ("load", "Vertical load", "vertical load (N)"))
 
 
 @section("time", "Time histories")
@@ -127,17 +123,15 @@ def _of_all(inputs: ReportInputs) -> list[Figure]:
             continue
         everything = np.concatenate(values)
         low, high = float(np.nanmin(everything)), float(np.nanmax(everything))
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown = []
         for run in runs:
             measured = getattr(run, OUTPUTS[channel].field)
             rows = decimated_rows(measured, points)
-            traces = [*_segments(run, low, high), line(run.time_s[rows], measured[rows], "measured", MEASURED)]
-            data += traces
-            groups += [run.run.id] * len(traces)
+            measured_line = line(run.time_s[rows], measured[rows], "measured", MEASURED)
+            shown.append((run.run.id, [*_segments(run, low, high), measured_line]))
         layout = axes("time (s)", f"{OUTPUTS[channel].name} ({OUTPUTS[channel].unit_text})", height=360)
         set_axis_range(layout, "y", everything, margin=0.15)
-        figures.append(Figure(f"time-{channel}", OUTPUTS[channel].name.capitalize(), data, layout, groups, wide=True))
+        figures.append(grouped(f"time-{channel}", OUTPUTS[channel].name.capitalize(), shown, layout, wide=True))
     if not figures:
         raise DataError("neither drawbar pull nor driving torque was measured")
     return figures
@@ -149,19 +143,17 @@ def _channel_figure(inputs: ReportInputs, channel: str, runs: list[ProcessedRun]
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(known.max())
     beyond = 0.3 * (high - low)
-    data: list[Trace] = []
-    groups: list[str] = []
-    for run in runs:
-        traces = [*_segments(run, low - beyond, high + beyond), *_lines(inputs, run, OUTPUTS[channel].field)]
-        data += traces
-        groups += [run.run.id] * len(traces)
+    traces = [
+        (run.run.id, [*_segments(run, low - beyond, high + beyond), *_lines(inputs, run, OUTPUTS[channel].field)])
+        for run in runs
+    ]
     layout = axes("time (s)", f"{name} ({OUTPUTS[channel].unit_text})", height=360)
     driven = np.isfinite(values) & (inputs.pool.slip > 0)
     shown = driven if driven.any() else np.isfinite(values)
     predictions = [inputs.pool.predicted(model.name, OUTPUTS[channel].field)[shown] for model in inputs.fit.models]
     bulk = [np.nanpercentile(prediction, [1, 99]) for prediction in predictions if np.isfinite(prediction).any()]
     set_axis_range(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
-    return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
+    return grouped(f"time-{channel}", name.capitalize(), traces, layout, wide=True)
 
 
 def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
@@ -217,7 +209,7 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
     """Return how the test was driven: slip, speeds, load; a channel that no run has is omitted."""
     blue, orange = RECOMMENDED, STYLES["wong"].colour
     points = points_of_run(len(runs))
-    drawn: dict[str, list[tuple[str, Trace]]] = {"speed": [], "slip": [], "load": []}
+    drawn: dict[str, list[tuple[str, list[Trace]]]] = {"speed": [], "slip": [], "load": []}
     for run in runs:
         missing = run.quality.missing
         series = (
@@ -230,18 +222,11 @@ def _drive(runs: tuple[ProcessedRun, ...]) -> list[Figure]:
         for panel, role, values, name, colour, dash in series:
             if role not in lacking:
                 rows = decimated_rows(values, points)
-                drawn[panel].append((run.run.id, line(run.time_s[rows], values[rows], name, colour, dash, 1.5)))
+                drawn[panel].append((run.run.id, [line(run.time_s[rows], values[rows], name, colour, dash, 1.5)]))
     if not any(np.isfinite(run.vertical_load_n).any() for run in runs):
         drawn["load"] = []
     return [
-        Figure(
-            f"drive-{panel}",
-            title,
-            [trace for _, trace in drawn[panel]],
-            axes("time (s)", axis, height=240),
-            [name for name, _ in drawn[panel]],
-            wide=True,
-        )
+        grouped(f"drive-{panel}", title, drawn[panel], axes("time (s)", axis, height=240), wide=True)
         for panel, title, axis in _PANELS
         if drawn[panel]
     ]

@@ -24,12 +24,11 @@ from wheelsoil.report.sections.glance import (
     steps_of_report,
 )
 from wheelsoil.report.sections.overview import faults_of
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.cost_text import cost_meaning, cost_sentence, driving_text
 from wheelsoil.wording.grounds_text import detectable_by_family, detectable_words, findings_text, unsure_words
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.numbers import load_text
+from wheelsoil.wording.numbers import load_text, number, signed
 from wheelsoil.wording.transducer_text import transducer_words
 from wheelsoil.wording.verdict import doubt_of_the_peak, groups_of_runs, headline_of, several_terrains, size_text
 from wheelsoil.workflows.cause_cost import (
@@ -43,7 +42,6 @@ from wheelsoil.workflows.cause_cost import (
     usual_driving,
 )
 from wheelsoil.workflows.fit import wheel_of
-from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.traction import at_usual_slip
 
 _MOST_CAUSES = 3
@@ -53,17 +51,16 @@ _MOST_CAUSES = 3
 def answers(inputs: ReportInputs) -> Contents:
     """Build the section: question, answer, and the section that shows it; what has changed is added by the page."""
     found = inputs.diagnosis
-    grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
-    again = runs_again(inputs, grades)
+    again, faults = runs_again(inputs), {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}
     lines = [
         ("What is wrong?", _wrong(found), "#causes"),
         ("How sure is that?", _sure(found), "#causes"),
         ("How big is it?", _size(inputs), "#causes"),
         ("What does it cost?", _cost(inputs), "#cost" if found.verdict == "named" and inputs.runs else ""),
-        ("Are the data good?", _data(inputs, grades), "#signals" if inputs.runs else "#fit"),
+        ("Are the data good?", _data(inputs), "#signals" if inputs.runs else "#fit"),
         ("Which runs are bad?", upper(again) or _rows(inputs), "#runs" if again else "#fit"),
-        ("What next?", " ".join(step.what for step in steps_of_report(inputs, grades)[:1]), "#glance"),
-        ("Can the transducer be trusted?", _transducer(inputs), "#detectable"),
+        ("What next?", " ".join(step.what for step in steps_of_report(inputs)[:1]), "#glance"),
+        ("Can the transducer be trusted?", " ".join(transducer_words(found, faults)), "#detectable"),
         ("How good is the model elsewhere?", _elsewhere(inputs), "#gain"),
     ]
     return [Links("What a test engineer asks", lines)], {}
@@ -83,9 +80,9 @@ def _sure(found: Diagnosis) -> str:
     return " ".join([stated, *([f"{upper(note_text(doubt))}."] if doubt else [])])
 
 
-def _data(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
-    tile = data_tile(inputs, grades)
-    return f"{f'{inputs.usable_runs}; ' if grades else ''}{tile.value} {tile.unit}{'; ' if grades else ' '}{tile.note}."
+def _data(inputs: ReportInputs) -> str:
+    tile, runs = data_tile(inputs), f"{inputs.usable_runs}; " if inputs.runs else ""
+    return f"{runs}{tile.value} {tile.unit}{'; ' if runs else ' '}{tile.note}."
 
 
 def _rows(inputs: ReportInputs) -> str:
@@ -93,10 +90,6 @@ def _rows(inputs: ReportInputs) -> str:
     checks = [rows_check(recommendation, channel) for channel in recommendation.measured]
     more = "No more" if all(well for well, _ in checks) else "More"
     return " ".join([f"{more} rows are off than scatter explains.", *(text for _, text in checks)])
-
-
-def _transducer(inputs: ReportInputs) -> str:
-    return " ".join(transducer_words(inputs.diagnosis, {role: faults_of(role, inputs) for role in TRANSDUCER_ROLES}))
 
 
 def _rests_on_nothing(inputs: ReportInputs) -> bool:

@@ -6,13 +6,13 @@ from math import isfinite
 
 from model.diagnosis import Candidate, Cause, Diagnosis
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import Trace, axes, bars
+from wheelsoil.report.figures import Trace, axes, bars, form_name
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import NOT_JUDGED, form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
 from wheelsoil.wording.grounds_text import adequacy_words
-from wheelsoil.wording.names import chance, meaning, parameter_name, plain_name, upper
-from wheelsoil.wording.verdict import refusal_words, several_terrains
+from wheelsoil.wording.names import chance, letter, meaning, parameter_name, plain_name, upper
+from wheelsoil.wording.numbers import interval, number, unit
+from wheelsoil.wording.verdict import NOT_JUDGED, refusal_words, several_terrains
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))

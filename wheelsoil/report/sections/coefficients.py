@@ -14,10 +14,10 @@ from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, line, marked_line, style
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
 from wheelsoil.wording.fit_text import criteria_json, reason_text
-from wheelsoil.wording.names import meaning
+from wheelsoil.wording.names import letter, listed, meaning
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import count, interval, measured, number, unit
 from wheelsoil.workflows.fit import model_as_json
 
 SINGLE_LAW = (
@@ -74,7 +74,7 @@ def coefficients(inputs: ReportInputs) -> Contents:
         Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2, words=("unit", "held")),
         *_correlations(fit),
         *pairs,
-        *(Text(_meaning(model)) for model in fit.models if model.effects),
+        *(Text(f"{style(m.name).label}: {' '.join(map(meaning, m.effects))}") for m in fit.models if m.effects),
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.notes]
     return blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models}
@@ -154,11 +154,7 @@ def relative_error(estimate: Estimate) -> float:
 
 def _correlations(fit: CampaignFit) -> list[Block]:
     rows = [
-        [
-            style(model.name).label,
-            f"C({letter(a)}, {letter(b)})",
-            f"{value:+.4f}".replace("-", "−"),
-        ]
+        [style(model.name).label, f"C({letter(a)}, {letter(b)})", f"{value:+.4f}".replace("-", "−")]
         for model in fit.models
         for (a, b), value in sorted(model.correlation.items(), key=lambda item: -abs(item[1]))
         if abs(value) >= _NOT_SHOWN
@@ -192,10 +188,6 @@ def _pair(model: ModelFit) -> Figure | None:
     x_title, y_title = (f"{each} ({u})" if u else each for each, u in zip(letters, units, strict=True))
     title = f"{look.label}: {' and '.join(letters)}"
     return Figure(f"pair-{model.name}", title, data, axes(x_title, y_title, height=300))
-
-
-def _meaning(model: ModelFit) -> str:
-    return f"{style(model.name).label}: {' '.join(map(meaning, model.effects))}"
 
 
 def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray
 from model.diagnosis import Diagnosis, Gain, PlotData
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     MEASURED,
     RECOMMENDED,
@@ -22,6 +22,7 @@ from wheelsoil.report.figures import (
     bars,
     by_slip_or_each,
     dots,
+    form_name,
     line,
     marked_line,
     parted_at_zero,
@@ -30,9 +31,9 @@ from wheelsoil.report.figures import (
     thinned_rows,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, interval, listed, number, signed
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
-from wheelsoil.wording.names import effect_name, family_of
+from wheelsoil.wording.names import effect_name, family_of, listed
+from wheelsoil.wording.numbers import interval, number, signed
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
@@ -102,10 +103,7 @@ def evidence(inputs: ReportInputs) -> Contents:
 
 
 def _of_channel(
-    everything: tuple[PlotData, ...],
-    channel: str,
-    keys: list[str],
-    summary: Callable[[FloatArray, FloatArray], Bins],
+    everything: tuple[PlotData, ...], channel: str, keys: list[str], summary: Callable[[FloatArray, FloatArray], Bins]
 ) -> list[_Shown]:
     return [
         _Shown(
@@ -194,13 +192,8 @@ def _driven(figure: Figure) -> Figure:
 
 def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
     layout = axes("slip", f"measured − predicted ({OUTPUTS[channel].unit_text})", height=340)
-    return Figure(
-        f"evidence-{kind}-{channel}",
-        f"{OUTPUTS[channel].name.capitalize()}: {what}",
-        [trace for group in traces.values() for trace in group],
-        layout,
-        [campaign for campaign, group in traces.items() for _ in group],
-    )
+    title = f"{OUTPUTS[channel].name.capitalize()}: {what}"
+    return grouped(f"evidence-{kind}-{channel}", title, traces.items(), layout)
 
 
 @section("gain", "Gain of the extension")

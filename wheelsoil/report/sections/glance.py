@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, DataError, FloatArray
-from model.diagnosis import Diagnosis, Gain
+from model.diagnosis import Diagnosis, Scores
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, residual_figure, shares_of
 from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
 from wheelsoil.report.drawing import Curve, Plane, beyond, drawn, figure_or_reason, reach
@@ -29,12 +29,11 @@ from wheelsoil.report.recommendation import (
 )
 from wheelsoil.report.sections.track import known_places
 from wheelsoil.report.sections.verdict import fit_headline, fit_sentences, rank
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import covered
 from wheelsoil.wording.mending import Step, next_steps, step_of
 from wheelsoil.wording.names import CALIBRATED, chance, family_of, listed, page_unit, plain_name
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.numbers import load_text
+from wheelsoil.wording.numbers import load_text, number, signed
 from wheelsoil.wording.verdict import (
     MOST_WORDS,
     NO_CHANGE,
@@ -49,7 +48,6 @@ from wheelsoil.wording.verdict import (
     sentences_of,
     several_terrains,
 )
-from wheelsoil.workflows.grading import Grade
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, figures_of_diagnosis, figures_of_traction
 
 _NAMED = 5
@@ -60,32 +58,26 @@ _ONE_PLACE_DEG = 0.02
 @section("glance", "Summary")
 def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
-    grades = {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)}
-    sentences = _sentences(inputs)
-    steps = Steps(
-        steps_of_report(inputs, grades), runs_again(inputs, grades), [caution_text(bias) for bias in _cautions(inputs)]
-    )
+    found, sentences = inputs.diagnosed, _sentences(inputs)
+    steps = Steps(steps_of_report(inputs), runs_again(inputs), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
     # The channel whose fall the headline tells; None where it tells of none.
-    channel_of_headline = (
-        falling_channel(inputs.diagnosed)
-        if inputs.diagnosed is not None and inputs.diagnosed.verdict in ("named", "one_of")
-        else None
-    )
-    tiles = Tiles([_error_tile(inputs, channel_of_headline), *_other_tiles(inputs, grades)])
+    channel_of_headline = falling_channel(found) if found and found.verdict in ("named", "one_of") else None
+    others = [confidence_tile(found), data_tile(inputs)]
+    tiles = Tiles([_error_tile(inputs, channel_of_headline), *others])
     figure = figure_or_reason(lambda: hero(inputs))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
-    if inputs.diagnosed is not None:
-        shared |= figures_of_diagnosis(inputs.diagnosed)
+    if found is not None:
+        shared |= figures_of_diagnosis(found)
     numbers = {
         "headline": headline,
         "sentence": " ".join(sentences),
         "next_step": steps.steps[0].what,
         "steps": steps.steps,
-        "grades": grades,
+        "grades": {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)},
         "tiles": {
             tile.title: {"before": tile.before, "value": tile.value, "unit": tile.unit}
-            for tile in (_error_tile(inputs), *_other_tiles(inputs, grades))
+            for tile in (_error_tile(inputs), *others)
         },
         "cautions": list(steps.cautions),
         "key_figures": shared,
@@ -133,10 +125,6 @@ def _sentences(inputs: ReportInputs) -> list[str]:
         return [f"No result: {error.what}."]
 
 
-def _other_tiles(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Tile]:
-    return [confidence_tile(inputs.diagnosed), data_tile(inputs, grades)]
-
-
 def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
     """Return the tile of the held-out error of a channel, of the main one unless another is given."""
     found = inputs.diagnosed
@@ -153,28 +141,24 @@ def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
     low, high = change.interval95
     title = f"{channel.name.capitalize()} error, held-out"
     if found.verdict not in ("named", "one_of") or abs(change.percent) < NO_CHANGE:
-        others = [f"{OUTPUTS[output].name} {_error_of(gain, output)}" for output in gain.base if output != main]
+        others = [_errors_of(output, gain.base) for output in gain.base if output != main]
         stays = "the causes hardly change it" if found.verdict == "one_of" else "without a cause"
         return Tile(title, number(before), unit, " · ".join([f"{CALIBRATED}; {stays}", *others]), keys=(None, was))
     apart = several_terrains(found) is not None
     ends = f"interval {signed(-high, '.0f')} to {signed(-low, '.0f')} %"
     ends = f"{ends} ({right})" if (right := covered(found)) else f"95 % {ends}"
     notes = [ends] if isfinite(low) else []
-    notes += [_errors_of(gain, output) for output in gain.base if output != main and output in gain.extended]
+    both = [output for output in gain.base if output != main and output in gain.extended]
+    notes += [_errors_of(output, gain.base, gain.extended) for output in both]
     badge = f"{signed(-change.percent, '+.0f')} %" if isfinite(change.percent) else ""
     better = low > 0 and not apart
     return Tile(title, number(after), unit, " · ".join(notes), number(before), badge, (was, now), better=better)
 
 
-def _error_of(gain: Gain, channel: str) -> str:
+def _errors_of(channel: str, *scores: Mapping[str, Scores]) -> str:
     factor, unit = page_unit(channel)
-    return f"{number(factor * gain.base[channel].R0)}\u00a0{unit.replace(' ', chr(160))}"
-
-
-def _errors_of(gain: Gain, channel: str) -> str:
-    factor, unit = page_unit(channel)
-    before, after = (number(factor * scores[channel].R0) for scores in (gain.base, gain.extended))
-    return f"{OUTPUTS[channel].name} {before} → {after}\u00a0{unit.replace(' ', chr(160))}"
+    errors = " → ".join(number(factor * each[channel].R0) for each in scores)
+    return f"{OUTPUTS[channel].name} {errors}\u00a0{unit.replace(' ', chr(160))}"
 
 
 def _in_sample_tile(inputs: ReportInputs) -> Tile:
@@ -246,7 +230,7 @@ def ends_of_slip(inputs: ReportInputs) -> tuple[float, float]:
     return (float(slip.min()), float(slip.max())) if len(slip) else (np.nan, np.nan)
 
 
-def data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
+def data_tile(inputs: ReportInputs) -> Tile:
     """Return the tile of what can be used."""
     title = "Usable data"
     if inputs.tables:
@@ -255,24 +239,20 @@ def data_tile(inputs: ReportInputs, grades: dict[str, Grade]) -> Tile:
             return Tile(title, str(total), "rows", "of single-wheel tests")
         rows = sum(len(seen.slip) for seen in inputs.diagnosed.plot_data)
         return Tile(title, str(rows), f"of {total} rows", rows_not_used(inputs.diagnosed) or "of single-wheel tests")
-    shares = np.array([grade.usable_share for grade in grades.values()])
     if not inputs.runs or not isfinite(ends_of_slip(inputs)[0]):
         return Tile(title, "0", "%", "no sample can be used")
     low, high = (signed(end, ".2f") for end in ends_of_slip(inputs))
     used = np.concatenate([run.used for run in inputs.runs])
     note = f"{100 * used.mean():.0f} % of all samples · slip {low} to {high}"
-    return Tile(title, number(100 * float(np.nanmean(shares))), "% of motion", note)
+    share = float(np.nanmean([grade.usable_share for grade in inputs.grades]))
+    return Tile(title, number(100 * share), "% of motion", note)
 
 
 def hero(inputs: ReportInputs) -> Drawing:
     """Return the figure in which the cause shows, in the channel that it changes most.
 
     That is this channel against slip, with and without the cause, unless another abscissa shows the cause better.
-
-    Raises
-    ------
-    DataError
-        No driven sample has a measured channel.
+    `DataError` where no driven sample has a measured channel.
     """
     recommendation = inputs.recommendation
     if inputs.tables and inputs.diagnosed is not None:
@@ -310,15 +290,9 @@ def _against_slip(inputs: ReportInputs, recommendation: Recommendation, channel:
         below = middle - binned(slip, factor * off[rows], EDGES).median
         curves.append(Curve(recommendation.base_name, above.centre, below, "base", note="without a cause"))
     edges = (above.median - half, above.median + half)
+    name = "" if recommendation.is_base else _lines(recommendation.name)
     curves += [
-        Curve(
-            recommendation.title,
-            above.centre,
-            above.median,
-            "model",
-            *edges,
-            note="" if recommendation.is_base else _lines(recommendation.name),
-        ),
+        Curve(recommendation.title, above.centre, above.median, "model", *edges, note=name),
         Curve("", above.centre, middle, "measured", lower, upper, points=True),
     ]
     samples = _samples(inputs, channel, shift) or (slip, measured)
@@ -444,13 +418,12 @@ def _cautions(inputs: ReportInputs) -> list[Bias]:
         return []
 
 
-def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
+def runs_again(inputs: ReportInputs) -> str:
     """Return which runs to drive again, or which are not used for another reason."""
-    if not grades:
+    if not inputs.runs:
         return ""
-    set_aside = inputs.set_aside
-    poor = [run.run for run in set_aside if run.drive_again]
-    poor += [name for name, grade in grades.items() if grade.level == "poor"]
+    set_aside, count = inputs.set_aside, len(inputs.runs)
+    poor = [*(run.run for run in set_aside if run.drive_again), *inputs.poor]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
         return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand under Runs."
@@ -461,12 +434,12 @@ def runs_again(inputs: ReportInputs, grades: dict[str, Grade]) -> str:
     if not poor and inputs.to_check:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
         runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
-        return f"{'none' if len(grades) > 1 else 'no'}. Check {runs}."
+        return f"{'none' if count > 1 else 'no'}. Check {runs}."
     if not poor and (groups := groups_of_runs(inputs.diagnosed)):
         return f"none is broken, but {groups.first} ask for another soil than {groups.second}."
     if not poor:
-        return "none. All runs are usable." if len(grades) > 1 else "no. The run is usable."
-    return f"{_few(poor, f'{len(poor)} of {len(grades) + len(set_aside)} runs')}; the reasons stand under Runs."
+        return "none. All runs are usable." if count > 1 else "no. The run is usable."
+    return f"{_few(poor, f'{len(poor)} of {count + len(set_aside)} runs')}; the reasons stand under Runs."
 
 
 def _few(runs: list[str], many: str) -> str:
@@ -474,18 +447,17 @@ def _few(runs: list[str], many: str) -> str:
     return listed(runs) if len(runs) <= _NAMED else many
 
 
-def steps_of_report(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
+def steps_of_report(inputs: ReportInputs) -> list[Step]:
     """Return the next steps: repair what spoils runs, then what the diagnosis asks for."""
-    found, steps = inputs.diagnosed, _before_diagnosis(inputs, grades)
+    found, steps = inputs.diagnosed, _before_diagnosis(inputs)
     if found is not None:
         steps = [*steps, *next_steps(found, inputs.vehicle)] or [step_of(found)]
     return steps[:MOST_STEPS]
 
 
-def _before_diagnosis(inputs: ReportInputs, grades: dict[str, Grade]) -> list[Step]:
-    poor = [name for name, grade in grades.items() if grade.level == "poor"]
-    if poor:
-        poor_runs = _few(poor, f"{len(poor)} of {len(grades)} runs")
+def _before_diagnosis(inputs: ReportInputs) -> list[Step]:
+    if poor := inputs.poor:
+        poor_runs = _few(poor, f"{len(poor)} of {len(inputs.runs)} runs")
         return [Step(f"Look at data quality first; {poor_runs} {'is' if len(poor) == 1 else 'are'} poor.")]
     if inputs.campaign is None and not inputs.tables:
         return [Step("See below why the runs could not be fitted.")]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES, FloatArray
-from model.diagnosis import Diagnosis, Finding, PlotData
-from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from model.diagnosis import Diagnosis, PlotData
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, grouped, section
 from wheelsoil.report.figures import (
     EDGES,
     GREY_BAND,
@@ -28,10 +28,10 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import several_terrains
 
 _BINS = 12
@@ -66,9 +66,24 @@ _QUARTILE = 0.6745
 def misfit(inputs: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
     found = inputs.diagnosis
-    blocks: list[Block] = [_findings(found), *_inconsistent(found)]
+    blocks: list[Block] = [_findings(found)]
+    blocks += [
+        Text(f"Inconsistent, {plain_name(item.channel)}, {item.rows} rows: {note_text(item.why)}.", "warning")
+        for item in found.inconsistent
+    ]
     numbers: dict[str, Any] = {
-        "what_is_wrong": [_finding_numbers(finding) for finding in found.what_is_wrong],
+        "what_is_wrong": [
+            {
+                "channel": finding.channel,
+                "where": place_text(finding.place),
+                "size": finding.size,
+                "statistic": finding.statistic,
+                "slips": finding.place.slips,
+                "campaign": finding.place.campaign,
+                "of_rows": finding.of_rows,
+            }
+            for finding in found.what_is_wrong
+        ],
         "median_there": [found.median_there(finding) for finding in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
@@ -82,18 +97,6 @@ def misfit(inputs: ReportInputs) -> Contents:
         blocks.append(Panels(orders, _READING_ORDERS, names))
         numbers["wheel_orders"] = {seen.campaign: seen.wheel_orders for seen in found.plot_data}
     return blocks, numbers
-
-
-def _finding_numbers(found: Finding) -> dict[str, Any]:
-    return {
-        "channel": found.channel,
-        "where": place_text(found.place),
-        "size": found.size,
-        "statistic": found.statistic,
-        "slips": found.place.slips,
-        "campaign": found.place.campaign,
-        "of_rows": found.of_rows,
-    }
 
 
 def _findings(found: Diagnosis) -> Block:
@@ -122,13 +125,6 @@ def _with_unit(value: float, channel: str) -> str:
     return f"{number(value)} {ROLES[channel].unit_text}".rstrip() if np.isfinite(value) else "–"
 
 
-def _inconsistent(found: Diagnosis) -> list[Block]:
-    return [
-        Text(f"Inconsistent, {plain_name(item.channel)}, {item.rows} rows: {note_text(item.why)}.", "warning")
-        for item in found.inconsistent
-    ]
-
-
 def _panels(
     everything: tuple[PlotData, ...], channel: str, *, of_rows: bool = False
 ) -> tuple[list[Figure], dict[str, Any]]:
@@ -138,12 +134,10 @@ def _panels(
     for key, across, title in _AGAINST:
         if key != "run" and not any(np.isfinite(getattr(seen, key)).any() for seen in views):
             continue  # rows of tables have no speed and no place
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown = []
         for seen in views:
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key, of_rows=of_rows)
-            data += traces
-            groups += [seen.campaign] * len(traces)
+            shown.append((seen.campaign, traces))
         unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
         layout = axes(across, f"measured − predicted ({unit})", height=310)
         if key == "slip":
@@ -157,7 +151,7 @@ def _panels(
         elif key != "slip":
             set_axis_range(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
         name = f"{OUTPUTS[channel].name.capitalize()} {title}"
-        figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
+        figures.append(grouped(f"misfit-{channel}-{key}", name, shown, layout))
     return figures, numbers
 
 
@@ -165,20 +159,18 @@ def _wheel_orders(everything: tuple[PlotData, ...]) -> list[Figure]:
     """Return a figure for each channel that swings once a turn of the wheel in some campaign."""
     figures = []
     for channel in dict.fromkeys(channel for seen in everything for channel in seen.wheel_orders):
-        data: list[Trace] = []
-        groups: list[str] = []
+        shown = []
         for seen in everything:
             if found := seen.wheel_orders.get(channel):
                 nothing = np.zeros(len(found.order))
                 shades = band(found.order, nothing, found.by_chance, "noise, 95 %", GREY_BAND)
-                traces = [*shades, line(found.order, found.swing, "swing", MEASURED, "solid", 2.2)]
-                data += traces
-                groups += [seen.campaign] * len(traces)
+                swing = line(found.order, found.swing, "swing", MEASURED, "solid", 2.2)
+                shown.append((seen.campaign, [*shades, swing]))
         unit = OUTPUTS[channel].unit_text
         layout = axes("cycles a turn of the wheel", f"swing ({unit})", height=310)
         layout["yaxis"] |= {"zero": True}
         name = f"{OUTPUTS[channel].name.capitalize()} by wheel order"
-        figures.append(Figure(f"wheel-order-{channel}", name, data, layout, groups))
+        figures.append(grouped(f"wheel-order-{channel}", name, shown, layout))
     return figures
 
 
@@ -199,7 +191,7 @@ def _reach(seen: PlotData, channel: str) -> FloatArray:
 def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
     if key == "slip":
-        return _cloud_of_rows(seen.slip, residual, sigma) if of_rows else _cloud(seen.slip, residual, sigma, EDGES)
+        return _cloud(seen.slip, residual, sigma, None if of_rows else EDGES)
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(sigma > 0, residual / sigma, np.nan)
     if key == "run":
@@ -213,28 +205,20 @@ def _traces(seen: PlotData, channel: str, key: str, *, of_rows: bool) -> tuple[l
 
 
 def _cloud(
-    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray
+    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray | None
 ) -> tuple[list[Trace], dict[str, Any]]:
-    curve, noise = binned(x, residual, edges), binned(x, sigma, edges)
-    if edges is EDGES:
-        curve, noise = parted_at_zero(curve), parted_at_zero(noise)
-        rows = thinned_by_sign(x, residual)
+    """Return samples and their medians in bins; without bins every row of a table, and the medians of its repeats."""
+    if edges is None:
+        curve, noise, name = repeated(x, residual), repeated(x, sigma), "rows"
+        rows = np.arange(len(x))
     else:
-        rows = thinned_rows(x, residual, cells=30, per_cell=1)
+        curve, noise, name = binned(x, residual, edges), binned(x, sigma, edges), "samples"
+        over_slip = edges is EDGES
+        rows = thinned_by_sign(x, residual) if over_slip else thinned_rows(x, residual, cells=30, per_cell=1)
+        curve, noise = (parted_at_zero(curve), parted_at_zero(noise)) if over_slip else (curve, noise)
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
-        dots(x[rows], residual[rows], "samples"),
-        line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
-    ]
-    return traces, {"median": curve, "noise_sigma": noise.median}
-
-
-def _cloud_of_rows(x: FloatArray, residual: FloatArray, sigma: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
-    """Return every row of a table, and the medians of its repeats."""
-    curve, noise = repeated(x, residual), repeated(x, sigma)
-    traces = [
-        *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
-        dots(x, residual, "rows"),
+        dots(x[rows], residual[rows], name),
         line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
     ]
     return traces, {"median": curve, "noise_sigma": noise.median}
@@ -254,12 +238,7 @@ def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, 
         "base": -_QUARTILE,
         "colour": GREY_BAND,
     }
-    return [expected, medians | {"error_y": reach}], {
-        "run": seen.runs,
-        "lower": low,
-        "median": middle,
-        "upper": high,
-    }
+    return [expected, medians | {"error_y": reach}], {"run": seen.runs, "lower": low, "median": middle, "upper": high}
 
 
 def _quartiles(values: FloatArray) -> list[float]:

@@ -33,7 +33,7 @@ from wheelsoil.report.content import (
     section,
 )
 from wheelsoil.report.drawing import Curve, Plane, drawn, figure_or_reason, reach
-from wheelsoil.report.figures import Bins, by_slip_or_each, parted_at_zero, repeated
+from wheelsoil.report.figures import Bins, by_slip_or_each, form_name, parted_at_zero, repeated
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.recommendation import (
     Bias,
@@ -45,19 +45,7 @@ from wheelsoil.report.recommendation import (
     slips_of_rows,
     unconfirmed,
 )
-from wheelsoil.report.words import (
-    NOT_JUDGED,
-    count,
-    form_name,
-    interval,
-    letter,
-    listed,
-    measured,
-    number,
-    signed,
-    unit,
-    with_names,
-)
+from wheelsoil.report.sections.quality import channels_of
 from wheelsoil.wording.diagnosis_text import set_shares
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, chances_of, rival_words, undetectable
@@ -65,6 +53,8 @@ from wheelsoil.wording.names import (
     CALIBRATED,
     LABORATORY,
     family_of,
+    letter,
+    listed,
     page_unit,
     parameter_name,
     plain_name,
@@ -72,8 +62,8 @@ from wheelsoil.wording.names import (
     upper,
 )
 from wheelsoil.wording.notes import note_text, runs_by_text
-from wheelsoil.wording.numbers import load_text
-from wheelsoil.wording.verdict import model_title, not_corrected, refusal_words, several_terrains
+from wheelsoil.wording.numbers import count, interval, load_text, measured, number, signed, unit
+from wheelsoil.wording.verdict import NOT_JUDGED, model_title, not_corrected, refusal_words, several_terrains
 from wheelsoil.workflows.key_figures import (
     CALIBRATED_SOIL,
     MODELS,
@@ -130,7 +120,7 @@ def fit(inputs: ReportInputs) -> Contents:
     one_soil = inputs.several_terrains is None
     checks = [check for check in (*checks, *_adequacy(inputs.diagnosed)) if one_soil or not check.good]
     blocks: list[Block] = [Pair(figures)]
-    beside: list[Block] = [table] if (table := _parameters(inputs)) is not None else []
+    beside = _parameters(inputs.diagnosed) if inputs.diagnosed is not None else []
     if checks:
         model = recommendation.title if recommendation.is_base else recommendation.title.lower()
         beside.append(Checks("Checks", f"Bias and lack of fit of the model: {model}.", checks))
@@ -199,7 +189,7 @@ def _residuals(recommendation: Recommendation, channel: str, *, of_rows: bool) -
         each = of_rows or bool(line.count.max(initial=0) < 5)
         points = (slip, left) if of_rows else (line.centre, line.median)
         curves += [
-            Curve(_short(name), line.centre, line.median, look),
+            Curve(_SHORT.get(name, name), line.centre, line.median, look),
             *[Curve("", *points, look, points=True)] * each,
         ]
     slips, heights = slips_of_rows(recommendation), reach(*(curve.y for curve in curves), *edges)
@@ -228,10 +218,6 @@ def _parted(slip: FloatArray, y: FloatArray) -> Bins:
     return parted_at_zero(by_slip_or_each(slip, y))
 
 
-def _short(name: str) -> str:
-    return _SHORT.get(name, name)
-
-
 def _adequacy(found: Diagnosis | None) -> list[Check]:
     if found is None or found.adequacy is None or not isfinite(found.adequacy.statistic):
         return []
@@ -243,11 +229,8 @@ def _adequacy(found: Diagnosis | None) -> list[Check]:
     return [Check(judged.ok, f"{upper(adequacy_words(judged, soils=soils))}: {left}.")]
 
 
-def _parameters(inputs: ReportInputs) -> Table | None:
+def _parameters(found: Diagnosis) -> list[Block]:
     """Return the parameters of the recommended model: the causes', and the soil's as the data leave it."""
-    found = inputs.diagnosed
-    if found is None:
-        return None
     rows: list[list[str | KeyFigure]] = [row for cause in recommended_causes(found) for row in _of_cause(cause)]
     several = len(found.soils) > 1
     for soil in found.soils:
@@ -265,9 +248,11 @@ def _parameters(inputs: ReportInputs) -> Table | None:
             label = _with_unit(f"{letter(name)}, {soil.campaign}" if several else letter(name), text)
             rows.append([label, measured(scale * value, scale * sigma), interval_text, before, off])
     if not rows:
-        return None
+        return []
     head = ["parameter", "estimate", "95 % interval", "laboratory", "off by"]
-    causes = listed([_with_form(cause) for cause in recommended_causes(found)])
+    causes = listed(
+        [f"{plain_name(c.name)}{f' ({form_name(c.form)})' if c.form else ''}" for c in recommended_causes(found)]
+    )
     of_soil = (
         "soil fitted with it"
         if found.verdict == "named"
@@ -275,11 +260,7 @@ def _parameters(inputs: ReportInputs) -> Table | None:
     )
     model = f"Wong with {causes}; {of_soil}" if causes else CALIBRATED
     title = f"{model_title(found)} model" if causes else CALIBRATED
-    return Table(title, head, rows, f"{model}. σ: of the laboratory's value.")
-
-
-def _with_form(cause: Cause) -> str:
-    return f"{plain_name(cause.name)}{f' ({form_name(cause.form)})' if cause.form else ''}"
+    return [Table(title, head, rows, f"{model}. σ: of the laboratory's value.")]
 
 
 def _with_unit(name: str, text: str) -> str:
@@ -288,14 +269,8 @@ def _with_unit(name: str, text: str) -> str:
 
 def _of_cause(cause: Cause) -> list[list[str | KeyFigure]]:
     return [
-        [
-            _with_unit(letter(parameter_name(cause.key, parameter.name)), parameter.unit),
-            figure,
-            figure_interval(figure, " … "),
-            "",
-            "",
-        ]
-        for parameter, figure in zip(cause.parameters, sizes_of(cause), strict=True)
+        [_with_unit(letter(parameter_name(cause.key, p.name)), p.unit), figure, figure_interval(figure, " … "), "", ""]
+        for p, figure in zip(cause.parameters, sizes_of(cause), strict=True)
     ]
 
 
@@ -372,14 +347,14 @@ def causes(inputs: ReportInputs) -> Contents:
         blocks.append(Table("Each cause", head, rows, note, words=head[2:]))
     if not blocks:
         raise DataError("no cause was weighed")
-    numbers = {
-        "sets": [{"causes": share.name, "probability": share.probability, "percent": share.percent} for share in sets],
-        "candidates": found.candidates,
-        "causes": found.causes,
-        "minimum_detectable": found.minimum_detectable,
-    }
+    shares = [{"causes": share.name, "probability": share.probability, "percent": share.percent} for share in sets]
     barred = [cause.name for cause, why in found.stated if why is not None]
-    return blocks, numbers | ({"barred": barred} if barred else {})
+    return blocks, {"sets": shares} | _weighed(found) | ({"barred": barred} if barred else {})
+
+
+def _weighed(found: Diagnosis) -> dict[str, Any]:
+    sizes = found.minimum_detectable
+    return {"candidates": found.candidates, "causes": found.causes, "minimum_detectable": sizes}
 
 
 def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
@@ -392,37 +367,30 @@ def _refused(inputs: ReportInputs, found: Diagnosis) -> Contents:
     ]
     if several_terrains(found) is not None:
         refusal, figures = NOT_JUDGED, []
-    return [Text(refusal, "warning"), *figures], {
-        "sets": [],
-        "refused": refusal,
-        "candidates": found.candidates,
-        "causes": found.causes,
-        "minimum_detectable": found.minimum_detectable,
-    }
+    return [Text(refusal, "warning"), *figures], {"sets": [], "refused": refusal} | _weighed(found)
 
 
 def _size(found: Diagnosis, family: str) -> tuple[str, str]:
     """Return the estimate of a cause, and its minimum detectable size; "–" for what is not known."""
-    cause = next((c for c in found.causes if c.name == family), None)
-    sizes = []
-    if cause is not None:
-        known = [parameter for parameter in cause.parameters if isfinite(parameter.interval95[0])]
-        names = [letter(parameter_name(cause.key, parameter.name)) for parameter in known]
-        values = [
-            f"{measured(parameter.value, parameter.sigma)} {unit(parameter.unit)}".rstrip() for parameter in known
-        ]
-        sizes = [f"{name} = {value}" for name, value in zip(names, values, strict=True)]
-    key = cause.key if cause is not None else next((k for k in found.minimum_detectable if family_of(k) == family), "")
+    causes = [cause for cause in found.causes if cause.name == family]
+    sizes = [
+        f"{letter(parameter_name(cause.key, p.name))} = {measured(p.value, p.sigma)} {unit(p.unit)}".rstrip()
+        for cause in causes[:1]
+        for p in cause.parameters
+        if isfinite(p.interval95[0])
+    ]
+    size = ", ".join(sizes) or "–"
+    key = causes[0].key if causes else next((k for k in found.minimum_detectable if family_of(k) == family), "")
     least = found.minimum_detectable.get(key)
     if family in found.not_identifiable:
-        return ", ".join(sizes) or "–", "not identifiable"
+        return size, "not identifiable"
     if least is None:
-        return ", ".join(sizes) or "–", "–"
+        return size, "–"
     if key in undetectable(found.minimum_detectable, found.notes):
-        return ", ".join(sizes) or "–", NOT_IN_THESE_DATA
+        return size, NOT_IN_THESE_DATA
     name = letter(parameter_name(key, least.parameter))
     name = f"|{name}|" if least.value < 0 else name
-    return ", ".join(sizes) or "–", f"{name} ≥ {number(abs(least.value))} {unit(least.unit)}".rstrip()
+    return size, f"{name} ≥ {number(abs(least.value))} {unit(least.unit)}".rstrip()
 
 
 @section("runs", "Runs")
@@ -448,7 +416,7 @@ def runs(inputs: ReportInputs) -> Contents:
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
                 f"{100 * grade.usable_share:.0f}" if isfinite(grade.usable_share) else "–",
                 number(traction.pull.pull_n) if traction.pull else "–",
-                "; ".join([_ITS_SOIL] * (run.run.id in others) + [*map(with_names, grade.reasons[:2])])
+                "; ".join([_ITS_SOIL] * (run.run.id in others) + [*map(_with_names, grade.reasons[:2])])
                 or "complete, slip covered",
             ]
         )
@@ -478,6 +446,12 @@ def runs(inputs: ReportInputs) -> Contents:
     return [Table("Go or drive again", head, listed_rows, below, left=2, words=("reason",))], numbers
 
 
+def _with_names(text: str) -> str:
+    """Return a note with the channel at its beginning as people call it."""
+    first, _, rest = text.partition(" ")
+    return f"{ROLES[first].name} {rest}" if first in ROLES else text
+
+
 def _shown_runs(levels: Sequence[str]) -> list[int]:
     """Return the places of the runs that the table has room for, in their order: the worst, then the first."""
     ranks = list(_DECISIONS)
@@ -499,34 +473,29 @@ def signals(inputs: ReportInputs) -> Contents:
     """Build the section: whether all channels arrived, at which rate, with which noise."""
     if not inputs.runs:
         raise DataError("there are no runs")
-    roles = list(dict.fromkeys(role for run in inputs.runs for role in run.quality.sensors))
     rows, numbers = [], {}
-    for role in roles:
-        facts = [run.quality.sensors[role] for run in inputs.runs if role in run.quality.sensors]
-        gaps, late = sum(sensor.gaps for sensor in facts), sum(sensor.late + sensor.distrusted for sensor in facts)
-        missing = len(inputs.runs) - len(facts)
+    for role, found in channels_of(inputs.runs).items():
+        gaps, late = int(found["gaps"]), int(found["late"] + found["distrusted"])
+        missing = sum(role not in run.quality.sensors for run in inputs.runs)
         faults = faults_of(role, inputs)
         well = not gaps and not late and not missing and not faults
         losses = [_counted(gaps, "gap")] * bool(gaps) + [f"{count(late)} distrusted"] * bool(late)
         losses += [f"missing in {_counted(missing, 'run')}"] * bool(missing) + faults
-        rate = float(np.median([sensor.rate_hz for sensor in facts]))
-        longest = 1e3 * max(sensor.longest_gap_s for sensor in facts)
-        sigma = float(np.median([sensor.sigma for sensor in facts]))
         rows.append(
             [
                 ROLES[role].name,
                 "✓ complete" if well else f"▲ {', '.join(losses)}",
-                number(rate, 4),
-                number(longest),
-                number(1e3 * facts[0].latency_s),
-                f"{number(sigma, 2)} {ROLES[role].unit_text}".rstrip(),
+                number(found["rate_hz"], 4),
+                number(found["longest_gap_ms"]),
+                number(found["latency_ms"]),
+                f"{number(found['sigma'], 2)} {ROLES[role].unit_text}".rstrip(),
             ]
         )
         numbers[role] = {
-            "rate_hz": rate,
-            "longest_gap_ms": longest,
-            "delay_ms": 1e3 * facts[0].latency_s,
-            "sigma": sigma,
+            "rate_hz": found["rate_hz"],
+            "longest_gap_ms": found["longest_gap_ms"],
+            "delay_ms": found["latency_ms"],
+            "sigma": found["sigma"],
             "complete": well,
             "gaps": gaps,
             "distrusted": late,
@@ -559,17 +528,14 @@ def faults_of(role: str, inputs: ReportInputs) -> list[str]:
     ]
     found = inputs.diagnosed
     named = found.causes if found is not None and found.verdict == "named" else ()
-    late = any(_is_delay(cause) and role in EFFECTS[cause.key].shows for cause in named)
+    known = [cause for cause in named if cause.kind == "measurement" and cause.key in EFFECTS]
+    late = any(cause.parameters[0].unit == "s" and role in EFFECTS[cause.key].shows for cause in known)
     return [*faults, "delayed: the named cause"] if late else faults
-
-
-def _is_delay(cause: Cause) -> bool:
-    return cause.kind == "measurement" and cause.key in EFFECTS and cause.parameters[0].unit == "s"
 
 
 def _of_runs(text: str, names: Sequence[str], of: int) -> str:
     """Return what is noted of runs as a sentence that names them, and channels as people call them."""
-    sentence = with_names(text)
+    sentence = _with_names(text)
     who = "all runs" if len(names) == of and of > 1 else listed(names)
     who = who if len(names) <= _NAMED_RUNS or len(names) == of else f"{len(names)} of {of} runs"
     return re.sub(r"(?<![\w.])-(?=\d)", "−", f"In {who}: {sentence}.")

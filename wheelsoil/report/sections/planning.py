@@ -7,17 +7,17 @@ from math import exp, isfinite, log10
 
 import numpy as np
 
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
-from wheelsoil.report.figures import axes, points
+from wheelsoil.report.figures import axes, form_name, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_json import next_run_json
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, undetectable
-from wheelsoil.wording.names import effect_name, family_of, plain_name
+from wheelsoil.wording.names import effect_name, family_of, letter, listed, plain_name
 from wheelsoil.wording.notes import key_text, naming_text, odds_text, step_text
+from wheelsoil.wording.numbers import number, unit
 from wheelsoil.wording.verdict import deciding_runs, several_terrains
 
 _READING = (
@@ -72,11 +72,8 @@ def detectable(inputs: ReportInputs) -> Contents:
 
 
 def _plausible(key: str, parameter: str, radius_m: float) -> float:
-    effect = EFFECTS.get(key)
-    known = {p.name: p for p in effect.parameters} if effect else {}
-    if parameter not in known:
-        return float("nan")
-    return known[parameter].prior_scale * (radius_m if known[parameter].in_radii else 1.0)
+    known = next((p for p in EFFECTS.get(key, Effect).parameters if p.name == parameter), None)
+    return known.prior_scale * (radius_m if known.in_radii else 1.0) if known else float("nan")
 
 
 def _figure(shares: dict[str, float]) -> Figure:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Block, Contents, Pair, Table, Text, section
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count, letter, named_with_unit, number, signed, unit
-from wheelsoil.wording.names import plain_name, soil_unit
+from wheelsoil.wording.names import letter, named_with_unit, plain_name, soil_unit
 from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.numbers import count, number, signed, unit
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
 
@@ -48,11 +48,9 @@ def _file_row(source: Source) -> list[str]:
 
 def _used(inputs: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
-    if inputs.tables:
-        return [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in inputs.runs))
-    threshold = [("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else []
-    return [("cut-off used", cutoffs), *threshold]
+    used: list[tuple[str, object]] = [] if inputs.tables else [("cut-off used", cutoffs)]
+    return used + ([("slip threshold used", f"{inputs.campaign.slip_threshold:g}")] if inputs.campaign else [])
 
 
 def _value_text(value: object) -> str:

@@ -11,9 +11,9 @@ from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.inputs import ReportInputs, Source
-from wheelsoil.report.words import count, number, signed
 from wheelsoil.wording.losses import losses_as_texts
 from wheelsoil.wording.notes import noted_of_runs
+from wheelsoil.wording.numbers import count, number, signed
 from wheelsoil.workflows.key_figures import Z95
 
 _REASONS = {
@@ -138,10 +138,10 @@ def sensors(inputs: ReportInputs) -> Contents:
         for run in inputs.runs
     }
     radii = {"rolling_radius_mm": _rolled(inputs)} if _rolled(inputs) else {}
-    return blocks, {"runs": numbers, "channels": _channels(inputs.runs), **radii}
+    return blocks, {"runs": numbers, "channels": channels_of(inputs.runs), **radii}
 
 
-def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
+def channels_of(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
     """Return what each channel looked like before it was filtered, over all runs."""
     roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
     found = {}
@@ -161,7 +161,7 @@ def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
 
 def _channels_table(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     rows = []
-    for role, found in _channels(runs).items():
+    for role, found in channels_of(runs).items():
         facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
         rows.append(
             [

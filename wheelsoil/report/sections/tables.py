@@ -12,6 +12,7 @@ from wheelsoil.report.figures import MEASURED, Trace, axes, by_load, marked_line
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.grounds_text import adequacy_words, form_error_words
+from wheelsoil.wording.names import page_unit
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.sinkage import (
@@ -84,7 +85,7 @@ def _predicted(inputs: ReportInputs) -> dict[str, dict[str, FloatArray]]:
 
 
 def _figure(wheel_test: BenchFiles, channel: str, predictions: dict[str, dict[str, FloatArray]], key: str) -> Figure:
-    factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
+    factor, unit = page_unit(channel)
     measured, slip = factor * getattr(wheel_test.rows, OUTPUTS[channel].field), np.append(wheel_test.rows.slip, np.nan)
     loads = [np.flatnonzero(rows) for _, rows in by_load(wheel_test.rows.vertical_load_n)]
     # of each load after the other, with a gap between them

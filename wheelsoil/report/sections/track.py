@@ -9,11 +9,11 @@ import numpy as np
 
 from daq import BoolArray, DataError, FloatArray
 from processing import ProcessedRun
-from wheelsoil.report.content import Contents, Figure, Panels, Table, section
+from wheelsoil.report.content import Contents, Panels, Table, grouped, section
 from wheelsoil.report.figures import ALL_RUNS, Trace, axes, points
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import number
+from wheelsoil.wording.numbers import number
 
 _EARTH_M = 6_371_008.8
 _POINTS_IN_ALL, _MOST = 3000, 250
@@ -49,20 +49,14 @@ class _Track:
 def track(inputs: ReportInputs) -> Contents:
     """Build the section: coloured by slip and by use, all runs or one; `DataError` if no run has a position."""
     tracks, origin = _tracks(inputs.runs)
-    by_slip: list[Trace] = []
-    by_use: list[Trace] = []
-    slip_groups: list[str] = []
-    use_groups: list[str] = []
     choices = [ALL_RUNS, *(track.name for track in tracks)] if len(tracks) > 1 else [tracks[0].name]
-    for choice in choices:
-        shown = [track for track in tracks if choice in (ALL_RUNS, track.name)]
-        slip_traces, use_traces = _by_slip(shown), _by_use(shown)
-        by_slip, by_use = by_slip + slip_traces, by_use + use_traces
-        slip_groups += [choice] * len(slip_traces)
-        use_groups += [choice] * len(use_traces)
+    shown = [(choice, [track for track in tracks if choice in (ALL_RUNS, track.name)]) for choice in choices]
     figures = [
-        Figure("track-slip", "By slip", by_slip, _plane(), slip_groups),
-        Figure("track-use", "Used and excluded samples", by_use, _plane(), use_groups),
+        grouped(key, title, [(choice, draw(of_choice)) for choice, of_choice in shown], _plane())
+        for key, title, draw in (
+            ("track-slip", "By slip", _by_slip),
+            ("track-use", "Used and excluded samples", _by_use),
+        )
     ]
     if not any(np.isfinite(track.slip).any() for track in tracks):
         del figures[0]

@@ -15,10 +15,10 @@ from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit, StopReason
 from wheelsoil.report.content import Block, Contents, Text, section
 from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import listed, number
 from wheelsoil.wording.fit_text import reason_text
-from wheelsoil.wording.names import plain_name, upper
+from wheelsoil.wording.names import listed, plain_name, upper
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import number
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 from wheelsoil.workflows.grading import plausibility_of
@@ -278,11 +278,8 @@ def _losses(inputs: ReportInputs) -> Text:
 class Rival:
     """Comparison of another model with the best one.
 
-    Attributes
-    ----------
-    t, critical_t : float
-        Mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
-        error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
+    `t` is the mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
+    error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
     """
 
     name: str
@@ -313,18 +310,11 @@ class Ranking:
 
 
 def rank(inputs: ReportInputs) -> Ranking:
-    """Compare the models by drawbar pull above the slip threshold.
+    """Compare the models by drawbar pull above the slip threshold; `DataError` where there is nothing to compare.
 
-    The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
-    the squared errors is averaged over blocks; their length is the longer one of the two fits.
+    The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of the
+    squared errors is averaged over blocks; their length is the longer one of the two fits.
 
-    Raises
-    ------
-    DataError
-        There is no fit, drawbar pull was not measured, or no slip is above the threshold.
-
-    Notes
-    -----
     Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
     """
     fit, pool = inputs.fit, inputs.pool
