@@ -20,9 +20,13 @@ from mutants.mutant import ROOT
 
 MAP = ROOT / "out" / "random_mutants" / "map"
 FAST = ("-m", "not slow and not study", "--hypothesis-profile", "gate")
-RECORDED, ORDER = "MUTANTS_RECORDED", "MUTANTS_ORDER"
-"""Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests."""
+CPU = MAP.with_name("cpu")
+"""The CPU time of every fast test, from a run that nothing slows down: files like those of the map, without lines."""
+RECORDED, ORDER, KILLS = "MUTANTS_RECORDED", "MUTANTS_ORDER", "MUTANTS_KILLS"
+"""Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests; how
+many of them have to fail to end it."""
 _FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "golden", "wheelsoil")
+_OTHERS = ("blind", "vcan", "benchmarks", "mutants")
 _NOT_RECORDED = ("browser", "view_page", "packaging", "/conftest", "on_windows", "dask", "examples")
 """They run in browsers, in other processes or in environments of their own."""
 _FILES_AT_ONCE = 25
@@ -67,6 +71,13 @@ class LineMap:
                 tests |= self._tests(name for names in by_line.values() for name in names)
         return tests
 
+    def lines(self) -> Iterator[tuple[str, int, str]]:
+        """Yield file, line and test for every line that a test runs."""
+        for data in self._data:
+            for path in data.measured_files():
+                for line, names in data.contexts_by_lineno(path).items():
+                    yield from ((path.rpartition("/0/")[2], line, test) for test in self._tests(names))
+
     def _of_file(self, file: str) -> Iterator[Mapping[int, list[str]]]:
         for data in self._data:
             yield from (data.contexts_by_lineno(name) for name in data.measured_files() if name.endswith("/" + file))
@@ -77,10 +88,11 @@ class LineMap:
 
 
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
-    """Run the fast tests of these files that are not in the map yet."""
+    """Run the fast tests of these files that are not in the map yet; for their CPU time all that there are."""
     folder.mkdir(parents=True, exist_ok=True)
-    for room in _FOLDERS:
-        files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in _NOT_RECORDED))
+    left_out = () if folder == CPU else _NOT_RECORDED
+    for room in (*_FOLDERS, *_OTHERS) if folder == CPU else _FOLDERS:
+        files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in left_out))
         for number, chosen in enumerate(iter(lambda files=files: list(islice(files, _FILES_AT_ONCE)), [])):
             path = folder / f"{room}-{number}.json"
             if not path.exists():
@@ -92,3 +104,8 @@ def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> Non
                 if not path.exists():
                     raise SystemExit(f"{path.stem} cannot be recorded:\n{said}")
                 print(f"{path.stem}: {said.splitlines()[-1]} ({time.monotonic() - start:.0f} s)", flush=True)
+
+
+def function_of(test: str) -> str:
+    """Return a test without its parameters."""
+    return test.split("[")[0]
