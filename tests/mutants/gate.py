@@ -18,11 +18,10 @@ import ast
 import heapq
 import json
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 from mutants import random_sample
 from mutants.line_map import CPU, MAP, LineMap, function_of
@@ -36,62 +35,50 @@ MOST_S, CHEAP_S = 360.0, 0.02
 
 @dataclass(frozen=True)
 class Costs:
-    """CPU seconds of each test without its fixtures, those of each fixture that several take, and who takes it."""
+    """CPU seconds of each test without its fixtures, and those of each fixture with the tests that take it."""
 
     own: Mapping[str, float]
-    fixtures: Mapping[str, float]
-    takers: Mapping[str, Collection[str]]
+    fixtures: Collection[tuple[float, Collection[str]]]
 
     def saved(self, moved: Collection[str]) -> dict[str, float]:
         """Return what the gate saves by each of these: a fixture only where all go that take it, each its share."""
         saved = {test: self.own[test] for test in moved}
-        for fixture, takers in self.takers.items():
+        for seconds, takers in self.fixtures:
             if saved.keys() >= set(takers):
-                for test in takers:
-                    saved[test] += self.fixtures[fixture] / len(takers)
+                saved |= {test: saved[test] + seconds / len(takers) for test in takers}
         return saved
 
 
 def main() -> None:
     """Go on with the matrix, choose, and write the names."""
     random_sample.main(["--seed", str(SEED), "--count", "400", "--kills", "2", *sys.argv[1:]])
-    costs, not_passed = measured(CPU)
-    covered = covered_lines(LineMap())
-    lines = len(set().union(*covered.values()))
-    known = {test for test in covered if test in costs.own and not test.startswith("tests/contract/")} - not_passed
-    killers = killing()
+    known, covered, killers = LineMap(CPU), covered_lines(LineMap()), killing()
+    costs = measured(known)
+    price = costs.saved(costs.own)
+    movable = {test for test in covered if price.get(test, 0.0) >= CHEAP_S and "tests/contract/" not in test}
+    movable -= set(map(function_of, known.not_passed))
     for mutant, tests in killers.items():
         for test in tests:
             covered[test].add(mutant)
-    price = costs.saved(costs.own)
-    movable = {test for test in known if price[test] >= CHEAP_S}
     left = movable - needed(covered, price, covered.keys() - movable)
-    before = sum(price.values()) + costs.fixtures[""]
-    moved = most_expensive(costs, left, before - MOST_S)
-    left_lines = len(set().union(*(found for test, found in covered.items() if test not in moved)) - killers.keys())
+    moved = most_expensive(costs, left, sum(known.cpu.values()) - MOST_S)
     LEFT_OVER.write_text("".join(f"{test}\n" for test in sorted(moved)), encoding="utf-8")
-    after = before - sum(costs.saved(moved).values())
-    print(f"{before:.0f} s of CPU before, {after:.0f} s after; {len(moved)} of {len(left)} tests left over are moved")
-    sole = sum(len(tests) == 1 for tests in killers.values())
-    print(f"{left_lines} of {lines} lines; {len(killers)} mutants, {sole} of them with one test that is known to kill")
+    every, kept = (set().union(*(covered[test] for test in tests)) for tests in (covered, covered.keys() - moved))
+    print(f"CPU: {sum(known.cpu.values()):.0f} s, {sum(costs.saved(moved).values()):.0f} s of them moved")
+    print(f"tests: {len(left)} that the gate does not need, {len(moved)} of them moved")
+    print(f"lines: {len(every - killers.keys())}, {len(kept - killers.keys())} of them kept")
+    alone = sum(len(tests) == 1 for tests in killers.values())
+    print(f"mutants: {len(killers)}, {len(kept & killers.keys())} of them kept, {alone} by one test only")
 
 
-def measured(folder: Path) -> tuple[Costs, set[str]]:
-    """Return the CPU seconds, and the tests that did not pass, or not with all their parameters."""
-    cpu: dict[str, float] = defaultdict(float)
-    takers: dict[str, set[str]] = defaultdict(set)
-    not_passed: set[str] = set()
-    for path in folder.glob("*.json"):
-        said = json.loads(path.read_text(encoding="utf-8"))
-        for context, seconds in said["cpu"].items():
-            cpu[context if context.startswith("fixture ") else function_of(context)] += seconds
-        for test, fixtures in said["fixtures"].items():
-            for fixture in fixtures:
-                takers[fixture].add(function_of(test))
-        not_passed |= {function_of(test) for test in said["not passed"]}
-    own = {test: seconds for test, seconds in cpu.items() if test and not test.startswith("fixture ")}
-    fixtures = {name: seconds for name, seconds in cpu.items() if name not in own}
-    return Costs(own, fixtures, {name: takers[name] for name in fixtures if takers[name]}), not_passed
+def measured(known: LineMap) -> Costs:
+    """Return the CPU seconds of tests, without parameters, and of fixtures."""
+    seconds: Counter[str] = Counter()
+    for context, spent in known.cpu.items():
+        seconds[function_of(context)] += spent
+    takers = {name: {function_of(test) for test in tests} for name, tests in known.takers.items() if name in seconds}
+    own = {test: spent for test, spent in seconds.items() if test not in takers}
+    return Costs(own, [(seconds[name], tests) for name, tests in takers.items()])
 
 
 def covered_lines(known: LineMap) -> dict[str, set[object]]:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
@@ -40,25 +39,19 @@ class LineMap:
 
         self.seconds: dict[str, float] = {}
         self.not_passed: list[str] = []
-        self._takers: dict[str, set[str]] = defaultdict(set)
-        self._data = []
+        self.cpu: Counter[str] = Counter()
+        self.takers: dict[str, set[str]] = defaultdict(set)
         for path in sorted(folder.glob("*.json")):
             said = json.loads(path.read_text(encoding="utf-8"))
             self.seconds |= said["seconds"]
             self.not_passed += said["not passed"]
+            self.cpu.update(said["cpu"])
             for test, fixtures in said["fixtures"].items():
                 for fixture in fixtures:
-                    self._takers[fixture].add(test)
-            self._data.append(CoverageData(str(path.with_suffix(".sqlite"))))
-            self._data[-1].read()
-
-    @cached_property
-    def files(self) -> dict[str, float]:
-        """Seconds of every test file."""
-        found: dict[str, float] = defaultdict(float)
-        for test, seconds in self.seconds.items():
-            found[test.split("::")[0]] += seconds
-        return dict(found)
+                    self.takers[fixture].add(test)
+        self._data = [CoverageData(str(path)) for path in sorted(folder.glob("*.sqlite"))]
+        for data in self._data:
+            data.read()
 
     def tests_of(self, file: str, lines: Iterable[int]) -> set[str]:
         """Return the tests that run one of these lines, or any of the file where none is known to."""
@@ -84,7 +77,7 @@ class LineMap:
 
     def _tests(self, names: Iterable[str]) -> set[str]:
         known = set(names)
-        return {test for name in known for test in self._takers.get(name, {name}) if test in self.seconds}
+        return {test for name in known for test in self.takers.get(name, {name}) if test in self.seconds}
 
 
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:

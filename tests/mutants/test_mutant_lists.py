@@ -68,7 +68,7 @@ def test_the_gate_keeps_a_test_for_everything_and_the_cheapest() -> None:
 
 
 def test_a_fixture_is_saved_where_all_go_that_take_it() -> None:
-    costs = Costs({"a": 1.0, "b": 0.5, "c": 2.0}, {"shared": 6.0}, {"shared": {"a", "b"}})
+    costs = Costs({"a": 1.0, "b": 0.5, "c": 2.0}, [(6.0, {"a", "b"})])
     assert costs.saved({"a", "c"}) == {"a": 1.0, "c": 2.0}
     assert costs.saved({"a", "b"}) == {"a": 4.0, "b": 3.5}
     assert most_expensive(costs, {"a", "b", "c"}, 7.0) == {"a", "b"}
