@@ -25,7 +25,6 @@ RECORDED, ORDER, KILLS = "MUTANTS_RECORDED", "MUTANTS_ORDER", "MUTANTS_KILLS"
 """Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests; how
 many of them have to fail to end it."""
 _FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "golden", "wheelsoil")
-_OTHERS = ("blind", "vcan", "benchmarks", "mutants")
 _NOT_RECORDED = ("browser", "view_page", "packaging", "/conftest", "on_windows", "dask", "examples")
 """They run in browsers, in other processes or in environments of their own."""
 _FILES_AT_ONCE = 25
@@ -40,12 +39,14 @@ class LineMap:
         self.seconds: dict[str, float] = {}
         self.not_passed: list[str] = []
         self.cpu: Counter[str] = Counter()
+        self.children: list[str] = []
         self.takers: dict[str, set[str]] = defaultdict(set)
         for path in sorted(folder.glob("*.json")):
             said = json.loads(path.read_text(encoding="utf-8"))
             self.seconds |= said["seconds"]
             self.not_passed += said["not passed"]
             self.cpu.update(said["cpu"])
+            self.children += said["children"]
             for test, fixtures in said["fixtures"].items():
                 for fixture in fixtures:
                     self.takers[fixture].add(test)
@@ -58,10 +59,10 @@ class LineMap:
         tests: set[str] = set()
         for by_line in self._of_file(file):
             for line in lines:
-                tests |= self._tests(by_line.get(line, ()))
+                tests |= self.taking(by_line.get(line, ()))
         if not tests:
             for by_line in self._of_file(file):
-                tests |= self._tests(name for names in by_line.values() for name in names)
+                tests |= self.taking(name for names in by_line.values() for name in names)
         return tests
 
     def lines(self) -> Iterator[tuple[str, int, str]]:
@@ -69,22 +70,23 @@ class LineMap:
         for data in self._data:
             for path in data.measured_files():
                 for line, names in data.contexts_by_lineno(path).items():
-                    yield from ((path.rpartition("/0/")[2], line, test) for test in self._tests(names))
+                    yield from ((path.rpartition("/0/")[2], line, test) for test in self.taking(names))
 
     def _of_file(self, file: str) -> Iterator[Mapping[int, list[str]]]:
         for data in self._data:
             yield from (data.contexts_by_lineno(name) for name in data.measured_files() if name.endswith("/" + file))
 
-    def _tests(self, names: Iterable[str]) -> set[str]:
+    def taking(self, names: Iterable[str]) -> set[str]:
+        """Return the tests of these names, and those that take a fixture of these names."""
         known = set(names)
         return {test for name in known for test in self.takers.get(name, {name}) if test in self.seconds}
 
 
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
-    """Run the fast tests of these files that are not in the map yet; for their CPU time all that there are."""
+    """Run the fast tests of these files that are not in the map yet."""
     folder.mkdir(parents=True, exist_ok=True)
     left_out = () if folder == CPU else _NOT_RECORDED
-    for room in (*_FOLDERS, *_OTHERS) if folder == CPU else _FOLDERS:
+    for room in _FOLDERS:
         files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in left_out))
         for number, chosen in enumerate(iter(lambda files=files: list(islice(files, _FILES_AT_ONCE)), [])):
             path = folder / f"{room}-{number}.json"

@@ -31,10 +31,10 @@ def pytest_configure() -> None:
     settings.load_profile("mutants")
 
 
-def _cpu_s() -> float:
-    """Return the CPU time of this process and of its children that have ended."""
+def _cpu_s() -> list[float]:
+    """Return the CPU time of this process, and of its children that have ended."""
     used = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    return [one.ru_utime + one.ru_stime for one in used]
 
 
 class _Recorder:
@@ -45,6 +45,7 @@ class _Recorder:
 
         self._path = path
         self._cpu: dict[str, float] = defaultdict(float)
+        self._children: set[str] = set()
         self._since = _cpu_s()
         self._seconds: dict[str, float] = defaultdict(float)
         self._not_passed: set[str] = set()
@@ -59,8 +60,10 @@ class _Recorder:
     def _switch(self, context: str) -> str:
         before, self._context = self._context, context
         now = _cpu_s()
-        self._cpu[before] += now - self._since
+        own, children = (new - old for new, old in zip(now, self._since, strict=True))
         self._since = now
+        self._cpu[before] += own + children
+        self._children |= {before} if children > 0 else set()
         if self._traced:
             self._coverage.switch_context(context)
         return before
@@ -70,6 +73,7 @@ class _Recorder:
         known = item._fixtureinfo.name2fixturedefs
         self._fixtures[item.nodeid] = [_name_of(known[name][-1]) for name in item.fixturenames if name in known]
         self._switch(item.nodeid)
+        self._children |= {item.nodeid} if "browser" in item.fixturenames else set()
         try:
             return (yield)
         finally:
@@ -96,7 +100,8 @@ class _Recorder:
             self._path.with_suffix(".part").rename(self._path.with_suffix(".sqlite"))
         seconds = {test: s for test, s in self._seconds.items() if test not in self._not_passed}
         said = {"seconds": seconds, "fixtures": self._fixtures, "not passed": sorted(self._not_passed)}
-        self._path.write_text(json.dumps(said | {"cpu": self._cpu}), encoding="utf-8")
+        said |= {"cpu": self._cpu, "children": sorted(self._children)}
+        self._path.write_text(json.dumps(said), encoding="utf-8")
 
 
 def _name_of(fixturedef: Any) -> str:
