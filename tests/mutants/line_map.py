@@ -19,8 +19,6 @@ from mutants.mutant import ROOT
 
 MAP = ROOT / "out" / "random_mutants" / "map"
 FAST = ("-m", "not slow and not study", "--hypothesis-profile", "gate")
-CPU = MAP.with_name("cpu")
-"""The CPU time of every fast test, from a run that nothing slows down: files like those of the map, without lines."""
 RECORDED, ORDER, KILLS = "MUTANTS_RECORDED", "MUTANTS_ORDER", "MUTANTS_KILLS"
 """Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests; how
 many of them have to fail to end it."""
@@ -85,9 +83,8 @@ class LineMap:
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
     """Run the fast tests of these files that are not in the map yet."""
     folder.mkdir(parents=True, exist_ok=True)
-    left_out = () if folder == CPU else _NOT_RECORDED
     for room in _FOLDERS:
-        files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in left_out))
+        files = iter(f for f in test_files if f.startswith(f"tests/{room}/") and not any(n in f for n in _NOT_RECORDED))
         for number, chosen in enumerate(iter(lambda files=files: list(islice(files, _FILES_AT_ONCE)), [])):
             path = folder / f"{room}-{number}.json"
             if not path.exists():

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from hypothesis import Phase, settings
-from mutants.line_map import CPU, KILLS, ORDER, RECORDED, function_of
+from mutants.line_map import KILLS, ORDER, RECORDED, function_of
 from mutants.mutant import CPU_SECONDS
 
 if CPU_SECONDS in os.environ:
@@ -38,7 +38,7 @@ def _cpu_s() -> list[float]:
 
 
 class _Recorder:
-    """Writes which test runs which line, how long each takes, and which fixtures it takes; of CPU time no lines."""
+    """Writes which test runs which line, how long each takes, and which fixtures it takes."""
 
     def __init__(self, path: Path) -> None:
         from coverage import Coverage
@@ -53,9 +53,7 @@ class _Recorder:
         self._context = ""
         here = [str(Path.cwd() / room / "*") for room in ("daq", "processing", "model", "wheelsoil")]
         self._coverage = Coverage(str(path.with_suffix(".part")), include=here, config_file=False, messages=False)
-        self._traced = path.parent.name != CPU.name
-        if self._traced:
-            self._coverage.start()
+        self._coverage.start()
 
     def _switch(self, context: str) -> str:
         before, self._context = self._context, context
@@ -64,8 +62,7 @@ class _Recorder:
         self._since = now
         self._cpu[before] += own + children
         self._children |= {before} if children > 0 else set()
-        if self._traced:
-            self._coverage.switch_context(context)
+        self._coverage.switch_context(context)
         return before
 
     @pytest.hookimpl(wrapper=True)
@@ -94,10 +91,9 @@ class _Recorder:
 
     def pytest_unconfigure(self) -> None:
         self._switch("")
-        if self._traced:
-            self._coverage.stop()
-            self._coverage.save()
-            self._path.with_suffix(".part").rename(self._path.with_suffix(".sqlite"))
+        self._coverage.stop()
+        self._coverage.save()
+        self._path.with_suffix(".part").rename(self._path.with_suffix(".sqlite"))
         seconds = {test: s for test, s in self._seconds.items() if test not in self._not_passed}
         said = {"seconds": seconds, "fixtures": self._fixtures, "not passed": sorted(self._not_passed)}
         said |= {"cpu": self._cpu, "children": sorted(self._children)}

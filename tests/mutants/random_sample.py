@@ -39,7 +39,7 @@ from typing import Any
 
 from mutants.checkout import ROOMS, Checkout
 from mutants.draws import Edit, drawn
-from mutants.line_map import CPU, FAST, KILLS, MAP, ORDER, LineMap, function_of, record
+from mutants.line_map import FAST, KILLS, MAP, ORDER, LineMap, function_of, record
 from mutants.mutant import HERE, ROOT, Mutant
 
 SLOW = ("-m", "(slow or hypothesis) and not study", "--hypothesis-profile", "random")
@@ -81,8 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             left_over = copy.folder / LEFT_OVER.relative_to(ROOT)
             names = left_over.read_text(encoding="utf-8")
             left_over.write_text("", encoding="utf-8")  # the choice is made anew, from every test
-            for folder in (MAP, CPU):
-                record(copy, [f for f in tracked if PurePosixPath(f).name.startswith("test_")], folder)
+            record(copy, [f for f in tracked if PurePosixPath(f).name.startswith("test_")])
             left_over.write_text(names if options.kills == 1 else "", encoding="utf-8")
             _run(options, copy, edits, sources, results)
         finally:
