@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks pictures mutants wheels clean
+.PHONY: demo test fast slow study lint bench bench-keep blind growth fuzz golden golden-keep notebooks pictures mutants gate-choice wheels clean
 .DEFAULT_GOAL := demo
 
 # model/compiled.c is compiled where there is a C compiler (model/core_build.py).
@@ -72,6 +72,11 @@ pictures: $(STAMP)
 # Measures the strength of the tests, into out/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
 mutants: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m mutants.run $(MUTANTS)
+
+# Chooses which fast tests the gate needs and leaves the others to the slow set (docs/testing.md); hours, resumable.
+gate-choice: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check coverage
+	PYTHONPATH=tests $(BIN)/python -m mutants.gate $(MATRIX)
 
 # Side by side with the peers, into out/bench/results.md; takes twenty minutes on an idle machine.
 bench: $(STAMP)

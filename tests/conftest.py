@@ -41,8 +41,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return GroupScheduling(config, log)
 
 
+LEFT_OVER = frozenset((Path(__file__).parent / "left_over.txt").read_text(encoding="utf-8").split())
+"""The tests that the gate does without (docs/testing.md): `make gate-choice` writes the file."""
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the folders whose tests wait."""
+    """Begin with the folders whose tests wait, and leave to the slow set what the gate does without."""
+    for item in items:
+        if item.nodeid.split("[")[0] in LEFT_OVER:
+            item.add_marker("slow")
     items.sort(key=lambda item: rank(item.nodeid.split("/")[1]))
 
 

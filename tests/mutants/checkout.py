@@ -39,12 +39,17 @@ _WAITING = 10
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one mutant: "killed", "survived" or "timed out", the test that failed, and the time."""
+    """What became of one mutant: "killed", "survived" or "timed out", the tests that failed, and the time."""
 
     mutant: Mutant
     state: str
-    test: str
+    tests: tuple[str, ...]
     seconds: float
+
+    @property
+    def test(self) -> str:
+        """The first that failed."""
+        return next(iter(self.tests), "")
 
 
 class Checkout:
@@ -92,8 +97,8 @@ class Checkout:
         code, said = self.end_tests()
         (self.folder / mutant.file).write_text(text, encoding="utf-8")
         self._mutated = None
-        state, test = ("timed out", "") if late else _verdict(code, said)
-        return Outcome(mutant, state, test, time.monotonic() - self._started)
+        state, tests = ("timed out", ()) if late else _verdict(code, said)
+        return Outcome(mutant, state, tests, time.monotonic() - self._started)
 
     def start_tests(self, tests: Iterable[str], limit_s: int | None = None) -> None:
         """Run tests in a fork of this process."""
@@ -170,13 +175,14 @@ def _files_of_the_checkout() -> list[str]:
     return [name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
 
 
-def _verdict(code: int, said: str) -> tuple[str, str]:
+def _verdict(code: int, said: str) -> tuple[str, tuple[str, ...]]:
+    """Return what became of a mutant, and the tests that failed, without parameters."""
     if code == 0:
-        return "survived", ""
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        return "timed out", ""
-    failed = re.search(r"^(?:FAILED|ERROR) ([^\s\[]+)", said, re.M)
-    broken = failed is not None or "while loading conftest" in said or "INTERNALERROR" in said
+        return "survived", ()
+    failed = tuple(dict.fromkeys(re.findall(r"^(?:FAILED|ERROR) ([^\s\[]+)", said, re.M)))
+    if code in (-signal.SIGXCPU, -signal.SIGKILL) and not failed:
+        return "timed out", ()
+    broken = failed or "while loading conftest" in said or "INTERNALERROR" in said
     if code not in (1, 2, -signal.SIGSEGV) and not broken:
         raise SystemExit(f"pytest ended with {code}:\n{said}")
-    return "killed", failed[1] if failed else "while the tests were collected"
+    return "killed", failed or ("while the tests were collected",)

@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
@@ -20,8 +19,9 @@ from mutants.mutant import ROOT
 
 MAP = ROOT / "out" / "random_mutants" / "map"
 FAST = ("-m", "not slow and not study", "--hypothesis-profile", "gate")
-RECORDED, ORDER = "MUTANTS_RECORDED", "MUTANTS_ORDER"
-"""Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests."""
+RECORDED, ORDER, KILLS = "MUTANTS_RECORDED", "MUTANTS_ORDER", "MUTANTS_KILLS"
+"""Environment variables: where the plugin writes the map of a run; the file with the order of a mutant's tests; how
+many of them have to fail to end it."""
 _FOLDERS = ("daq", "processing", "certified", "model", "contract", "fuzz", "golden", "wheelsoil")
 _NOT_RECORDED = ("browser", "view_page", "packaging", "/conftest", "on_windows", "dask", "examples")
 """They run in browsers, in other processes or in environments of their own."""
@@ -36,44 +36,48 @@ class LineMap:
 
         self.seconds: dict[str, float] = {}
         self.not_passed: list[str] = []
-        self._takers: dict[str, set[str]] = defaultdict(set)
-        self._data = []
+        self.cpu: Counter[str] = Counter()
+        self.children: list[str] = []
+        self.takers: dict[str, set[str]] = defaultdict(set)
         for path in sorted(folder.glob("*.json")):
             said = json.loads(path.read_text(encoding="utf-8"))
             self.seconds |= said["seconds"]
             self.not_passed += said["not passed"]
+            self.cpu.update(said["cpu"])
+            self.children += said["children"]
             for test, fixtures in said["fixtures"].items():
                 for fixture in fixtures:
-                    self._takers[fixture].add(test)
-            self._data.append(CoverageData(str(path.with_suffix(".sqlite"))))
-            self._data[-1].read()
-
-    @cached_property
-    def files(self) -> dict[str, float]:
-        """Seconds of every test file."""
-        found: dict[str, float] = defaultdict(float)
-        for test, seconds in self.seconds.items():
-            found[test.split("::")[0]] += seconds
-        return dict(found)
+                    self.takers[fixture].add(test)
+        self._data = [CoverageData(str(path)) for path in sorted(folder.glob("*.sqlite"))]
+        for data in self._data:
+            data.read()
 
     def tests_of(self, file: str, lines: Iterable[int]) -> set[str]:
         """Return the tests that run one of these lines, or any of the file where none is known to."""
         tests: set[str] = set()
         for by_line in self._of_file(file):
             for line in lines:
-                tests |= self._tests(by_line.get(line, ()))
+                tests |= self.taking(by_line.get(line, ()))
         if not tests:
             for by_line in self._of_file(file):
-                tests |= self._tests(name for names in by_line.values() for name in names)
+                tests |= self.taking(name for names in by_line.values() for name in names)
         return tests
+
+    def lines(self) -> Iterator[tuple[str, int, str]]:
+        """Yield file, line and test for every line that a test runs."""
+        for data in self._data:
+            for path in data.measured_files():
+                for line, names in data.contexts_by_lineno(path).items():
+                    yield from ((path.rpartition("/0/")[2], line, test) for test in self.taking(names))
 
     def _of_file(self, file: str) -> Iterator[Mapping[int, list[str]]]:
         for data in self._data:
             yield from (data.contexts_by_lineno(name) for name in data.measured_files() if name.endswith("/" + file))
 
-    def _tests(self, names: Iterable[str]) -> set[str]:
+    def taking(self, names: Iterable[str]) -> set[str]:
+        """Return the tests of these names, and those that take a fixture of these names."""
         known = set(names)
-        return {test for name in known for test in self._takers.get(name, {name}) if test in self.seconds}
+        return {test for name in known for test in self.takers.get(name, {name}) if test in self.seconds}
 
 
 def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> None:
@@ -92,3 +96,8 @@ def record(copy: Checkout, test_files: Iterable[str], folder: Path = MAP) -> Non
                 if not path.exists():
                     raise SystemExit(f"{path.stem} cannot be recorded:\n{said}")
                 print(f"{path.stem}: {said.splitlines()[-1]} ({time.monotonic() - start:.0f} s)", flush=True)
+
+
+def function_of(test: str) -> str:
+    """Return a test without its parameters."""
+    return test.split("[")[0]

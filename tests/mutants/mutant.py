@@ -94,14 +94,15 @@ def problems(mutants: list[Mutant], root: Path = ROOT) -> list[str]:
         except ValueError as error:
             wrong.append(str(error))
         wrong += [
-            f"{mutant.id}: expected the test {test}, got none" for test in mutant.tests if not _is_there(root, test)
+            f"{mutant.id}: expected the test {test}, got none" for test in mutant.tests if not is_there(root, test)
         ]
         if not mutant.tests:
             wrong.append(f"{mutant.id}: names no test")
     return wrong
 
 
-def _is_there(root: Path, test: str) -> bool:
+def is_there(root: Path, test: str) -> bool:
+    """Return whether a test, or a file of tests, is in a checkout."""
     name, _, function = test.partition("::")
     path = root / name
     return path.is_file() and (not function or f"def {function.split('[')[0]}(" in path.read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ PYTHONPATH=tests python -m mutants.random_sample --seed 20261201 --count 120 --f
 PYTHONPATH=tests python -m mutants.random_sample ... --slow      the slow tests and random examples, on the survivors
 PYTHONPATH=tests python -m mutants.random_sample ... --again     survivors once more, after a test was added
 PYTHONPATH=tests python -m mutants.random_sample ... --count 0   only the map of which test runs which line
+PYTHONPATH=tests python -m mutants.random_sample ... --kills 2   until two tests have failed: tests/mutants/gate.py
 
 It needs the package `coverage`. A mutant (tests/mutants/draws.py) meets the fast tests that run its line
 (tests/mutants/line_map.py), the cheapest first and for at most `--seconds`; where none is known to, the test files
@@ -28,7 +29,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from fnmatch import fnmatch
 from functools import cache
 from itertools import accumulate
@@ -38,11 +39,13 @@ from typing import Any
 
 from mutants.checkout import ROOMS, Checkout
 from mutants.draws import Edit, drawn
-from mutants.line_map import FAST, MAP, ORDER, LineMap, record
+from mutants.line_map import FAST, KILLS, MAP, ORDER, LineMap, function_of, record
 from mutants.mutant import HERE, ROOT, Mutant
 
 SLOW = ("-m", "(slow or hypothesis) and not study", "--hypothesis-profile", "random")
 EQUIVALENT = HERE / "random_equivalent.json"
+LEFT_OVER = ROOT / "tests" / "left_over.txt"
+"""The tests that the gate does without, which tests/conftest.py marks `slow`."""
 UNDECIDED = ("", "cut off", "timed out")
 _IMPORTED = (
     "pandas",
@@ -57,9 +60,9 @@ _MOST_FILES = 8
 _NUMBERS = "tests/golden/test_golden.py"
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw mutants and run their tests."""
-    options = _options()
+    options = _options(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))  # as Ctrl-C: nothing goes on running
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
     tracked = subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines()
@@ -75,7 +78,11 @@ def main() -> None:
         for name in _IMPORTED:
             __import__(name)
         try:
+            left_over = copy.folder / LEFT_OVER.relative_to(ROOT)
+            names = left_over.read_text(encoding="utf-8")
+            left_over.write_text("", encoding="utf-8")  # the choice is made anew, from every test
             record(copy, [f for f in tracked if PurePosixPath(f).name.startswith("test_")])
+            left_over.write_text(names if options.kills == 1 else "", encoding="utf-8")
             _run(options, copy, edits, sources, results)
         finally:
             copy.stop()
@@ -83,7 +90,7 @@ def main() -> None:
         print(summary(results_of(results), [described(edit, sources[edit.file])["id"] for edit in edits]))
 
 
-def _options() -> argparse.Namespace:
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--count", type=int, default=200, help="mutants to draw; more of the same seed go on")
@@ -91,9 +98,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0, help="of the tests of one mutant, as the map knows them")
     parser.add_argument("--slow", action="store_true", help="run the survivors against the slow set")
     parser.add_argument("--again", action="store_true", help="run the survivors against the fast set as it is now")
+    parser.add_argument("--kills", type=int, default=1, help="tests that have to fail; 2: of left_over.txt too")
     parser.add_argument("--only", default="", metavar="TEXT", help="of the survivors those with this in their line")
     parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="in place of those that fit a survivor")
-    return parser.parse_args()
+    return parser.parse_args(arguments)
 
 
 def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources: dict[str, str], path: Path) -> None:
@@ -108,27 +116,37 @@ def _run(options: argparse.Namespace, copy: Checkout, edits: list[Edit], sources
             continue
         running = lines.tests_of(edit.file, edit.lines)
         before, seconds, marks = 0, options.seconds, SLOW if options.slow else FAST
+        killers = last.get("killers", []) if options.kills > 1 else []
         if running and not more:
             before = last["run"] if state == "cut off" else 0
             ordered = cheapest_first(lines, running, fitting(edit))[before:]
             until = accumulate(lines.seconds[name] for name in ordered)
             chosen = [name for name, total in zip(ordered, until, strict=True) if total <= seconds] or ordered[:1]
             seconds = sum(lines.seconds[name] for name in chosen)
+            run = before + len(chosen)
+            chosen = [name for name in chosen if function_of(name) not in killers] or chosen
         else:
             chosen = options.tests or [*fitting(edit)[:_MOST_FILES], _NUMBERS]
             marks = (*marks, *(f"--deselect={test}" for test in lines.not_passed))
-            seconds *= 2
-        state, test, took = _tested(copy, edit, sources[edit.file], chosen, int(seconds), marks)
-        run = before + len(chosen)
-        if state == "survived" and not more and run < len(running):
+            seconds, run = seconds * 2, len(chosen)
+        if options.kills > 1:
+            os.environ[KILLS], marks = str(options.kills - len(killers)), (*marks, "--maxfail=0")
+        state, failed, took = _tested(copy, edit, sources[edit.file], chosen, int(seconds), marks)
+        killers = [*killers, *failed]
+        state = "killed" if killers and state == "survived" else state
+        few = len(killers) < options.kills and all("::" in test for test in killers)  # a file: it cannot be imported
+        if state != "timed out" and few and not more and run < len(running):
             state = "cut off"
+        test = next(iter(killers), "")
         said |= {"state": state, "test": test, "running": len(running), "run": run, "seconds": round(took, 1)}
+        if options.kills > 1:
+            said["killers"] = killers
         if options.slow:
             said = last | {"slow": state, "slow test": test}
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(said, ensure_ascii=False) + "\n")
         at = f"{edit.file}:{said['line']} {edit.kind}"
-        print(f"{number}/{len(edits)} {at}: {state}, {took:.1f} s  {test}", flush=True)
+        print(f"{number}/{len(edits)} {at}: {state}, {took:.1f} s  {' '.join(killers)}", flush=True)
 
 
 def described(edit: Edit, source: str) -> dict[str, Any]:
@@ -179,8 +197,8 @@ def cheapest_first(lines: LineMap, tests: Collection[str], first: Collection[str
 
 def _tested(
     copy: Checkout, edit: Edit, source: str, chosen: list[str], seconds: int, marks: Collection[str]
-) -> tuple[str, str, float]:
-    """Return what became of a mutant, the test that failed, and the time."""
+) -> tuple[str, tuple[str, ...], float]:
+    """Return what became of a mutant, the tests that failed, and the time."""
     os.environ.pop(ORDER, None)
     if any("::" in name for name in chosen):
         order = copy.folder / "order.json"
@@ -196,8 +214,8 @@ def _tested(
     except SystemExit as error:
         if "ended with 5" not in str(error):  # no test is selected
             raise
-        return "survived", "", 0.0
-    return outcome.state, outcome.test, outcome.seconds
+        return "survived", (), 0.0
+    return outcome.state, outcome.tests, outcome.seconds
 
 
 def summary(known: dict[str, dict[str, Any]], drawn_ids: list[str]) -> str:

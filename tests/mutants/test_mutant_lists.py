@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 from mutants.draws import Finder, drawn, places_of
-from mutants.mutant import Mutant, all_mutants, problems
+from mutants.gate import Costs, most_expensive, needed
+from mutants.mutant import ROOT, Mutant, all_mutants, is_there, problems
+from mutants.random_sample import LEFT_OVER
 from mutants.table import write_results
 
 ONE = Mutant("room", "one", "a.py", "x = 1", "x = 2", "why", True, ("test_a.py",))
@@ -56,6 +58,28 @@ def test_a_partial_run_keeps_the_results_of_the_others(tmp_path: Path) -> None:
     assert "| room | 1 | 2 | 1 |\n" in counts.read_text()
     assert "`two`, a.py: why: **survived**" in counts.read_text()
     assert "| `three` | why<br>a.py: ``x = 1`` &rarr; ``x = 2`` | not run yet |" in table.read_text()
+
+
+def test_the_gate_keeps_a_test_for_everything_and_the_cheapest() -> None:
+    covered: dict[str, set[object]] = {"alone": {1}, "aside": {1}, "dear": {2, 3, 4}, "cheap": {2, 3}}
+    covered |= {"kept": {4}, "more": {1, 3}}
+    price = {"alone": 1.0, "aside": 9.0, "dear": 9.0, "cheap": 1.0, "kept": 9.0, "more": 4.0}
+    assert needed(covered, price, {"kept"}) == {"alone", "cheap"}
+    assert needed(covered, price, set()) == {"alone", "cheap", "dear"}
+
+
+def test_a_fixture_is_saved_where_all_go_that_take_it() -> None:
+    costs = Costs({"a": 1.0, "b": 0.5, "c": 2.0}, [(6.0, {"a", "b"})])
+    assert costs.saved({"a", "c"}) == {"a": 1.0, "c": 2.0}
+    assert costs.saved({"a", "b"}) == {"a": 4.0, "b": 3.5}
+    assert most_expensive(costs, {"a", "b", "c"}, 7.0) == {"a", "b"}
+    assert most_expensive(costs, {"a", "c"}, 9.0) == {"a", "c"}
+
+
+def test_what_is_left_to_the_slow_set_is_still_there() -> None:
+    left = LEFT_OVER.read_text(encoding="utf-8").splitlines()
+    assert [test for test in left if not is_there(ROOT, test)] == []
+    assert not any(test.startswith("tests/contract/") for test in left)
 
 
 def test_a_drawn_mutant_changes_no_text_and_no_type() -> None:
