@@ -199,10 +199,9 @@ def families(line: Line) -> list[str]:
     return [member.get("family", "") for member in line["members"]]
 
 
-def said(line: Line, least: float = 0.0) -> list[str]:
-    """Return the families that the engine names with more than this probability."""
-    named = [c for c in line["causes"] if line["verdict"] == "named" and not c.get("barred")]
-    return [c["name"] for c in named if c["probability"] > least]
+def said(line: Line) -> list[str]:
+    """Return the families that the engine names."""
+    return [c["name"] for c in line["causes"] if line["verdict"] == "named" and not c.get("barred")]
 
 
 def candidates(line: Line, *, none: bool) -> list[str]:

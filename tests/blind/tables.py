@@ -53,8 +53,8 @@ from its truth: L is the effect over the instruments' noise per 5 Hz sample, d o
 laboratory's soil and the scatter of runs projected out, d_sep what is left of d when the best other family
 explains it too. What the data can tell: d < 2 nothing; 2 to 5 nothing, or one_of with the truth; d > 5 and
 d_sep < 5 one_of with it, or the name; d_sep > 5 the name. The oracle knows noise, soil spread, run scatter and
-case mix. Pairs are drawn until both members have d_sep > 5, before the engine sees anything. A foreign wheel is
-right where it is unexplained, or one of a set with the family that it is akin to.
+case mix, and names above .9. Pairs are drawn until both members have d_sep > 5, before the engine sees anything. A
+foreign wheel is right where it is unexplained, or one of a set with the family that it is akin to.
 """
 _GIVEN_NOISE = ("linearise", "columns", "whitening", "smoothing", "evidence", "bagging")
 """Stages of a diagnosis whose noise model is known."""
@@ -214,7 +214,7 @@ def _left_out(lines: Sequence[Line]) -> list[Figure]:
 
 
 def _named(x: Line) -> bool:
-    return bool(said(x, 0.9))
+    return bool(said(x))
 
 
 def _pairs(lines: Sequence[Line]) -> list[Figure]:

@@ -177,8 +177,8 @@ def test_a_verdict_is_held_against_what_the_data_can_tell(
 
 def test_names_candidates_and_intervals_are_read_from_an_answer() -> None:
     one = line("named", "torque_zero", 0.95)
-    assert said(one, 0.9) == ["torque_zero"]
-    assert said(one, 0.99) == []
+    assert said(one) == ["torque_zero"]
+    assert said(line("one_of", "torque_zero", 0.95)) == []
     assert candidates(one, none=True) == ["torque_zero", "none"]
     [interval] = intervals([one])
     assert interval.inside

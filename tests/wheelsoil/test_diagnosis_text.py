@@ -236,7 +236,7 @@ def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:
     fewer = replace(found, grounds=Grounds(prior_shifts=(PriorShift("slope", 1 / 3, "nothing_detectable", ()),)))
     assert "at a third of the prior odds of slope it would be: nothing detectable." in sentence_of(fewer)
     unsure = Note(LackCode.NOT_SURE, values={"family": "slope", "probability": 0.961, "least": 0.97})
-    assert note_text(unsure).startswith("its probability by these runs as they are is 96.1 %, and a name needs 97 %")
+    assert note_text(unsure).startswith("its probability by these runs as they are is 96.1 %, below the 97 %")
 
 
 def test_lugs_of_a_probable_set_are_said_with_a_larger_radius_too() -> None:

@@ -264,8 +264,8 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.AGAINST_STATIC: lambda v: f"the runs contradict a static test by {v['sigmas']:.0f} sigma",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
-        f"its probability by these runs as they are is {chance(v['probability'])}, and a name needs "
-        f"{100 * v['least']:g} %"
+        f"its probability by these runs as they are is {chance(v['probability'])}, below the {100 * v['least']:g} % "
+        "that a name needs"
     ),
     LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
     LackCode.NO_BETTER: (

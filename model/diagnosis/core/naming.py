@@ -4,10 +4,10 @@
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
    held-out runs any better: `nothing_detectable`; but `unexplained` where the held-out error of a channel is more than
    `MOST_ERROR` times what soil and noise give, and more than few runs show by chance.
-3. A family above `name_at`, also where something unlisted may act, is `named` where
+3. A family above `name_at` (runs: as they are), also where something unlisted may act, is `named` where
 
-   - of driven runs, its probability by the runs as they are is above `SURE_AT`, and averaged over resampled runs above
-     `AVERAGED_AT`: the average is careful of what is confounded, and too kind to what is barely there;
+   - of driven runs, its probability by the runs as they are is `SURE_AT` or more, and averaged over resampled runs
+     above `AVERAGED_AT`: the average is careful of what is confounded, and too kind to what is barely there;
    - the log score of held-out runs, over all channels, rises by `LEAST_NATS`, or the held-out error of a channel falls
      for certain: the score is of linearised models, and that of one far from the truth is too high;
    - the held-out error of no measured channel grows notably and for certain, also where the channel was not used;
@@ -133,9 +133,11 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         left = _more_than_noise(gain)
         return Judgement("unexplained" if left else "nothing_detectable", barred=left)
-    chances = (found.as_they_are() if of_runs else found).families()
-    likely = tuple(f for f, p in found.families().items() if p > AVERAGED_AT and chances[f] > name_at)
-    sure = [family for family in likely if chances[family] * judged.listed > name_at]
+    averaged = found.families()
+    chances, least = (found.as_they_are().families(), AVERAGED_AT) if of_runs else (averaged, 0.0)
+    likely = tuple(f for f, p in averaged.items() if p > least and max(p, chances[f]) > name_at)
+    unsure = _unsure(chances, likely) if of_runs else {}
+    sure = [family for family in likely if family in unsure or chances[family] * judged.listed > name_at]
     doubted = _each(
         [x for x in likely if x not in sure],
         Note(LackCode.UNLISTED_MAY_ACT, values={"probability": 1.0 - judged.listed}),
@@ -143,7 +145,7 @@ def judgement(
     barred = _barred(found, gain) or contradiction
     if barred:
         return one_of(found, barred if sure else None, likely, (*_each(sure, barred), *doubted))
-    unsure = (_unsure(chances, sure) if of_runs else {}) | dict(not_identifiable or {})
+    unsure |= dict(not_identifiable or {})
     lacking = tuple((family, unsure[family]) for family in sure if family in unsure)
     named = tuple(family for family in sure if family not in dict(lacking))
     if named:
