@@ -214,6 +214,9 @@ def test_code_that_was_changed_while_it_is_in_use_has_no_key(tmp_path: Path, mon
         key_of("x", ("of_a_notebook",), 1)
     os.utime(file, (1e9, 1e9))
     assert key_of("x", ("of_a_notebook",), 1)
+    os.utime(file, (time.time() + 5, time.time() + 5))  # of a key that was there before, too
+    with pytest.raises(NotKeptError, match="changed while it was in use"):
+        key_of("y", ("daq", "of_a_notebook"), 1)
 
 
 @pytest.mark.parametrize("package", ["__main__", "itertools", "no_such_package"])

@@ -30,7 +30,8 @@ def key_of(kind: str, packages: tuple[str, ...], inputs: object) -> str:
     Raises
     ------
     NotKeptError
-        The inputs cannot be written (`wheelsoil.cache.codec.encode`), or the source of some code is not there.
+        The inputs cannot be written (`wheelsoil.cache.codec.encode`), or the source of some code is not there or was
+        changed since it was imported.
     """
     text, arrays = encode(inputs)
     effects = _packages_of_effects() if "model" in packages else ()
@@ -54,9 +55,18 @@ def _packages_of_effects() -> tuple[str, ...]:
     return tuple(sorted({effect.__module__.partition(".")[0] for effect in EFFECTS.values()} - {"model"}))
 
 
-@cache
 def _hash_of_package(package: str) -> str:
     """Return the hash of the source of a package with all that is in it, or of a module; it must be what runs here."""
+    digest, files = _source_of(package)
+    for file in files:
+        if file.stat().st_mtime > _imported_s:  # at every key: what is imported late is not what was hashed
+            raise NotKeptError(f"{file} was changed while it was in use")
+    return digest
+
+
+@cache
+def _source_of(package: str) -> tuple[str, tuple[Path, ...]]:
+    """Return the hash of the source of a package or module, and its files."""
     try:
         spec = find_spec(package)
     except ValueError:  # as it is of __main__
@@ -65,13 +75,12 @@ def _hash_of_package(package: str) -> str:
     if origin.suffix != ".py" or not origin.is_file():
         raise NotKeptError(f"no source of {package}")
     digest = hashlib.sha256()
-    for file in sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin]:
-        if file.stat().st_mtime > _imported_s:
-            raise NotKeptError(f"{file} was changed while it was in use")
+    files = tuple(sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin])
+    for file in files:
         content = file.read_bytes()
         digest.update(f"{package} {file.relative_to(origin.parent).as_posix()} {len(content)} ".encode())
         digest.update(content)
-    return digest.hexdigest()
+    return digest.hexdigest(), files
 
 
 def content_of(paths: Iterable[Path]) -> tuple[str, ...]:
