@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -12,6 +13,8 @@ from daq import FloatArray, SensorSection, VehicleConfig
 from model.wheel_soil import Conditions, Dual, Number, Patch, Reaction, SoilState, Wheel, WheelState
 
 Values = Mapping[str, Number]
+Abscissa = Literal["", "slip", "load", "speed", "time", "prediction", "acceleration", "rim acceleration"]
+_BY_SIGN = re.compile(r"\{([\w ]+)/([\w ]+)\}")
 
 
 @dataclass(frozen=True)
@@ -256,12 +259,16 @@ class Effect:
     of_tables: ClassVar[bool] = False
     remedy: ClassVar[Remedy | None] = None
     error_text: ClassVar[str] = ""
-    abscissa: ClassVar[
-        Literal["", "slip", "load", "speed", "time", "prediction", "acceleration", "rim acceleration"]
-    ] = ""
+    abscissa: ClassVar[Abscissa] = ""
     like_radius: ClassVar[str] = ""
     of_radius: ClassVar[int] = 0
     stage: ClassVar[int] = 0
+
+    @classmethod
+    def error_sentence(cls, *, above: bool, channel: str, size: str, percent: str) -> str:
+        """Return `error_text` of a size above or below neutral; an error of `str.format` where it cannot be made."""
+        text = _BY_SIGN.sub(r"\1" if above else r"\2", cls.error_text)
+        return text.format(channel=channel, size=size, percent=percent)
 
     @classmethod
     def goes_with_a_wheel(cls) -> bool:

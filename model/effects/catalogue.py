@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, get_args
 
 from daq import CHANNELS, ConfigError, Fault
-from model.effects.base import Effect, Needs, Parameter
+from model.effects.base import Abscissa, Effect, Needs, Parameter
 from model.effects.contact_patch import (
     ExitAngle,
     ExitGrowth,
@@ -187,6 +187,13 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
         yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(_SHOWN_IN)}"
     if not isinstance(effect.needs, Needs):
         yield "does not say in the usual form what it needs", repr(effect.needs), "a model.effects.Needs"
+    try:
+        effect.error_sentence(above=True, channel="", size="", percent="")
+    except (AttributeError, LookupError, TypeError, ValueError):
+        expected = "a text with {channel}, {size}, {percent} or {word above/word below} at most"
+        yield "has an error_text that cannot be written out", repr(effect.error_text), expected
+    if effect.abscissa not in get_args(Abscissa):
+        yield "has a figure over an unknown abscissa", repr(effect.abscissa), ", ".join(get_args(Abscissa)[1:])
     for p in effect.parameters:
         if not isinstance(p, Parameter):
             yield "has a parameter that is none", repr(p), "a model.effects.Parameter"

@@ -7,18 +7,24 @@ import json
 from dataclasses import fields, replace
 from math import nan
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+from diagnosis_samples import diagnosis, seen
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
+from daq import VehicleConfig
 from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
+from model.effects.base import Abscissa
 from model.fit.gauss_newton import gauss_newton
 from model.wheel_soil import SOIL_PARAMETERS, SOILS, Conditions, WheelSoilModel
 from model.wheel_soil.dual import column
 from processing import QualityReport
-from wheelsoil.report.cause_figure import _VIEWS
+from wheelsoil.report.cause_figure import _VIEWS, cause_figure
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.report.recommendation import of_diagnosis
 from wheelsoil.wording.error_text import error_text
 
 ROOT = Path(__file__).parents[2]
@@ -237,9 +243,18 @@ def test_has_a_page(key: str) -> None:
 def test_sentence_and_figure_of_an_error_can_be_made(key: str, sign: float) -> None:
     effect, first = EFFECTS[key], EFFECTS[key].parameters[0]
     size = ParameterEstimate(first.name, first.unit, sign * first.prior_scale, (nan, nan), first.prior_scale)
-    text = error_text(Cause(effect.name, effect.form, effect.kind, key, 0.9, 1.0, (size,)), "drawbar pull")
+    cause, data = Cause(effect.name, effect.form, effect.kind, key, 0.9, 1.0, (size,)), seen()
+    text = error_text(cause, "drawbar pull")
     assert not set(text) & set("{}") and (text == "") == (effect.error_text == "")
-    assert effect.abscissa in ("", *_VIEWS)
+    data = replace(data, signatures={key: {"dp": np.ones(len(data.slip))}})
+    found = replace(diagnosis(), causes=(cause,), plot_data=(data,))
+    inputs = ReportInputs((), None, "", VehicleConfig(), "clay", diagnosed=found)
+    drawing = cause_figure(inputs, of_diagnosis(found), "dp")
+    assert (drawing is None) == (effect.abscissa == "")
+
+
+def test_every_abscissa_has_its_figure() -> None:
+    assert get_args(Abscissa) == ("", *_VIEWS)
 
 
 ROOMS = ("processing", "model", "wheelsoil")

@@ -98,8 +98,13 @@ def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> No
     assert "test_it_shows_where_it_should" in done.stdout
 
 
+def stating(key: str, text: str) -> str:
+    """Return the effect of the page with one more statement."""
+    return HEADWIND.replace("    source =", f'    {key} = "{text}"\n    source =')
+
+
 @pytest.mark.parametrize(
-    ("code", "target", "said"),
+    ("code", "target", "message"),
     [
         ("1 / 0", "my_wind:Headwind", "cannot be loaded"),
         ("def (", "my_wind:Headwind", "cannot be loaded"),
@@ -112,16 +117,24 @@ def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> No
         (HEADWIND.replace('"a van"),\n', '"a van")\n'), "my_wind:Headwind", "no tuple"),
         (HEADWIND.replace('name = "headwind"', 'name = "head wind"'), "my_wind:Headwind", "cannot be typed"),
         (HEADWIND.replace('("drawbar_pull",)', '("pull",)'), "my_wind:Headwind", "shows where no channel is"),
+        (stating("error_text", "Wet {pull}"), "my_wind:Headwind", "error_text that cannot be written out 'Wet {pull}'"),
+        (
+            stating("error_text", "Reads {too much/too-little}"),
+            "my_wind:Headwind",
+            "error_text that cannot be written out",
+        ),
+        (stating("error_text", "Reads {size"), "my_wind:Headwind", "cannot be written out"),
+        (stating("abscissa", "Slip"), "my_wind:Headwind", "unknown abscissa 'Slip'"),
     ],
 )
 def test_a_broken_one_is_told_by_name(
-    install: Install, monkeypatch: pytest.MonkeyPatch, code: str, target: str, said: str
+    install: Install, monkeypatch: pytest.MonkeyPatch, code: str, target: str, message: str
 ) -> None:
     monkeypatch.syspath_prepend(install("my_wind", code, target)["PYTHONPATH"].split(os.pathsep)[0])
     with pytest.raises(ConfigError) as error:
         list(Library((*PHYSICAL, *MEASUREMENT)))
     [fault] = error.value.faults
-    assert said in f"{fault.what} {fault.found}" and "my_wind" in fault.what
+    assert message in f"{fault.what} {fault.found}" and "my_wind" in fault.what
 
 
 def test_a_broken_one_ends_a_command_with_a_message(install: Install, tmp_path: Path) -> None:
