@@ -154,13 +154,15 @@ def test_the_radius_on_which_the_wheel_coasted_is_shown_beside_that_of_the_slip(
         StaticTest(test="lifted", driving_torque_nm=1.0, driving_torque_sigma_nm=0.5),
         StaticTest.model_validate(speeds),
         StaticTest.model_validate({**speeds, "run": "road", "ground_speed_mps": 3.04}),
+        StaticTest.model_validate(speeds),
     )
     report = build_report(replace(material, diagnosed=replace(diagnosis(), static=tests)))
     shown = " ".join(cells_of(section_of(report, "sensors")))
-    assert "by hand, 3.0 m/s 468.8 463.2 474.3 470.0 run road 475.0 469.4 480.6 470.0" in shown
+    again = "by hand, 3.0 m/s 468.8 463.2 474.3 470.0"
+    assert f"{again} run road 475.0 469.4 480.6 470.0 {again}" in shown, "two of one speed are two"
     radii = report.numbers()["sections"]["sensors"]["rolling_radius_mm"]
-    assert {name: radius for name, (radius, *_) in radii.items()} == pytest.approx(
-        {"by hand, 3.0 m/s": 468.75, "run road": 475.0}
-    )
+    assert [test["test"] for test in radii] == ["by hand, 3.0 m/s", "run road", "by hand, 3.0 m/s"]
+    assert [test["radius"] for test in radii] == pytest.approx([468.75, 475.0, 468.75])
+    assert radii[1]["interval95"] == pytest.approx([469.4, 480.6], abs=0.05)
     without = build_report(replace(material, diagnosed=diagnosis())).numbers()["sections"]["sensors"]
     assert "rolling_radius_mm" not in without

@@ -115,13 +115,14 @@ def _length_s(run: ProcessedRun) -> float:
 @section("sensors", "Sensors, clocks and losses")
 def sensors(inputs: ReportInputs) -> Contents:
     """Build the section from the runs' quality reports and their recordings."""
+    coasted = _coasted(inputs)
     blocks: list[Block] = [
         *_channels_table(inputs.runs),
         _clocks(inputs),
         *_losses(inputs.sources),
         *_events(inputs),
         *_zeros(inputs.runs),
-        *([_rolled_table(inputs)] if _rolled(inputs) else []),
+        *([_coasted_table(inputs, coasted)] if coasted else []),
     ]
     numbers = {
         run.run.id: {
@@ -137,7 +138,8 @@ def sensors(inputs: ReportInputs) -> Contents:
         }
         for run in inputs.runs
     }
-    radii = {"rolling_radius_mm": _rolled(inputs)} if _rolled(inputs) else {}
+    of_tests = [{"test": name, "radius": radius, "interval95": ends} for name, (radius, *ends) in coasted]
+    radii = {"rolling_radius_mm": of_tests} if coasted else {}
     return blocks, {"runs": numbers, "channels": channels_of(inputs.runs), **radii}
 
 
@@ -226,18 +228,18 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
 
 
-def _rolled(inputs: ReportInputs) -> dict[str, list[float]]:
+def _coasted(inputs: ReportInputs) -> list[tuple[str, list[float]]]:
     """Return the radius of each test of the diagnosis in which the wheel coasted, and its 95 % interval, mm."""
     tests = inputs.diagnosed.static if inputs.diagnosed else ()
     radii = [
         (f"run {test.run}" if test.run else f"by hand, {test.ground_speed_mps} m/s", rolled(test)) for test in tests
     ]
-    return {name: [1e3 * (found[0] + z * found[1]) for z in (0.0, -Z95, Z95)] for name, found in radii if found}
+    return [(name, [1e3 * (found[0] + z * found[1]) for z in (0.0, -Z95, Z95)]) for name, found in radii if found]
 
 
-def _rolled_table(inputs: ReportInputs) -> Table:
+def _coasted_table(inputs: ReportInputs, coasted: list[tuple[str, list[float]]]) -> Table:
     slip = number(1e3 * inputs.vehicle.wheel.rolling_m, 4) if inputs.vehicle.wheel else "–"
-    rows = [[name, *(number(size, 4) for size in sizes), slip] for name, sizes in _rolled(inputs).items()]
+    rows = [[name, *(number(size, 4) for size in sizes), slip] for name, sizes in coasted]
     head = ["coasting", "ground / wheel speed (mm)", "from (mm)", "to (mm)", "radius of the slip (mm)"]
     note = f"95 % interval, with {100 * ROLLING_RADIUS_SHARE:g} % by which the radius on soil may differ (one sigma)."
     return Table("Rolling radius on firm ground", head, rows, note)
