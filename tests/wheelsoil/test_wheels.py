@@ -197,8 +197,8 @@ def test_a_default_of_some_runs_or_wheels_is_noted_with_their_names(two: Path) -
     assert text == (
         "taken by default, because no file states it: of RL [wheel] outboard_mass_kg = 0, "
         "[wheel] outboard_inertia_kgm2 = 0, [sensors.wheel_speed] latency_s = 0, "
-        '[transducer] side = "left", [transducer] angle_offset_deg = 0, [transducer] angle_direction = 1, '
-        '[[run]] direction = "out"; state each, even if it is the same'
+        '[transducer] side = "left", [transducer] angle_offset_deg = 0, [transducer] angle_direction = 1; '
+        'of run-2 [[run]] direction = "out"; state each, even if it is the same'
     )
     two_of_it = InstrumentedWheel.model_validate({"id": "FL", "radius_m": 0.47, "width_m": 0.3})
     assert "outboard_mass_kg" not in two_of_it.section.model_fields_set

@@ -194,7 +194,8 @@ def _defaults(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices
     lacking: dict[tuple[str, float | str], list[str]] = {}
     for run, done in processed:
         for key, value in _unstated(run.vehicle, done.run, conditions):
-            lacking.setdefault((key, value), []).append(" ".join(run.vehicle.wheel_ids) or run.id)
+            name = "" if key.startswith("[[run]]") else " ".join(run.vehicle.wheel_ids)
+            lacking.setdefault((key, value), []).append(name or run.id)
     taken: dict[str, dict[str, float | str]] = {}
     for (key, value), names in lacking.items():
         taken.setdefault("" if len(names) == len(processed) else ", ".join(dict.fromkeys(names)), {})[key] = value
