@@ -27,6 +27,7 @@ from daq import (
     Note,
     RunInfo,
     SensorSection,
+    StaticTest,
     TransducerSection,
     VehicleConfig,
     WheelSection,
@@ -202,6 +203,18 @@ def test_a_default_of_some_runs_or_wheels_is_noted_with_their_names(two: Path) -
     )
     two_of_it = InstrumentedWheel.model_validate({"id": "FL", "radius_m": 0.47, "width_m": 0.3})
     assert "outboard_mass_kg" not in two_of_it.section.model_fields_set
+
+
+def test_a_static_test_of_a_wheel_is_known_by_its_place_among_those_of_the_wheel(two: Path) -> None:
+    [(run, done)] = open_and_process([two], ProcessOptions(), Files(wheel="RL"))
+    speeds = {"wheel": "RL", "test": "coasting", "ground_speed_sigma_mps": 0.001, "wheel_speed_radps": 6.4}
+    tests = (StaticTest.model_validate({**speeds, "ground_speed_mps": speed}) for speed in (3.0, 3.2))
+    other = StaticTest(wheel="FL", test="lifted", driving_torque_nm=1.0, driving_torque_sigma_nm=0.5)
+    of_both = replace(open_runs([two])[0], static=(other, *tests))
+    with pytest.raises(
+        ConfigError, match=r"^\[\[static\]\] 1 of those of wheel RL and .* 2 of those of wheel RL contra"
+    ):
+        campaigns_of([two], [(replace(run, static=of_both.for_wheel("RL").static), done)])
 
 
 def test_fit_and_sinkage_take_each_wheel_in_turn(two: Path) -> None:

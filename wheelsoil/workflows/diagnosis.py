@@ -308,8 +308,9 @@ def _check_static(run: Run, members: Sequence[ProcessedRun]) -> None:
 
 
 def _called(number: int, test: StaticTest) -> str:
-    """Return what a user knows a static test by: its run, or its place among those of runs.toml for its wheel."""
-    return f"run {test.run}" if test.run else f"[[static]] {number + 1}{test.wheel and f' of wheel {test.wheel}'}"
+    """Return what a user knows a static test by: its run, or its place in runs.toml; of a wheel, among its own."""
+    among = test.wheel and f" of those of wheel {test.wheel}"
+    return f"run {test.run}" if test.run else f"[[static]] {number + 1}{among}"
 
 
 def _check_rolled(run: Run) -> None:
