@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -504,3 +505,30 @@ def test_without_a_number_a_command_takes_all_cores(monkeypatch: pytest.MonkeyPa
     for jobs in (None, 7):
         use_cores(cast(Context, SimpleNamespace(with_resource=asked.append)), jobs)
     assert asked == [model.available_cores(), 7]
+
+
+STARTED = """
+import gc, os, sys
+from wheelsoil.cli import app
+
+usual = gc.get_threshold()
+
+def run():
+    print(*(os.environ[name] for name in ("OPENBLAS_NUM_THREADS", "PYDANTIC_DISABLE_PLUGINS")))
+    print(gc.get_threshold()[0], *sys.modules.keys() & {"numpy", "pydantic"})
+    gc.collect()
+    print(gc.get_threshold() == usual)
+    gc.set_threshold(900)
+    gc.collect()
+    print(gc.get_threshold()[0])
+
+app.run = run
+app.main()
+"""
+
+
+def test_a_command_sets_libraries_before_they_are_there_and_searches_for_cycles_late() -> None:
+    """And only once: what a command sets itself stays."""
+    env = {name: value for name, value in os.environ.items() if not name.startswith(("OPENBLAS_", "PYDANTIC_"))}
+    done = subprocess.run([sys.executable, "-c", STARTED], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["1 __all__", "200000", "True", "900"]

@@ -170,7 +170,12 @@ def main() -> None:
         os.environ.setdefault(name, value)
     usual = gc.get_threshold()
     gc.set_threshold(_BEFORE_CYCLES)
-    gc.callbacks.append(lambda *_: gc.set_threshold(*usual))
+
+    def as_usual(*_: object) -> None:
+        gc.callbacks.remove(as_usual)
+        gc.set_threshold(*usual)
+
+    gc.callbacks.append(as_usual)
     atexit.register(gc.freeze)  # what ends with the process need not be searched for cycles
     codecs.register_error("wheelsoil.plain", _in_plain)
     for stream in (sys.stdout, sys.stderr):
