@@ -120,7 +120,9 @@ def diagnose_command(
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
     one = options.one_file(vehicle)
-    files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
+    files = Files(
+        one, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+    )
     if plan:
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)

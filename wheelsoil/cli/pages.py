@@ -83,7 +83,16 @@ def report_command(
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
         one = options.one_file(vehicle)
-        files = Files(one, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
+        files = Files(
+            one,
+            terrain,
+            runs_file,
+            zero,
+            soil,
+            lenient_dbc=lenient_dbc,
+            accept_implausible=accept_implausible,
+            wheel=wheel,
+        )
         unreadable: list[SetAsideRun] = []
         opened = files.runs_of_wheels(runs or (), noted_in(unreadable))
         models = models_of_wheels(model, opened)
@@ -273,6 +282,6 @@ def view_command(
         known_soil(soil, None)
     if against:
         _last(against, wheel or "")
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, wheel=wheel)
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, wheel=wheel)
     token = options.page_token(token_file)
     serve(runs, files, host=host, port=port, token=token, browser=browser, say=say, against=against or "")

@@ -111,8 +111,8 @@ class PerWheel:
         self, purpose: str, runs: Sequence[Run], files: Files, choice: Choice, check: Check | None
     ) -> list[tuple[Run, ProcessedRun]]:
         """Process runs as a choice says, and remark what makes them implausible."""
+        from wheelsoil.workflows import process_on_soil
         from wheelsoil.workflows.grading import doubted_runs, doubted_soils
-        from wheelsoil.workflows.runs import process_on_soil
 
         options = choice.process_options(purpose)
         processed = process_on_soil(runs, options, files, choice=choice, check=check, set_aside=self.set_aside)

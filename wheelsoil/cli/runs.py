@@ -61,7 +61,9 @@ def process_command(
     target = check_output(output, force=force) if output else None
     by_hand = options.chosen(context)
     settings = by_hand.process_options(rate_hz=rate)
-    files = Files(vehicle, terrain, runs_file, zero, None, lenient_dbc, accept_implausible, wheel)
+    files = Files(
+        vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+    )
     unreadable: list[SetAsideRun] = []
     of_wheels: dict[str, Processed] = {}
     aside: list[tuple[str, SetAsideRun]] = []
@@ -183,7 +185,16 @@ def fit_command(
 
     options.refuse_two_sources(runs or (), table, choice, wheel, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(context)
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc, accept_implausible, wheel)
+    files = Files(
+        vehicle,
+        terrain,
+        runs_file,
+        zero,
+        soil,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+        wheel=wheel,
+    )
     if table is not None:
         wheel_test = read_bench(table, files, rename=rename, where=where)
         options.say_doubted_soils([wheel_test.terrain])
@@ -322,7 +333,9 @@ def sinkage_command(
         of_table.each(show)
         return
     one = options.one_file(vehicle)
-    files = Files(one, None, runs_file, zero, None, lenient_dbc, accept_implausible, wheel)
+    files = Files(
+        one, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+    )
     by_hand = options.chosen(context)
     unreadable: list[SetAsideRun] = []
     wheels = PerWheel(files.runs_of_wheels(runs or (), noted_in(unreadable)), json=json, unreadable=unreadable)

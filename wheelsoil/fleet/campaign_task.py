@@ -39,11 +39,11 @@ from wheelsoil.workflows import (
     fit_runs,
     fit_table,
     load_choice,
+    process_on_soil,
     read_benches,
     vehicles_of,
 )
 from wheelsoil.workflows.fit import nothing_whole
-from wheelsoil.workflows.runs import process_on_soil
 
 _ONE_AT_A_TIME = threading.Lock()
 """What is printed is taken away from the whole process, and so is the cache."""

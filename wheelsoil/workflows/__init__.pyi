@@ -30,6 +30,7 @@ from .report import report_of_tables as report_of_tables
 from .runs import Files as Files
 from .runs import on_soil as on_soil
 from .runs import open_and_process as open_and_process
+from .runs import process_on_soil as process_on_soil
 from .runs import process_runs as process_runs
 from .sinkage import SinkageFacts as SinkageFacts
 from .sinkage import sinkage_as_json as sinkage_as_json

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 
 import numpy as np
+import scipy
 
 from daq import BoolArray, FloatArray, IntArray
 from processing import ProcessedRun
@@ -108,9 +109,7 @@ def median_of_passes(runs: Sequence[ProcessedRun], values: Sequence[FloatArray])
     medians = np.sort([np.median(each) for each in np.split(pooled[rows], np.flatnonzero(np.diff(which)) + 1)])
     middle, ends = float(np.median(medians)), median_interval(medians)
     if len(medians) >= _FEWEST_PASSES and not isfinite(ends[0]):
-        from scipy.special import stdtrit
-
-        half = float(stdtrit(len(medians) - 1, 0.975) * medians.std(ddof=1) / np.sqrt(len(medians)))
+        half = float(scipy.special.stdtrit(len(medians) - 1, 0.975) * medians.std(ddof=1) / np.sqrt(len(medians)))
         ends = (middle - half, middle + half)
     return PullAtSlip(_AT, middle, ends, _mean(load[rows]), len(medians))
 
@@ -166,10 +165,8 @@ def pull_at(
     np.add.at(scores, which, design * (pull[rows] - design @ fitted)[:, None])
     ends = (nan, nan)
     if passes >= _FEWEST_PASSES:
-        from scipy.special import stdtrit
-
         variance = (inverse @ scores.T @ scores @ inverse)[0, 0] * passes / (passes - 1)
-        half = float(stdtrit(passes - 1, 0.975) * np.sqrt(variance))
+        half = float(scipy.special.stdtrit(passes - 1, 0.975) * np.sqrt(variance))
         ends = (float(fitted[0]) - half, float(fitted[0]) + half)
     return PullAtSlip(_AT, float(fitted[0]), ends, _mean(load[rows]), passes)
 
