@@ -134,6 +134,8 @@ def test_no_cause_is_named_against_a_static_test() -> None:
     assert right.verdict == "named" and [cause.name for cause in right.causes] == ["torque_gain"]
     assert wrong.verdict == "one_of" and wrong.grounds.barred is not None
     assert wrong.grounds.barred.code == LackCode.AGAINST_STATIC and wrong.grounds.barred.values["sigmas"] > 4.0
+    [dispute] = [note for note in wrong.grounds.cautions if note.code == DiagnosisCode.STATIC_CONTRADICTS]
+    assert dispute.values.get("agree") == ("drawbar_pull_gain",)
 
 
 @pytest.mark.parametrize(("spin", "contradicts"), [(5.45, True), (6.37, False)])

@@ -212,8 +212,10 @@ def test_a_static_test_that_the_runs_contradict_is_repeated_first() -> None:
     note = Note(DiagnosisCode.STATIC_CONTRADICTS, values=values | {"radius_m": 0.47, "applied": 0.0, "zeroed": False})
     found = replace(diagnosis("one_of"), grounds=Grounds(cautions=(note,)))
     step = next_steps(found, VehicleConfig())[0]
-    assert step.what.startswith("Repeat the static test, or take it out") and "6 sigma apart" in step.why
-    assert "rolls on 0.470 ± 0.002 m, but by the runs it would roll on 0.487 ± 0.001 m" in step.why
+    assert step.what.startswith("Repeat the static test, and take it out") and "6 sigma apart" in step.why
+    assert "rolls on 0.470 ± 0.002 m, but by the runs it would roll on 0.487 ± 0.001 m (6 sigma apart)" in step.why
+    agree = replace(note, values={**note.values, "agree": ("grouser", "torque_gain")})
+    assert "(6 sigma apart; with grouser and torque gain they agree)" in note_text(agree)
 
 
 @pytest.mark.parametrize("verdict", ["named", "one_of"])

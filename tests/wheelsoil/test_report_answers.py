@@ -100,6 +100,8 @@ def test_the_channel_that_is_wrong_is_not_trusted_and_the_others_are() -> None:
     assert pull == "Drawbar pull: no error is found; drawbar pull zero from 32 N on would show."
     perhaps = replace(found, verdict="one_of", causes=(replace(ZERO, probability=0.4),))
     assert any("not known: torque zero (40.0 %) may act" in text for text in transducer_words(perhaps))
+    beside = replace(found, candidates=(*found.candidates, Candidate("drawbar_pull_zero", 0.97)))
+    assert "Drawbar pull: not known: drawbar pull zero (97.0 %) may act." in transducer_words(beside)
 
 
 def test_what_the_runs_cannot_show_is_not_called_sound() -> None:

@@ -94,7 +94,7 @@ def _static_contradicts(v: Values) -> str:
         )
         return (
             f"a coasting wheel rolls on {rolls:.3f} ± {own:.3f} m, but by the runs it would roll on {runs:.3f} ± "
-            f"{of_runs:.3f} m ({v['sigmas']:.0f} sigma apart): check both speeds, repeat the test, or take it out"
+            f"{of_runs:.3f} m ({v['sigmas']:.0f} sigma apart{_but_with(v)}): check both speeds, repeat the test"
         )
     channel = OUTPUTS[v["channel"]]
     (reading, sigma), (runs, own) = ((v[name], v[of]) for name, of in (("reading", "sigma"), ("runs", "runs_sigma")))
@@ -102,9 +102,14 @@ def _static_contradicts(v: Values) -> str:
     less = ", less the zero of zero_file" if v["zeroed"] else ""
     return (
         f"the {channel.name} of a static test{known} reads {reading:.4g} ± {sigma:.2g} {channel.unit_text}{less}, but "
-        f"by the runs it would read {runs:.4g} ± {own:.2g} ({v['sigmas']:.0f} sigma apart): check the unit and sign of "
-        "reading and applied force, repeat the test, or take it out"
+        f"by the runs it would read {runs:.4g} ± {own:.2g} ({v['sigmas']:.0f} sigma apart{_but_with(v)}): check the "
+        "unit and sign of reading and applied force, repeat the test"
     )
+
+
+def _but_with(v: Values) -> str:
+    """Return with which causes the runs and a static test agree, though the runs alone ask for others."""
+    return f"; with {listed([plain_name(family) for family in v['agree']])} they agree" if v.get("agree") else ""
 
 
 def _other_form(v: Values) -> str:

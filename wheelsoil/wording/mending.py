@@ -33,8 +33,8 @@ _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brake
 _RADIUS = "Measure the wheel's radius from hub to ground; diagnose again."
 _BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
 _ROLLING = "Write the rolling radius into vehicle.toml that the coasting wheel and these runs show."
-_REPEAT = "Repeat the static test, or take it out of runs.toml; diagnose again."
-_PROBABLE = 0.5
+_REPEAT = "Repeat the static test, and take it out of runs.toml if it was wrong; diagnose again."
+PROBABLE = 0.5
 _MOST_FILES = 12
 """Files that a command names."""
 
@@ -80,7 +80,7 @@ def _mending_steps(
     for note in alike:
         yield _radius_or_lugs(note), wheels.get(note.values["wheel"], vehicle)
     for cause in found.causes if found.verdict == "one_of" and not alike else ():
-        if cause.probability > _PROBABLE and _corrects_rolling(cause):
+        if cause.probability > PROBABLE and _corrects_rolling(cause):
             probably = f"Probably wrong: {with_chance(cause.name, cause.probability)}."
             yield Step(_RADIUS if coasted else _BOTH_RADII, probably), vehicle
     for note in runs_apart(found).values():

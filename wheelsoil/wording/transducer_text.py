@@ -8,7 +8,7 @@ from daq import OUTPUTS, ROLES, TRANSDUCER_ROLES, Use, number
 from model.diagnosis import Detectable, Diagnosis
 from model.effects import EFFECTS, parted
 from wheelsoil.wording.grounds_text import OPEN_AT, chances_of, detectable_by_family
-from wheelsoil.wording.mending import doubted_channel
+from wheelsoil.wording.mending import PROBABLE, doubted_channel
 from wheelsoil.wording.names import listed, page_unit, plain_name, upper, with_chance
 from wheelsoil.wording.verdict import groups_of_runs, runs_apart, several_terrains, size_text
 
@@ -38,25 +38,28 @@ def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:
     for run, note in runs_apart(found).items():
         if OUTPUTS[note.values["channel"]].role == role:
             yield f"in {run} it is {number(note.values['size'], 3)} {page_unit(note.values['channel'])[1]} off"
-    if stated and found.verdict == "named":
-        sizes = [f"{plain_name(name)}, {size_text(cause)}" for name, cause in stated.items()]
+    named = stated if found.verdict == "named" else {}
+    if named:
+        sizes = [f"{plain_name(name)}, {size_text(cause)}" for name, cause in named.items()]
         yield f"not as it is read: {listed(sizes)}"
-    elif stated:
-        likely = listed([with_chance(name, cause.probability) for name, cause in stated.items()], "or")
-        yield f"not known: {likely} may act"
-    else:
+    chances |= {name: cause.probability for name, cause in stated.items()}
+    doubtful = {name: p for name, p in chances.items() if name not in named and (name in stated or p > PROBABLE)}
+    if doubtful:
+        yield f"not known: {listed([with_chance(name, p) for name, p in doubtful.items()], 'or')} may act"
+    elif not named:
         yield "no error is found"
     shown = {name: size for name, size in detectable_by_family(found).items() if parted(name)[0] in own}
     weighed = [name for name in (*chances, *found.not_identifiable) if parted(name)[0] in own]
     hidden = [name for name in dict.fromkeys(weighed) if name in found.not_identifiable or name not in shown]
-    hidden = [name for name in hidden if name not in stated]
-    seen = [f"{plain_name(n)} from {_size(d)} on" for n, d in shown.items() if n not in hidden and n not in stated]
+    said = {*named, *doubtful}
+    hidden = [name for name in hidden if name not in said]
+    seen = [f"{plain_name(n)} from {_size(d)} on" for n, d in shown.items() if n not in hidden and n not in said]
     if seen:
         yield f"{listed(seen)} would show"
     if hidden:
         rows = "rows" if found.grounds.table_channels else "runs"
         yield f"these {rows} do not show {listed([plain_name(name) for name in hidden])}"
-    if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*stated, *hidden)]:
+    if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*said, *hidden)]:
         yield f"not excluded: {listed(open_ones)}"
 
 

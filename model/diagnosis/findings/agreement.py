@@ -249,7 +249,7 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
     if linearised.of_vehicles or not np.any(linearised.grams.static):
         return
     driven = replace(linearised.grams, static=0.0)
-    best = best_set(driven, linearised.excluded, linearised.most_causes).keys
+    best, whole = best_set(driven, linearised.excluded, linearised.most_causes).keys, linearised.best.keys
     driven = driven.scaled(1.0 / excess(driven, best))
     for data in linearised.campaigns:
         rests, start = data.samples.rests, 1 + len(data.columns.soil)
@@ -260,7 +260,8 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
                 (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True)
             }
             off, sigma = float(data.columns.rests[row, i, 0]), float(variance[row, i] ** 0.5)
-            runs, of_runs = _of_runs(driven, best, {key: x for key, x in shown.items() if x})
+            shown = {key: x for key, x in shown.items() if x}
+            (runs, of_runs), (others, of_others) = (_of_runs(driven, keys, shown) for keys in (best, whole))
             sigmas = abs(off - runs) / float(np.hypot(sigma, of_runs))
             if sigmas > _STATIC_SIGMAS:
                 channel = READ[row]
@@ -269,6 +270,8 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
                 values |= {"applied": 0.0 if applied is None else float(applied[i])}
                 values |= {"runs": reading - off + runs, "runs_sigma": of_runs, "sigmas": sigmas}
                 values |= {"radius_m": data.campaign.runs[0].rolling_m} if channel == "slip" else {}
+                if abs(off - others) <= _STATIC_SIGMAS * np.hypot(sigma, of_others):
+                    values["agree"] = tuple(parted(key)[0] for key in whole)
                 zeroed = any(run.quality.zeros for run in data.campaign.runs)
                 yield Note(DiagnosisCode.STATIC_CONTRADICTS, Severity.FAULT, {**values, "zeroed": zeroed})
 
