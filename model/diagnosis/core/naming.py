@@ -145,9 +145,9 @@ def judgement(
     barred = _barred(found, gain) or contradiction
     if barred:
         return one_of(found, barred if sure else None, likely, (*_each(sure, barred), *doubted))
-    unsure |= dict(not_identifiable or {})
+    unsure |= not_identifiable or {}
     lacking = tuple((family, unsure[family]) for family in sure if family in unsure)
-    named = tuple(family for family in sure if family not in dict(lacking))
+    named = tuple(family for family in sure if family not in unsure)
     if named:
         return Judgement("named", named, short_set(found, named), kept_back=(*lacking, *doubted))
     return one_of(found, lacking[0][1] if lacking else None, likely, (*lacking, *doubted))

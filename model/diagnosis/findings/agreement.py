@@ -257,11 +257,10 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
         causes = data.columns.rests[..., start : start + len(data.columns.causes)]
         for row, i in np.argwhere(data.columns.rests_present & rests.lifted & causes.any(axis=-1)):
             shown = {
-                (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True)
+                (c.key, c.parameter): x / c.scale for c, x in zip(data.columns.causes, causes[row, i], strict=True) if x
             }
             off, sigma = float(data.columns.rests[row, i, 0]), float(variance[row, i] ** 0.5)
-            shown = {key: x for key, x in shown.items() if x}
-            (runs, of_runs), (others, of_others) = (_of_runs(driven, keys, shown) for keys in (best, whole))
+            runs, of_runs = _of_runs(driven, best, shown)
             sigmas = abs(off - runs) / float(np.hypot(sigma, of_runs))
             if sigmas > _STATIC_SIGMAS:
                 channel = READ[row]
@@ -270,6 +269,7 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
                 values |= {"applied": 0.0 if applied is None else float(applied[i])}
                 values |= {"runs": reading - off + runs, "runs_sigma": of_runs, "sigmas": sigmas}
                 values |= {"radius_m": data.campaign.runs[0].rolling_m} if channel == "slip" else {}
+                others, of_others = _of_runs(driven, whole, shown)
                 if abs(off - others) <= _STATIC_SIGMAS * np.hypot(sigma, of_others):
                     values["agree"] = tuple(parted(key)[0] for key in whole)
                 zeroed = any(run.quality.zeros for run in data.campaign.runs)
