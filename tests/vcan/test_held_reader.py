@@ -76,7 +76,8 @@ curl --silent --fail --header 'Content-Type: application/json' --header 'Origin:
 
 @pytest.mark.slow
 def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
-    make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 1000", more=ROLES)
+    """A slow machine may lose frames before the reader is held: the page's level is then red throughout."""
+    make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 2000", more=ROLES)
 
     result = vcan(held(tmp_path, 15, watched()), timeout_s=90)
 
@@ -84,7 +85,7 @@ def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResu
     recording = check_losses(tmp_path)
     assert "stone on the track" in [event.text for event in recording.events() if event.name == "mark"]
     shown = snapshots(tmp_path / "watched.txt")
-    reasons = [(one["level"], {reason["code"] for reason in one["reasons"]}) for one in shown]
-    assert any(level == "amber" and "signal_stuck" in codes for level, codes in reasons), reasons
-    assert any(level == "red" and "kernel_drops" in codes for level, codes in reasons), reasons
+    reasons = [{(reason["code"], reason["level"]) for reason in one["reasons"]} for one in shown]
+    assert any(("signal_stuck", "amber") in said for said in reasons), reasons
+    assert any(("kernel_drops", "red") in said for said in reasons), reasons
     assert shown[-1]["buses"][0]["kernel_drops"] == int(recording.metadata["run_end"]["drops.vcan0"])
